@@ -1,0 +1,1 @@
+"""truejoint tells where a cable-driven joint really is."""

@@ -1,0 +1,227 @@
+"""The `Recording`: one table with named columns, units and provenance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from truejoint.errors import RecordingError
+from truejoint.robots import Robot, get_robot
+
+Array = NDArray[np.float64]
+
+# Quantities whose unit is that of the joint's position.
+POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth")
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where a recording comes from.
+
+    Attributes
+    ----------
+    robot, arm : str
+        As in `truejoint.robots.get_robot`.
+    source : str
+        File or simulation that it was made from.
+    sha256 : str
+        Hash of the source file, hexadecimal; empty for a simulation.
+    session : str
+        What was recorded in one go; rows of different sessions never share a model's history.
+    homing_id : str
+        Which homing the positions refer to; positions of two homings differ by an offset.
+    load : float
+        Mass hung on the tool [kg]; NaN when not known.
+    rates : mapping
+        Nominal rate [Hz] of each stream, for instance ``{"state": 30.0, "truth": 100.0}``.
+    dropped : mapping
+        How many rows were dropped, by reason, when streams were synchronised or read.
+    start : float
+        Wall-clock time of ``t = 0`` [s since 1970]; NaN when not known.
+    command : str
+        Command line that made the recording; empty when unknown.
+    notes : str
+        Anything that a reader of the table must know.
+    """
+
+    robot: str
+    arm: str = ""
+    source: str = ""
+    sha256: str = ""
+    session: str = ""
+    homing_id: str = ""
+    load: float = float("nan")
+    rates: Mapping[str, float] = field(default_factory=dict)
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    start: float = float("nan")
+    command: str = ""
+    notes: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON; NaN becomes None."""
+        values = asdict(self)
+        return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
+        """Inverse of `to_dict`; raises RecordingError on unknown or missing keys."""
+        known = {f.name for f in fields(cls)}
+        unknown = sorted(set(values) - known)
+        if unknown or "robot" not in values:
+            raise RecordingError(
+                f"provenance has unknown keys {unknown} or lacks 'robot'; "
+                "was the file written by a newer version?"
+            )
+        clean = {k: (float("nan") if v is None else v) for k, v in values.items()}
+        return cls(**clean)
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Motor-side signals of an arm over time, and the true joint positions where known.
+
+    Attributes
+    ----------
+    table : DataFrame
+        Column ``t`` [s], then ``<quantity>/<joint>``: ``measured`` (position reported from the
+        motor side), ``velocity``, ``effort``, ``setpoint``, ``motor``, ``motor_velocity``,
+        ``current``, ``truth`` (from a joint sensor), ``truth_effort``, ... float64, one row a
+        sample, ``t`` strictly increasing. NaN only in ``truth*`` columns, where there is none.
+    units : mapping
+        SI unit of each column but ``t``; ``"1"`` for a quantity without a known unit.
+    provenance : Provenance
+
+    Raises
+    ------
+    RecordingError
+        If the table breaks one of these rules; the message names column, row and value.
+    """
+
+    table: pd.DataFrame
+    units: Mapping[str, str]
+    provenance: Provenance
+
+    def __post_init__(self) -> None:
+        _check_table(self.table, self.units, self.provenance.source or "recording")
+
+    @classmethod
+    def from_columns(
+        cls,
+        columns: Mapping[str, Any],
+        provenance: Provenance,
+        units: Mapping[str, str] | None = None,
+    ) -> Recording:
+        """Recording of columns by name; units of joint positions are filled in by the robot.
+
+        Parameters
+        ----------
+        columns : mapping of str to array (n,)
+            ``t`` [s] and ``<quantity>/<joint>`` columns, SI.
+        provenance : Provenance
+        units : mapping, optional
+            Units of the columns that are not joint positions or velocities.
+        """
+        table = pd.DataFrame({name: np.asarray(v, dtype=float) for name, v in columns.items()})
+        robot = get_robot(provenance.robot, provenance.arm)
+        filled = {name: _default_unit(name, robot) for name in table.columns if name != "t"}
+        filled.update(units or {})
+        return cls(table, filled, provenance)
+
+    def __len__(self) -> int:
+        return len(self.table)
+
+    @property
+    def robot(self) -> Robot:
+        """The arm that was recorded."""
+        return get_robot(self.provenance.robot, self.provenance.arm)
+
+    @property
+    def t(self) -> Array:
+        """Time stamps (n,) [s]."""
+        return self.table["t"].to_numpy()
+
+    @property
+    def duration(self) -> float:
+        """Time from the first to the last row [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    def joints_of(self, quantity: str) -> tuple[str, ...]:
+        """Names of the channels that have a column of `quantity`, in the table's order."""
+        prefix = quantity + "/"
+        return tuple(c.removeprefix(prefix) for c in self.table.columns if c.startswith(prefix))
+
+    def column(self, name: str) -> Array:
+        """One column (n,) by name; raises RecordingError naming the columns that exist."""
+        if name not in self.table.columns:
+            raise RecordingError(
+                f"{self.provenance.source or 'recording'} has no column {name!r}; it has "
+                f"{', '.join(map(str, self.table.columns))}"
+            )
+        return self.table[name].to_numpy()
+
+    def columns(self, quantity: str, joints: Sequence[str]) -> Array:
+        """Columns of `quantity` for `joints` as one array (n, n_joints)."""
+        return np.column_stack([self.column(f"{quantity}/{joint}") for joint in joints])
+
+    def error(self, joints: Sequence[str]) -> Array:
+        """Truth minus measured (n, n_joints) [rad or m]; the correction to be added."""
+        return self.columns("truth", joints) - self.columns("measured", joints)
+
+    def rows(self, selection: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Recording:
+        """Recording of the selected rows only."""
+        return replace(self, table=self.table.iloc[selection].reset_index(drop=True))
+
+    def with_truth(self, joints: Sequence[str]) -> Recording:
+        """Only the rows in which the truth of every joint in `joints` is known."""
+        return self.rows(np.isfinite(self.columns("truth", joints)).all(axis=1))
+
+
+def _default_unit(column: str, robot: Robot) -> str:
+    quantity, _, channel = column.partition("/")
+    if channel in robot.joint_names:
+        unit = robot.joint(channel).unit
+        if quantity in POSITION_QUANTITIES:
+            return unit
+        if quantity == "velocity":
+            return unit + "/s"
+    if quantity in ("motor", "driver"):
+        return "rad"
+    if quantity in ("motor_velocity", "driver_velocity"):
+        return "rad/s"
+    return {"current": "A", "tool": "m"}.get(quantity, "1")
+
+
+def _check_table(table: pd.DataFrame, units: Mapping[str, str], source: str) -> None:
+    if "t" not in table.columns:
+        raise RecordingError(f"{source}: no column 't'; a recording needs time stamps in seconds")
+    if table.columns.has_duplicates:
+        twice = sorted(set(table.columns[table.columns.duplicated()]))
+        raise RecordingError(f"{source}: columns {twice} appear twice; each name may stand once")
+    if len(table) < 2:
+        raise RecordingError(f"{source}: {len(table)} rows; a recording needs at least 2")
+    without = [c for c in table.columns if c != "t" and c not in units]
+    if without:
+        raise RecordingError(f"{source}: columns {without} have no unit; state one for each")
+    for name in table.columns:
+        values = table[name].to_numpy()
+        if values.dtype != np.float64:
+            raise RecordingError(f"{source}: column {name!r} is {values.dtype}, not float64")
+        bad = np.isinf(values) if name.startswith("truth") else ~np.isfinite(values)
+        if bad.any():
+            row = int(np.argmax(bad))
+            raise RecordingError(
+                f"{source}: column {name!r} row {row} is {values[row]}; only truth may be "
+                "missing: drop such rows before"
+            )
+    step = np.diff(table["t"].to_numpy())
+    if not (step > 0).all():
+        row = int(np.argmax(~(step > 0))) + 1
+        raise RecordingError(
+            f"{source}: time stamp of row {row} goes back or repeats ({table['t'].iloc[row]:.6f} s "
+            f"after {table['t'].iloc[row - 1]:.6f} s); sort or drop such rows before"
+        )

@@ -1,0 +1,6 @@
+"""What a robot is: joints, units, limits, transmission and kinematics."""
+
+from truejoint.robots.catalogue import get_robot, robot_names
+from truejoint.robots.robot import Joint, Kinematics, Robot, Transmission
+
+__all__ = ["Joint", "Kinematics", "Robot", "Transmission", "get_robot", "robot_names"]

@@ -1,0 +1,158 @@
+"""What a robot is: its joints with units and limits, its transmission and its kinematics."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import RobotError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint; positions are in rad (revolute) or m (prismatic)."""
+
+    name: str
+    kind: Literal["revolute", "prismatic"] = "revolute"
+    lower: float = -math.inf
+    upper: float = math.inf
+    home: float = 0.0
+    max_speed: float = math.inf
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the joint's position, ``"rad"`` or ``"m"``."""
+        return "rad" if self.kind == "revolute" else "m"
+
+    @property
+    def effort_unit(self) -> str:
+        """SI unit of the effort that acts on the joint itself, ``"Nm"`` or ``"N"``."""
+        return "Nm" if self.kind == "revolute" else "N"
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Linear cable transmission with coupling, ``motor = matrix @ joint``.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (n_joints, n_joints)
+        Motor-shaft angle per joint position, rad/rad or rad/m; off-diagonal terms are the
+        cable coupling between joints.
+    """
+
+    matrix: Array
+
+    def motor_from_joint(self, joint: ArrayLike) -> Array:
+        """Motor-shaft angles (..., n_joints) [rad] of joint positions (..., n_joints)."""
+        return np.asarray(joint, dtype=float) @ self.matrix.T
+
+    def joint_from_motor(self, motor: ArrayLike) -> Array:
+        """Joint positions (..., n_joints) [rad or m] of motor-shaft angles [rad]."""
+        return np.asarray(motor, dtype=float) @ np.linalg.inv(self.matrix).T
+
+
+class Kinematics(Protocol):
+    """Geometry of an arm; joint vectors are in the robot's own joint order."""
+
+    def forward(self, joint: ArrayLike) -> Array:
+        """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
+        ...
+
+    def jacobian(self, joint: ArrayLike) -> Array:
+        """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
+        ...
+
+
+class InvertibleKinematics(Kinematics, Protocol):
+    """Kinematics with a closed-form inverse."""
+
+    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
+        """Joint positions (n_joints,) that reach `pose` (4, 4), nearest to `seed`."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """One arm of a robot.
+
+    Attributes
+    ----------
+    name : str
+        Robot model, for instance ``"raven2"``; recordings and model files carry it.
+    arm : str
+        Which arm, for instance ``"left"``; empty for a robot with one arm.
+    joints : tuple of Joint
+        In the order of every joint vector.
+    channels : tuple of str
+        Names in the order of the robot's own state message; joints and any unused channel.
+    positioning : tuple of str
+        Joints that mainly place the tool, and that a calibration corrects by default.
+    transmission, kinematics
+        None where unknown.
+    """
+
+    name: str
+    joints: tuple[Joint, ...]
+    arm: str = ""
+    channels: tuple[str, ...] = ()
+    positioning: tuple[str, ...] = ()
+    transmission: Transmission | None = None
+    kinematics: Kinematics | None = None
+
+    def __post_init__(self) -> None:
+        if not self.channels:
+            object.__setattr__(self, "channels", self.joint_names)
+        if not self.positioning:
+            object.__setattr__(self, "positioning", self.joint_names)
+
+    @property
+    def title(self) -> str:
+        """Name and arm for a person, for instance ``"raven2 (left arm)"``."""
+        return f"{self.name} ({self.arm} arm)" if self.arm else self.name
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints, in order."""
+        return tuple(joint.name for joint in self.joints)
+
+    @property
+    def unused_channels(self) -> tuple[str, ...]:
+        """Channels of the state message that belong to no joint."""
+        return tuple(name for name in self.channels if name not in self.joint_names)
+
+    @property
+    def lower(self) -> Array:
+        """Lower joint limits (n_joints,) [rad or m]."""
+        return np.array([joint.lower for joint in self.joints])
+
+    @property
+    def upper(self) -> Array:
+        """Upper joint limits (n_joints,) [rad or m]."""
+        return np.array([joint.upper for joint in self.joints])
+
+    @property
+    def home(self) -> Array:
+        """Joint positions (n_joints,) [rad or m] after homing."""
+        return np.array([joint.home for joint in self.joints])
+
+    def joint(self, name: str) -> Joint:
+        """The joint called `name`; raises RobotError when there is none."""
+        for joint in self.joints:
+            if joint.name == name:
+                return joint
+        raise RobotError(
+            f"{self.title} has no joint {name!r}; its joints are {', '.join(self.joint_names)}"
+        )
+
+    def index(self, names: tuple[str, ...] | list[str]) -> list[int]:
+        """Positions of the joints `names` in a joint vector; raises RobotError if unknown."""
+        for name in names:
+            self.joint(name)
+        return [self.joint_names.index(name) for name in names]

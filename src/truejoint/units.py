@@ -1,0 +1,39 @@
+"""SI inside, people's units at the edge: how a value is shown where a person reads it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+
+@dataclass(frozen=True)
+class DisplayUnit:
+    """How an SI unit is shown: multiply an SI value by `scale` to get it in `name`."""
+
+    name: str
+    scale: float
+
+
+_DISPLAY: Final[dict[str, DisplayUnit]] = {
+    "rad": DisplayUnit("deg", 180.0 / math.pi),
+    "rad/s": DisplayUnit("deg/s", 180.0 / math.pi),
+    "m": DisplayUnit("mm", 1e3),
+    "m/s": DisplayUnit("mm/s", 1e3),
+}
+
+
+def display_unit(unit: str) -> DisplayUnit:
+    """Unit in which a quantity in `unit` (SI) is shown to a person.
+
+    Parameters
+    ----------
+    unit : str
+        SI unit such as ``"rad"``, ``"m"``, ``"rad/s"`` or ``"Nm"``.
+
+    Returns
+    -------
+    DisplayUnit
+        Degrees for radians and millimetres for metres; any other unit is shown as it is.
+    """
+    return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
