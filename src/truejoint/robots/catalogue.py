@@ -2,34 +2,73 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
+from importlib import import_module
+from typing import Final, Protocol, cast
 
 from truejoint.errors import RobotError
-from truejoint.robots.robot import Joint, Robot
+from truejoint.robots.robot import Robot
 
-_SINGLE_ARM = {
-    "davinci_grasper": ("jaw",),
-    "bros": ("joint1", "joint2"),
-    "kuka_kr300": tuple(f"axis{i}" for i in range(1, 7)),
-    "kflex": ("bend",),
-}
+
+class _RobotModule(Protocol):
+    """What the module of a robot offers to the catalogue."""
+
+    ARMS: Mapping[str, str]
+    """Arm by every name it goes by, in lower case; the empty name is the default."""
+
+    def build(self, arm: str) -> Robot:
+        """Build the robot's arm, one of the values of `ARMS`."""
+
+
+# A robot's module is the one of its name, imported when the robot is first asked for: the
+# compiler behind the kinematics takes longer to import than the rest of the package.
+_ROBOTS: Final = (
+    "raven2",
+    "dvrk_psm",
+    "davinci_grasper",
+    "bros",
+    "kuka_kr300",
+    "kflex",
+    "forceps",
+)
 
 
 def robot_names() -> tuple[str, ...]:
     """Names that `get_robot` knows."""
-    return ("raven2", *_SINGLE_ARM)
+    return _ROBOTS
 
 
 @cache
 def get_robot(name: str, arm: str = "") -> Robot:
-    """Robot arm called `name`; raises RobotError naming the known ones."""
-    if name == "raven2":
-        names = ("shoulder", "elbow", "insertion", "roll", "wrist", "jaw1", "jaw2")
-        joints = tuple(
-            Joint(n, "prismatic" if n == "insertion" else "revolute") for n in names
-        )
-        channels = (*names[:3], "unused", *names[3:])
-        return Robot("raven2", joints, arm or "left", channels, names[:3])
-    if name in _SINGLE_ARM:
-        return Robot(name, tuple(Joint(n) for n in _SINGLE_ARM[name]))
-    raise RobotError(f"no robot called {name!r}; known: {', '.join(robot_names())}")
+    """Robot arm by name; the same object each time.
+
+    Parameters
+    ----------
+    name : str
+        One of `robot_names`, in any case.
+    arm : str
+        Name of the arm in any case; empty for the robot's default. The arms of ``raven2`` are
+        ``left`` (or ``gold``, the default) and ``right`` (or ``green``), those of ``dvrk_psm``
+        ``psm1`` to ``psm3``.
+
+    Raises
+    ------
+    RobotError
+        If there is no such robot or arm; the message names those that exist.
+    """
+    known = name.strip().lower()
+    if known not in _ROBOTS:
+        raise RobotError(f"no robot called {name!r}; known: {', '.join(_ROBOTS)}")
+    module = cast("_RobotModule", import_module(f"truejoint.robots.{known}"))
+    wanted = arm.strip().lower()
+    if wanted not in module.ARMS:
+        names = ", ".join(n for n in module.ARMS if n) or "none: leave the arm empty"
+        raise RobotError(f"{known} has no arm called {arm!r}; its arms: {names}")
+    return _build(known, module.ARMS[wanted])
+
+
+@cache
+def _build(name: str, arm: str) -> Robot:
+    module = cast("_RobotModule", import_module(f"truejoint.robots.{name}"))
+    return module.build(arm)

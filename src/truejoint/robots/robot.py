@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, Protocol
 
 import numpy as np
@@ -45,9 +46,25 @@ class Transmission:
     matrix : ndarray, shape (n_joints, n_joints)
         Motor-shaft angle per joint position, rad/rad or rad/m; off-diagonal terms are the
         cable coupling between joints.
+
+    Raises
+    ------
+    RobotError
+        If `matrix` is not square, finite and invertible.
     """
 
     matrix: Array
+
+    def __post_init__(self) -> None:
+        matrix = self.matrix
+        square = matrix.ndim == 2 and matrix.shape[0] == matrix.shape[1]
+        if not (
+            square and np.isfinite(matrix).all() and np.linalg.matrix_rank(matrix) == len(matrix)
+        ):
+            raise RobotError(
+                f"transmission matrix of shape {matrix.shape} must be square, finite and "
+                "invertible: each joint needs a motor of its own"
+            )
 
     def motor_from_joint(self, joint: ArrayLike) -> Array:
         """Motor-shaft angles (..., n_joints) [rad] of joint positions (..., n_joints)."""
@@ -55,11 +72,22 @@ class Transmission:
 
     def joint_from_motor(self, motor: ArrayLike) -> Array:
         """Joint positions (..., n_joints) [rad or m] of motor-shaft angles [rad]."""
-        return np.asarray(motor, dtype=float) @ np.linalg.inv(self.matrix).T
+        return np.asarray(motor, dtype=float) @ self.inverse.T
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Joint position per motor-shaft angle (n_joints, n_joints) [rad/rad or m/rad]."""
+        inverse: Array = np.linalg.inv(self.matrix)
+        return inverse
 
 
 class Kinematics(Protocol):
     """Geometry of an arm; joint vectors are in the robot's own joint order."""
+
+    @property
+    def crtk_from_base(self) -> Array:
+        """Pose (4, 4) of the base frame in the frame of the robot's CRTK topics [m]."""
+        ...
 
     def forward(self, joint: ArrayLike) -> Array:
         """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
@@ -143,7 +171,7 @@ class Robot:
         return np.array([joint.home for joint in self.joints])
 
     def joint(self, name: str) -> Joint:
-        """The joint called `name`; raises RobotError when there is none."""
+        """Return the joint called `name`; raises RobotError when there is none."""
         for joint in self.joints:
             if joint.name == name:
                 return joint

@@ -1,0 +1,210 @@
+"""Kinematics of a serial arm in modified Denavit-Hartenberg parameters, compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import RobotError
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a chain, modified (Craig) Denavit-Hartenberg parameters [rad, m].
+
+    Attributes
+    ----------
+    alpha, a : float
+        Twist about and shift along the previous frame's x axis.
+    d, theta : float
+        Shift along and turn about the new z axis where the axis' value is zero.
+    kind : {"revolute", "prismatic"}
+        Whether the axis' value adds to `theta` or to `d`.
+    """
+
+    alpha: float
+    a: float
+    d: float
+    theta: float
+    kind: Literal["revolute", "prismatic"] = "revolute"
+
+
+@dataclass(frozen=True, eq=False)
+class SerialChain:
+    """Kinematics of a serial arm, vectorised over rows.
+
+    Attributes
+    ----------
+    axes : sequence of Axis
+        From the base to the tool.
+    axis_from_joint : ndarray, shape (n_axes, n_joints)
+        Values of the axes as a linear function of the joint positions: a gripper's two jaws,
+        for instance, turn the last axis by half their difference.
+    crtk_from_base : ndarray, shape (4, 4)
+        Pose of the base frame in the frame in which the robot's CRTK topics state poses.
+    """
+
+    axes: Sequence[Axis]
+    axis_from_joint: Array
+    crtk_from_base: Array = field(default_factory=lambda: np.eye(4))
+
+    def forward(self, joint: ArrayLike) -> Array:
+        """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints).
+
+        Raises
+        ------
+        RobotError
+            If the last dimension is not the number of joints.
+        """
+        rows, shape = self._rows(joint)
+        poses = np.empty((len(rows), 4, 4))
+        _forward(self._table, self._prismatic, self._mapping, rows, poses)
+        return poses.reshape(*shape, 4, 4)
+
+    def forward_crtk(self, joint: ArrayLike) -> Array:
+        """Tool poses (..., 4, 4) [m] in the CRTK frame, of joint positions (..., n_joints)."""
+        poses: Array = self.crtk_from_base @ self.forward(joint)
+        return poses
+
+    def link_frames(self, joint: ArrayLike) -> Array:
+        """Frames of all axes (..., n_axes, 4, 4) [m] in the base frame; the last is the tool's."""
+        rows, shape = self._rows(joint)
+        frames = np.empty((len(rows), len(self.axes), 4, 4))
+        _link_frames(self._table, self._prismatic, self._mapping, rows, frames)
+        return frames.reshape(*shape, len(self.axes), 4, 4)
+
+    def jacobian(self, joint: ArrayLike) -> Array:
+        """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame.
+
+        Rows 0-2 are the tool's velocity [m], rows 3-5 its angular velocity [rad], per unit of
+        joint speed.
+        """
+        rows, shape = self._rows(joint)
+        by_axis = np.empty((len(rows), 6, len(self.axes)))
+        _jacobian(self._table, self._prismatic, self._mapping, rows, by_axis)
+        jacobian: Array = by_axis @ self.axis_from_joint
+        return jacobian.reshape(*shape, 6, rows.shape[1])
+
+    def _rows(self, joint: ArrayLike) -> tuple[Array, tuple[int, ...]]:
+        array = np.asarray(joint, dtype=float)
+        n_joints = self.axis_from_joint.shape[1]
+        if array.ndim == 0 or array.shape[-1] != n_joints:
+            raise RobotError(
+                f"joint positions have shape {array.shape}; the last dimension must be the "
+                f"{n_joints} joints of the arm"
+            )
+        return np.ascontiguousarray(array.reshape(-1, n_joints)), array.shape[:-1]
+
+    @cached_property
+    def _table(self) -> Array:
+        return np.array([[np.cos(x.alpha), np.sin(x.alpha), x.a, x.d, x.theta] for x in self.axes])
+
+    @cached_property
+    def _prismatic(self) -> NDArray[np.bool_]:
+        return np.array([axis.kind == "prismatic" for axis in self.axes])
+
+    @cached_property
+    def _mapping(self) -> Array:
+        return np.ascontiguousarray(self.axis_from_joint, dtype=float)
+
+
+@njit(cache=True, error_model="numpy")
+def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
+    """Move `frame` (3, 4) in place from one axis to the next: Rx(alpha) Tx(a) Rz(theta) Tz(d).
+
+    Turning the columns of the frame takes a third of the products of a matrix multiplication.
+    """
+    cos_alpha, sin_alpha, a, d, theta = row[0], row[1], row[2], row[3], row[4]
+    if prismatic:
+        d += value
+    else:
+        theta += value
+    cos_theta, sin_theta = np.cos(theta), np.sin(theta)
+    for i in range(3):
+        x, y, z = frame[i, 0], frame[i, 1], frame[i, 2]
+        turned = cos_alpha * y + sin_alpha * z
+        along = cos_alpha * z - sin_alpha * y
+        frame[i, 0] = cos_theta * x + sin_theta * turned
+        frame[i, 1] = cos_theta * turned - sin_theta * x
+        frame[i, 2] = along
+        frame[i, 3] += a * x + d * along
+
+
+@njit(cache=True, error_model="numpy")
+def _start(frame: Array) -> None:
+    frame[:] = 0.0
+    for i in range(3):
+        frame[i, i] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
+    value = 0.0
+    for j in range(joint.size):
+        # A joint that does not move the axis must not hand its NaN on to it.
+        if mapping[axis, j] != 0.0:
+            value += mapping[axis, j] * joint[j]
+    return value
+
+
+@njit(cache=True, error_model="numpy")
+def _forward(
+    table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, poses: Array
+) -> None:
+    for n in range(joints.shape[0]):
+        pose = poses[n]
+        pose[3, :3] = 0.0
+        pose[3, 3] = 1.0
+        frame = pose[:3]
+        _start(frame)
+        for k in range(table.shape[0]):
+            advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
+
+
+@njit(cache=True, error_model="numpy")
+def _link_frames(
+    table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
+) -> None:
+    frame = np.empty((3, 4))
+    for n in range(joints.shape[0]):
+        _start(frame)
+        for k in range(table.shape[0]):
+            advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
+            frames[n, k, :3] = frame
+            frames[n, k, 3, :3] = 0.0
+            frames[n, k, 3, 3] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _jacobian(
+    table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
+) -> None:
+    n_axes = table.shape[0]
+    frame = np.empty((3, 4))
+    direction = np.empty((n_axes, 3))
+    origin = np.empty((n_axes, 3))
+    for n in range(joints.shape[0]):
+        _start(frame)
+        for k in range(n_axes):
+            advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
+            direction[k] = frame[:, 2]
+            origin[k] = frame[:, 3]
+        for k in range(n_axes):
+            z = direction[k]
+            if prismatic[k]:
+                out[n, :3, k] = z
+                out[n, 3:, k] = 0.0
+            else:
+                arm = frame[:, 3] - origin[k]
+                out[n, 0, k] = z[1] * arm[2] - z[2] * arm[1]
+                out[n, 1, k] = z[2] * arm[0] - z[0] * arm[2]
+                out[n, 2, k] = z[0] * arm[1] - z[1] * arm[0]
+                out[n, 3:, k] = z

@@ -1,0 +1,84 @@
+"""RAVEN-II: joints, limits and cable transmission of both arms."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.robots.raven2 import hardware
+from truejoint.robots.raven2.kinematics import kinematics
+from truejoint.robots.robot import Joint, Robot, Transmission
+
+ARMS: Final[Mapping[str, str]] = {
+    "": "left",
+    "left": "left",
+    "gold": "left",
+    "right": "right",
+    "green": "right",
+}
+"""Arm by every name it goes by; without a name it is the left, the one that peng2024 used."""
+
+CHANNELS: Final = ("shoulder", "elbow", "insertion", "unused", "roll", "wrist", "jaw1", "jaw2")
+"""Order within the arm's half of a ``ravenstate`` message
+(uw-biorobotics/raven2:include/raven/defines.h)."""
+
+POSITIONING: Final = ("shoulder", "elbow", "insertion")
+
+_DEG: Final = math.pi / 180.0
+# Fastest setpoint that the CRTK interface of the robot accepts.
+_MAX_TURN: Final = hardware.CRTK_MAX_INCREMENT_ANGLE / hardware.CONTROL_PERIOD
+_MAX_INSERTION: Final = hardware.CRTK_MAX_INCREMENT_INSERTION / hardware.CONTROL_PERIOD
+
+# Software limits and home pose: uw-biorobotics/raven2:include/raven/defines.h (shoulder, elbow,
+# insertion) and src/raven/tools.cpp (10 mm RAVEN grasper); the same for both arms.
+JOINTS: Final = (
+    Joint("shoulder", "revolute", 0.0, 90 * _DEG, 30 * _DEG, _MAX_TURN),
+    Joint("elbow", "revolute", 45 * _DEG, 135 * _DEG, 90 * _DEG, _MAX_TURN),
+    Joint("insertion", "prismatic", 0.23, 0.56, 0.40, _MAX_INSERTION),
+    Joint("roll", "revolute", -182 * _DEG, 182 * _DEG, 0.0, _MAX_TURN),
+    Joint("wrist", "revolute", -70 * _DEG, 70 * _DEG, 0.0, _MAX_TURN),
+    Joint("jaw1", "revolute", -105 * _DEG, 105 * _DEG, 45 * _DEG, _MAX_TURN),
+    Joint("jaw2", "revolute", -105 * _DEG, 105 * _DEG, 45 * _DEG, _MAX_TURN),
+)
+
+
+def build(arm: str) -> Robot:
+    """Build the RAVEN-II arm ``"left"`` (gold) or ``"right"`` (green)."""
+    side: Literal["left", "right"] = "right" if arm == "right" else "left"
+    return Robot(
+        "raven2",
+        JOINTS,
+        side,
+        CHANNELS,
+        POSITIONING,
+        Transmission(_motor_from_joint(side)),
+        kinematics(side),
+    )
+
+
+def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
+    """Motor angle per joint position (7, 7) [rad/rad, rad/m], with cable coupling.
+
+    Source: uw-biorobotics/raven2:src/raven/inv_cable_coupling.cpp, for the 10 mm RAVEN grasper
+    with its first jaw's motor reversed (OPPOSE_GRIP).
+    """
+    shoulder, elbow, insertion, roll, wrist, jaw1, jaw2 = range(7)
+    joint = np.eye(7)
+    # Motion of the cables, in joint units, that each joint's motor has to follow.
+    cable = joint.copy()
+    cable[elbow] += hardware.ELBOW_PER_SHOULDER * joint[shoulder]
+    cable[insertion] += (
+        hardware.INSERTION_PER_SHOULDER * joint[shoulder]
+        + hardware.INSERTION_PER_ELBOW * joint[elbow]
+    )
+    ratios = np.array([drive.transmission_ratio for drive in hardware.drives(arm)])
+    motor = ratios[:, None] * cable
+    side = 1.0 if arm == "left" else -1.0
+    tool = side * hardware.TOOL_MOTOR_PER_INSERTION_MOTOR * motor[insertion]
+    for row, sign in ((roll, 1.0), (wrist, 1.0), (jaw1, -1.0), (jaw2, 1.0)):
+        motor[row] += sign * tool
+    return motor

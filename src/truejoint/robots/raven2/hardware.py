@@ -1,0 +1,241 @@
+"""Numbers of the RAVEN-II hardware: drives, homing, control, links and joint encoders.
+
+Facts are from uw-biorobotics/raven2 (branch crtk) unless another source stands beside them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+_DEG: Final = math.pi / 180.0
+
+CONTROL_PERIOD: Final = 1e-3
+"""Period of the servo loop [s] (uw-biorobotics/raven2:src/raven/rt_process_preempt.cpp)."""
+
+ENCODER_COUNTS_PER_REV: Final = 4000
+"""Counts of a motor encoder per turn of the motor shaft (include/raven/motor.h)."""
+
+CRTK_MAX_INCREMENT_ANGLE: Final = 0.0025
+"""Largest change of a revolute setpoint in one control period [rad] (branch crtk)."""
+
+CRTK_MAX_INCREMENT_INSERTION: Final = 5e-5
+"""Largest change of the insertion setpoint in one control period [m] (branch crtk)."""
+
+HOMING_RAMP: Final = 0.5
+"""Time over which the homing speed builds up [s] (src/raven/trajectory.cpp)."""
+
+HOMING_SETTLE: Final = 0.2
+"""Time at the hard stops before the encoders are registered [s] (src/raven/homing.cpp)."""
+
+HOMING_RETURN: Final = 2.5
+"""Time from the hard stops to the home pose, along 1 - cos [s] (src/raven/homing.cpp)."""
+
+GRAVITY: Final = (-9.8, 0.0, 0.0)
+"""Gravity in frame 0 of either arm [m/s^2] (src/raven/init.cpp and grav_comp.cpp)."""
+
+
+@dataclass(frozen=True)
+class Drive:
+    """Motor, gearbox, cable transmission and servo control of one joint.
+
+    Attributes
+    ----------
+    joint : str
+    gear_ratio : float
+        Motor turns per capstan turn.
+    capstan_radius : float
+        Radius at which the capstan winds the cable [m].
+    transmission_ratio : float
+        Motor angle per joint position [rad/rad or rad/m], without coupling.
+    torque_constant : float
+        Motor torque per current [Nm/A].
+    max_current, continuous_current : float
+        Limits of the motor [A].
+    dac_per_amp : float
+        DAC counts per ampere of the amplifier.
+    dac_limit : int
+        Largest command [DAC counts] at the safety level MODERATE.
+    kp, kd, ki : float
+        Gains of the controller: capstan torque [Nm] per error of the motor angle [rad], of its
+        speed [rad/s], and of the error's integral [rad s].
+    homing_speed : float
+        Speed towards the hard stop [rad/s or m/s]; the sign is the direction.
+    homing_dac : int
+        Command that counts as having met the hard stop [DAC counts].
+    hard_stop : float
+        Joint position that homing assigns to the hard stop [rad or m].
+    """
+
+    joint: str
+    gear_ratio: float
+    capstan_radius: float
+    transmission_ratio: float
+    torque_constant: float
+    max_current: float
+    continuous_current: float
+    dac_per_amp: float
+    dac_limit: int
+    kp: float
+    kd: float
+    ki: float
+    homing_speed: float
+    homing_dac: int
+    hard_stop: float
+
+    @property
+    def torque_per_amp(self) -> float:
+        """Torque at the capstan per motor current [Nm/A], without the arm's sign convention."""
+        return self.torque_constant * self.gear_ratio
+
+    @property
+    def max_effort(self) -> float:
+        """Largest torque command at the capstan [Nm], set by `dac_limit`."""
+        return self.dac_limit / self.dac_per_amp * self.torque_per_amp
+
+    @property
+    def homing_effort(self) -> float:
+        """Torque command at the capstan that ends the search for the hard stop [Nm]."""
+        return self.homing_dac / self.dac_per_amp * self.torque_per_amp
+
+    @property
+    def count(self) -> float:
+        """Joint motion per motor encoder count [rad or m], without coupling."""
+        return 2 * math.pi / ENCODER_COUNTS_PER_REV / self.transmission_ratio
+
+
+# Radii in m and ratios: include/raven/defines.h. A pulley's effective radius includes half of
+# its cable's diameter; the large capstan was measured with its cable on.
+_CABLE_POSITIONING: Final = 1.19e-3 / 2
+_CABLE_TOOL: Final = 0.61e-3 / 2
+_CAPSTAN_LARGE: Final = 11.35e-3 / 2
+_CAPSTAN_SMALL: Final = 4.7e-3 + _CABLE_TOOL
+_TOOL_SPOOL: Final = 10.6e-3 + _CABLE_TOOL
+_GEAR_LARGE: Final = 49.0 / 4.0
+_GEAR_SMALL: Final = 26.0 / 7.0
+
+SHOULDER_PULLEY_RADIUS: Final = 62.5e-3 + _CABLE_POSITIONING
+"""Radius at which the shoulder's partial pulley winds its cable [m]."""
+ELBOW_PULLEY_RADIUS: Final = 40.85e-3 + _CABLE_POSITIONING
+"""Radius at which the elbow's partial pulley winds its cable [m]."""
+_ELBOW_REDUCTION: Final = (7.82e-3 + _CABLE_POSITIONING) / (5.60e-3 + _CABLE_POSITIONING)
+
+SHOULDER_RATIO: Final = SHOULDER_PULLEY_RADIUS / _CAPSTAN_LARGE * _GEAR_LARGE
+ELBOW_RATIO: Final = ELBOW_PULLEY_RADIUS * _ELBOW_REDUCTION / _CAPSTAN_LARGE * _GEAR_LARGE
+INSERTION_RATIO: Final = _GEAR_LARGE / _CAPSTAN_LARGE
+_TOOL_RATIO: Final = _TOOL_SPOOL / _CAPSTAN_SMALL * _GEAR_SMALL
+# The last factors were found by observation on the robot, says defines.h.
+ROLL_RATIO: Final = _TOOL_RATIO * 120.0 / 180.0
+WRIST_RATIO: Final = _TOOL_RATIO * 200.0 / 180.0
+JAW_RATIO: Final = _TOOL_RATIO * 100.0 / 90.0
+
+# Cable coupling (include/raven/fwd_cable_coupling.h): how far a joint moves when a joint nearer
+# to the base moves while its own motor stands still.
+ELBOW_PER_SHOULDER: Final = 0.14545
+INSERTION_PER_SHOULDER: Final = 0.0077973826  # m/rad
+INSERTION_PER_ELBOW: Final = 0.008077387  # m/rad
+TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / (
+    _GEAR_LARGE / _CAPSTAN_LARGE
+)
+"""Turn of a tool's motor that keeps its joint still while the insertion's motor turns by 1."""
+
+
+def drives(arm: Literal["left", "right"]) -> tuple[Drive, ...]:
+    """Drives of the seven joints of an arm, in the robot's joint order.
+
+    Sources: include/raven/defines.h and motor.h, src/raven/init.cpp, homing.cpp and tools.cpp,
+    params/r2params.yaml of uw-biorobotics/raven2.
+    """
+    insertion_kd = 0.012 if arm == "left" else 0.010
+
+    def positioning(
+        joint: str,
+        ratio: float,
+        dac_limit: int,
+        gains: tuple[float, float, float],
+        homing: tuple[float, int, float],
+    ) -> Drive:
+        motor = (0.0603, 10.0, 3.12, 2730.0)  # Maxon RE40, high-current amplifier
+        return Drive(joint, _GEAR_LARGE, _CAPSTAN_LARGE, ratio, *motor, dac_limit, *gains, *homing)
+
+    def tool(
+        joint: str,
+        ratio: float,
+        dac_limit: int,
+        gains: tuple[float, float, float],
+        homing: tuple[float, int, float],
+    ) -> Drive:
+        motor = (0.0538, 10.0, 1.72, 5461.0)  # Maxon RE30, low-current amplifier
+        return Drive(joint, _GEAR_SMALL, _CAPSTAN_SMALL, ratio, *motor, dac_limit, *gains, *homing)
+
+    small = (0.05, 0.0, 0.05)
+    return (
+        positioning("shoulder", SHOULDER_RATIO, 2500, (0.3, 0.008, 0.0), (-10 * _DEG, 2100, 0.0)),
+        positioning("elbow", ELBOW_RATIO, 2500, (0.3, 0.008, 0.0), (10 * _DEG, 2100, 137.5 * _DEG)),
+        positioning(
+            "insertion", INSERTION_RATIO, 2000, (0.15, insertion_kd, 0.0), (0.02, 1600, 0.562)
+        ),
+        tool("roll", ROLL_RATIO, 3000, (0.09, 0.001, 0.05), (80 * _DEG, 1900, 330 * _DEG)),
+        tool("wrist", WRIST_RATIO, 3000, small, (40 * _DEG, 2100, 100 * _DEG)),
+        tool("jaw1", JAW_RATIO, 3800, small, (40 * _DEG, 2250, 120 * _DEG)),
+        tool("jaw2", JAW_RATIO, 3800, small, (40 * _DEG, 2250, 120 * _DEG)),
+    )
+
+
+@dataclass(frozen=True)
+class Link:
+    """Mass [kg] and centre of mass [m] of a link, in the frame of its own axis."""
+
+    mass: float
+    centre_of_mass: tuple[float, float, float]
+
+
+def links(arm: Literal["left", "right"]) -> tuple[Link, Link, Link]:
+    """Links that shoulder, elbow and insertion move (src/raven/grav_comp.cpp)."""
+    side = 1.0 if arm == "left" else -1.0
+    return (
+        Link(0.494, (side * 0.0065, side * 0.09775, side * -0.13771)),
+        Link(0.750, (-0.002, -0.18274, side * -0.23053)),
+        Link(0.231, (0.0, 0.0, 0.0)),
+    )
+
+
+@dataclass(frozen=True)
+class JointEncoder:
+    """Temporary encoder on a joint, the ground truth of a calibration.
+
+    Attributes
+    ----------
+    joint : str
+    resolution : float
+        Joint motion per count [rad or m].
+    hard_stop : float
+        Position that is assigned to the hard stop when the encoder is registered [rad or m]; it
+        differs from `Drive.hard_stop`, which makes a constant offset between the two.
+    """
+
+    joint: str
+    resolution: float
+    hard_stop: float
+
+
+JOINT_ENCODERS: Final = (
+    JointEncoder("shoulder", 2 * math.pi / 80000, 0.0),
+    JointEncoder("elbow", 2 * math.pi / 80000, 130 * _DEG),
+    JointEncoder("insertion", 5e-6, 0.572467),
+)
+"""Encoders of peng2024 (section IV-B); zeros from uw-biorobotics/raven2_CRTK_Python_controller:
+joint_encoder/func_raven_joint_encodersIII.py."""
+
+CALIBRATION_RANGE: Final = {
+    "shoulder": (20 * _DEG, 60 * _DEG),
+    "elbow": (55 * _DEG, 110 * _DEG),
+    "insertion": (0.33, 0.42),
+}
+"""Range of the positioning joints that a calibration covers [rad, m]
+(uw-biorobotics/raven2_CRTK_Python_controller:traj_generator/run_snake_generator.py)."""
+
+CALIBRATION_SPEED: Final = {"shoulder": 2.182 * _DEG, "elbow": 3 * _DEG, "insertion": 5e-3}
+"""Speed caps along a calibration trajectory [rad/s, m/s]
+(uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_trajectory_follow.py)."""

@@ -1,0 +1,263 @@
+"""Kinematics of the two RAVEN-II arms, with the closed-form inverse."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import RobotError
+from truejoint.robots.chain import Axis, SerialChain, advance
+
+Array = NDArray[np.float64]
+Arm = Literal["left", "right"]
+
+# Link twists, shaft and wrist: uw-biorobotics/raven2:include/raven/r2_kinematics.h, described
+# in the University of Washington technical report UWEETR-2012-0006.
+LINK1_TWIST: Final = math.radians(75.0)
+LINK2_TWIST: Final = math.radians(52.0)
+SHAFT_OFFSET: Final = -0.47
+"""Distance from the insertion's zero to the wrist along the shaft [m]."""
+WRIST_LENGTH: Final = 0.013
+"""Distance between wrist axis and jaw axis of the 10 mm RAVEN grasper [m]."""
+
+# Angle of the first two axes where the joint reads zero:
+# uw-biorobotics/raven2:src/raven/r2_kinematics.cpp (joint2theta).
+_SHOULDER_ZERO: Final = {"left": math.radians(205.0), "right": math.radians(25.0)}
+_ELBOW_ZERO: Final = {"left": math.pi, "right": 0.0}
+
+# Rotation of frame 0 in the frame of the CRTK topics:
+# uw-biorobotics/raven2:src/raven/crtk_motion_api.cpp (branch crtk).
+_CRTK_ROTATION: Final = {
+    "left": ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)),
+    "right": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+}
+
+# Columns: shoulder elbow insertion roll wrist jaw1 jaw2; the last axis is the direction in which
+# the closed jaws would point (r2_kinematics.cpp: half the difference of the jaws).
+_AXIS_FROM_JOINT: Final = np.vstack([np.eye(5, 7), [0, 0, 0, 0, 0, -0.5, 0.5]])
+
+# A pose is refused where the wrist is nearer than this to the remote centre [m]: the shaft's
+# direction, and with it shoulder and elbow, is lost there.
+_REMOTE_CENTRE: Final = 1e-3
+_RIGID_TOLERANCE: Final = 1e-6
+# How much 1 m of insertion counts against 1 rad when the nearest solution is chosen; the
+# weight that the robot's own controller uses (r2_kinematics.cpp, check_solutions).
+_INSERTION_WEIGHT: Final = 100.0
+
+_REACHED, _OUT_OF_CONE, _AT_CENTRE, _WRIST_UNDEFINED = 0, 1, 2, 3
+_REASONS: Final = {
+    _OUT_OF_CONE: "shoulder and elbow cannot point the shaft there; choose a direction from the "
+    "remote centre within 127 deg and beyond 23 deg of the shoulder axis",
+    _AT_CENTRE: "the wrist would be within 1 mm of the remote centre, where the shaft's "
+    "direction is undefined; move the tool away from it",
+    _WRIST_UNDEFINED: "the jaw axis passes through the remote centre, so that the wrist is "
+    "undefined; turn the tool a little",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Raven2Kinematics(SerialChain):
+    """Kinematics of one RAVEN-II arm with the 10 mm RAVEN grasper.
+
+    Joint vectors are shoulder, elbow, insertion, roll, wrist, jaw1, jaw2 [rad, insertion m]; poses
+    are those of the tool in frame 0, whose origin is the remote centre of motion.
+    """
+
+    def solutions(self, pose: ArrayLike, opening: float = 0.0) -> Array:
+        """All joint positions (n_solutions, 7) that reach a pose; up to 8, angles in [-pi, pi].
+
+        The eight are two bends of the wrist, two sides of the remote centre and two bends of the
+        elbow (UWEETR-2012-0006). Joint limits are not applied.
+
+        Parameters
+        ----------
+        pose : array_like, shape (4, 4)
+            Tool pose in frame 0 [m].
+        opening : float
+            Sum of the jaw positions [rad]; the pose does not depend on it.
+
+        Raises
+        ------
+        RobotError
+            If `pose` is not a rigid transform or no solution exists; the message says why.
+        """
+        target = _rigid(pose)
+        axes = np.full((8, 6), np.nan)
+        status = _solve(np.ascontiguousarray(target), self._table, axes)
+        found = axes[np.isfinite(axes).all(axis=1)]
+        if len(found) == 0:
+            raise RobotError(f"{_where(target)} cannot be reached: {_REASONS[status]}")
+        found[:, [0, 1, 3, 4, 5]] = _wrapped(found[:, [0, 1, 3, 4, 5]])
+        return _joints(found, opening)
+
+    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
+        """Joint positions (7,) that reach `pose`, of the solutions the one nearest to `seed`.
+
+        Parameters
+        ----------
+        pose : array_like, shape (4, 4)
+            Tool pose in frame 0 [m].
+        seed : array_like, shape (7,)
+            Joint positions near the wanted ones [rad, m]; the jaws' opening is taken from it, and
+            angles are given within half a turn of it.
+
+        Raises
+        ------
+        RobotError
+            As `solutions`, and if `seed` is not 7 finite values.
+        """
+        start = np.asarray(seed, dtype=float)
+        if start.shape != (7,) or not np.isfinite(start).all():
+            raise RobotError(f"seed {start.tolist()} must be 7 finite joint positions")
+        origin = self.axis_from_joint @ start
+        opening = float(start[5] + start[6])
+        axes = self.solutions(pose, opening) @ self.axis_from_joint.T
+        turns = [0, 1, 3, 4, 5]
+        axes[:, turns] = origin[turns] + _wrapped(axes[:, turns] - origin[turns])
+        weight = np.array([1.0, 1.0, _INSERTION_WEIGHT, 1.0, 1.0, 1.0])
+        nearest = int(np.argmin((((axes - origin) * weight) ** 2).sum(axis=1)))
+        joints: Array = _joints(axes[nearest : nearest + 1], opening)[0]
+        return joints
+
+
+def kinematics(arm: Arm) -> Raven2Kinematics:
+    """Kinematics of the left (gold) or the right (green) arm.
+
+    Source: uw-biorobotics/raven2:src/raven/r2_kinematics.cpp, UWEETR-2012-0006.
+    """
+    left = arm == "left"
+    axes = (
+        Axis(0.0 if left else math.pi, 0.0, 0.0, _SHOULDER_ZERO[arm]),
+        Axis(LINK1_TWIST, 0.0, 0.0, _ELBOW_ZERO[arm]),
+        Axis(
+            math.pi - LINK2_TWIST if left else LINK2_TWIST,
+            0.0,
+            0.0,
+            math.pi / 2 if left else -math.pi / 2,
+            "prismatic",
+        ),
+        Axis(0.0, 0.0, SHAFT_OFFSET, 0.0),
+        Axis(math.pi / 2, 0.0, 0.0, -math.pi / 2),
+        Axis(math.pi / 2, WRIST_LENGTH, 0.0, 0.0),
+    )
+    crtk_from_base = np.eye(4)
+    crtk_from_base[:3, :3] = _CRTK_ROTATION[arm]
+    return Raven2Kinematics(axes, _AXIS_FROM_JOINT, crtk_from_base)
+
+
+def _joints(axes: Array, opening: float) -> Array:
+    """Joint positions (n, 7) of axis values (n, 6) with the jaws `opening` [rad] apart."""
+    jaws = np.column_stack([opening / 2 - axes[:, 5], opening / 2 + axes[:, 5]])
+    return np.hstack([axes[:, :5], jaws])
+
+
+def _wrapped(angle: Array) -> Array:
+    wrapped: Array = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
+    return wrapped
+
+
+def _rigid(pose: ArrayLike) -> Array:
+    target = np.asarray(pose, dtype=float)
+    if target.shape != (4, 4) or not np.isfinite(target).all():
+        raise RobotError(f"pose of shape {target.shape} must be 4 x 4 and finite")
+    rotation = target[:3, :3]
+    skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    bottom = np.array_equal(target[3], [0.0, 0.0, 0.0, 1.0])
+    if not (skew < _RIGID_TOLERANCE and np.linalg.det(rotation) > 0 and bottom):
+        raise RobotError(
+            "pose is not a rigid transform: its upper left 3 x 3 must be a rotation matrix "
+            f"(off by {skew:.1e}) and its last row 0 0 0 1"
+        )
+    return target
+
+
+def _where(pose: Array) -> str:
+    x, y, z = 1e3 * pose[:3, 3]
+    return f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(pose: Array, table: Array, out: Array) -> int:
+    """Fill `out` (8, 6) with the axis values that reach `pose`; rows stay NaN where none does.
+
+    The shaft passes through the remote centre (the origin), and wrist, remote centre and the
+    jaw axis' direction share a plane: that gives the wrist, the wrist gives the shaft, the shaft
+    gives shoulder and elbow, and what rotation is left gives roll, wrist and jaws.
+    """
+    tool, x6, z6 = pose[:3, 3].copy(), pose[:3, 0].copy(), pose[:3, 2].copy()
+    wrist_length, shaft_offset = table[5, 2], table[3, 3]
+    # The wrist lies where the remote centre is seen from the tool, across the jaw axis.
+    across = (tool @ z6) * z6 - tool
+    distance = np.sqrt(across @ across)
+    if not (distance > 1e-9):
+        return _WRIST_UNDEFINED
+    status = _AT_CENTRE
+    row = 0
+    for bend in (-1.0, 1.0):
+        x5 = bend * across / distance
+        wrist = tool - wrist_length * x5
+        depth = np.sqrt(wrist @ wrist)
+        if not (depth > _REMOTE_CENTRE):
+            row += 4
+            continue
+        for side in (-1.0, 1.0):
+            cosine, v_x, v_y = _elbow_cosine(wrist / (side * depth), table)
+            if not (abs(cosine) <= 1.0 + 1e-9):
+                status = _OUT_OF_CONE if status != _REACHED else status
+                row += 2
+                continue
+            for elbow in (-1.0, 1.0):
+                status = _REACHED
+                theta2 = elbow * np.arccos(min(1.0, max(-1.0, cosine)))
+                insertion = side * depth - shaft_offset
+                _finish(theta2, v_x, v_y, insertion, x5, x6, z6, table, out[row])
+                row += 1
+    return status
+
+
+@njit(cache=True, error_model="numpy")
+def _elbow_cosine(shaft: Array, table: Array) -> tuple[float, float, float]:
+    """Cosine of the elbow's angle, and x and y of the shaft seen before the shoulder turns."""
+    v_y = table[0, 0] * shaft[1] + table[0, 1] * shaft[2]
+    v_z = table[0, 0] * shaft[2] - table[0, 1] * shaft[1]
+    cosine = (table[1, 0] * table[2, 0] - v_z) / (table[1, 1] * table[2, 1])
+    return cosine, shaft[0], v_y
+
+
+@njit(cache=True, error_model="numpy")
+def _finish(
+    theta2: float,
+    v_x: float,
+    v_y: float,
+    insertion: float,
+    x5: Array,
+    x6: Array,
+    z6: Array,
+    table: Array,
+    out: Array,
+) -> None:
+    """Axis values (6,) of one solution, given the elbow's angle and the wrist's x axis."""
+    h_x = np.sin(theta2) * table[2, 1]
+    h_y = -np.cos(theta2) * table[2, 1] * table[1, 0] - table[2, 0] * table[1, 1]
+    theta1 = np.arctan2(v_y, v_x) - np.arctan2(h_y, h_x)
+    out[0] = theta1 - table[0, 4]
+    out[1] = theta2 - table[1, 4]
+    out[2] = insertion
+    frame = np.eye(3, 4)
+    advance(frame, table[0], out[0], False)
+    advance(frame, table[1], out[1], False)
+    advance(frame, table[2], out[2], True)
+    to_frame3 = np.ascontiguousarray(frame[:, :3].T)
+    tip = to_frame3 @ x5
+    jaw = to_frame3 @ z6
+    cos5, sin5 = -jaw[2], tip[2]
+    theta4 = np.arctan2(cos5 * tip[1] + sin5 * jaw[1], cos5 * tip[0] + sin5 * jaw[0])
+    z5 = np.sin(theta4) * frame[:, 0] - np.cos(theta4) * frame[:, 1]
+    out[3] = theta4 - table[3, 4]
+    out[4] = np.arctan2(sin5, cos5) - table[4, 4]
+    out[5] = np.arctan2(z5 @ x6, x5 @ x6) - table[5, 4]
