@@ -1,0 +1,299 @@
+"""One arm under CRTK's names, whatever is behind it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.crtk.backend import BLOCK_DURATION, SERVO_RATE, Backend, Listener
+from truejoint.crtk.limits import check_range, check_steps, checked_rows, checked_vector
+from truejoint.crtk.messages import Array, JointState, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.planning import time_law
+from truejoint.crtk.states import check_ready, next_state
+from truejoint.errors import CommandRefused, RobotError
+from truejoint.robots import Robot
+from truejoint.units import display_unit
+
+# Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
+# (python_controller/raven_py_controller.py: positioning joints) and turns the tool
+# (python_controller/run_r2_keyboard_controller.py: the others) [rad/s, m/s].
+_MOVE_POSITIONING: Final = np.deg2rad(3.0)
+_MOVE_TOOL: Final = np.deg2rad(10.0)
+_MOVE_PRISMATIC: Final = 0.01
+
+
+class Arm:
+    """A robot arm; commands and measurements are named and mean what CRTK says.
+
+    Positions are in rad and m, in the order of ``arm.robot.joints``. Every command is checked
+    against state and limits before it reaches the robot, and refused with a reason; a refused
+    command changes nothing. Positions relative are relative to the latest set-point.
+
+    Parameters
+    ----------
+    backend : Backend
+        For instance from `truejoint.crtk.simulated_arm`, which makes the arm as well.
+
+    References
+    ----------
+    collaborative-robotics/documentation:docs/pages/api-robot-motion.rst
+    """
+
+    def __init__(self, backend: Backend) -> None:
+        self._backend = backend
+        self._robot = backend.robot
+        self._joint_channels = [self._robot.channels.index(n) for n in self._robot.joint_names]
+        self._listeners: list[Listener] = []
+        self._latest: StateBlock | None = None
+        self._moving = False
+        backend.connect(self._on_block)
+
+    @property
+    def robot(self) -> Robot:
+        """What the arm is: joints, limits, kinematics."""
+        return self._robot
+
+    @property
+    def time(self) -> float:
+        """Now, on the robot's clock [s]."""
+        return self._backend.time
+
+    # ------------------------------------------------------------------ state
+
+    def operating_state(self) -> OperatingState:
+        """State, whether homed, whether busy, with a time stamp."""
+        now = self._backend.operating_state()
+        return replace(now, is_busy=now.is_busy or self._moving)
+
+    def state_command(self, command: str) -> None:
+        """Send ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``; blocks.
+
+        Raises
+        ------
+        CommandRefused
+            If the state machine does not allow it now; the message says what to send first.
+        """
+        next_state(self.operating_state(), command)
+        self._backend.state_command(command)  # type: ignore[arg-type]  # next_state knows it
+        if command == "unhome":
+            self._latest = None
+
+    def enable(self) -> None:
+        """Switch the motors on."""
+        self.state_command("enable")
+
+    def disable(self) -> None:
+        """Switch the motors off; the way out of a fault."""
+        self.state_command("disable")
+
+    def pause(self) -> None:
+        """Stop and hold; during a move, from a subscriber, it ends the move."""
+        self.state_command("pause")
+
+    def resume(self) -> None:
+        """Go on after `pause`."""
+        self.state_command("resume")
+
+    def home(self) -> None:
+        """Explore the hard stops, register the motor encoders, go to the home pose."""
+        self.state_command("home")
+
+    def unhome(self) -> None:
+        """Forget the registration of the motor encoders."""
+        self.state_command("unhome")
+
+    # --------------------------------------------------------------- measured
+
+    def measured_js(self) -> JointState:
+        """Position, velocity and effort of every joint as measured at the motors.
+
+        Raises
+        ------
+        CommandRefused
+            Before homing: there is nothing valid to report.
+        """
+        block = self._valid("measured_js")
+        return self._joint_state(block, block.measured, block.velocity)
+
+    def setpoint_js(self) -> JointState:
+        """Latest set-point, its velocity and the effort command; refused before homing."""
+        block = self._valid("setpoint_js")
+        velocity = np.zeros_like(block.setpoint)
+        velocity[1:] = np.diff(block.setpoint, axis=0) * SERVO_RATE
+        return self._joint_state(block, block.setpoint, velocity)
+
+    def measured_cp(self) -> Array:
+        """Tool pose (4, 4) [m] in the base frame, by forward kinematics of `measured_js`.
+
+        Raises
+        ------
+        RobotError
+            If the robot's kinematics are not known.
+        """
+        if self._robot.kinematics is None:
+            raise RobotError(f"measured_cp: the kinematics of {self._robot.title} are not known")
+        return self._robot.kinematics.forward(self.measured_js().position)
+
+    # ----------------------------------------------------------------- motion
+
+    def servo_jp(self, position: ArrayLike) -> None:
+        """Go to `position` (n_joints,) [rad or m] within one servo period.
+
+        Raises
+        ------
+        CommandRefused
+            If the arm is not ready, or on NaN, wrong shape, a joint limit or too large a step.
+        """
+        target = checked_vector(self._robot, position, "servo_jp")
+        self._stream(target[None], "servo_jp")
+
+    def servo_jr(self, increment: ArrayLike) -> None:
+        """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
+        step = checked_vector(self._robot, increment, "servo_jr")
+        check_ready(self.operating_state(), "servo_jr")
+        self._stream((self.setpoint_js().position + step)[None], "servo_jr")
+
+    def servo_jp_stream(self, positions: ArrayLike) -> None:
+        """Stream `positions` (n, n_joints) [rad or m] at 1 kHz; blocks until all are sent.
+
+        The whole stream is checked before its first sample is sent; raises as `servo_jp`.
+        """
+        rows = checked_rows(self._robot, positions, "servo_jp_stream")
+        self._stream(rows, "servo_jp_stream")
+
+    def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> None:
+        """Go to `goal` along a straight line in joint space; blocks until there.
+
+        Speed and acceleration are bounded, all joints arrive together (`planning.TimeLaw`).
+
+        Parameters
+        ----------
+        goal : array_like, shape (n_joints,)
+            [rad or m].
+        speed : array_like, shape (n_joints,), optional
+            Speed caps [rad/s or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s
+            for a prismatic one and 10 deg/s for the others.
+
+        Raises
+        ------
+        CommandRefused
+            As `servo_jp`, or if a speed is not positive or above the joint's top speed.
+        """
+        target = checked_vector(self._robot, goal, "move_jp")
+        caps = self._move_speed(speed)
+        check_range(self._robot, target[None], "move_jp")
+        check_ready(self.operating_state(), "move_jp")
+        law = time_law(np.vstack([self.setpoint_js().position, target]), caps)
+        self._moving = True
+        try:
+            for block in law.blocks():
+                self._send(block, "move_jp")
+        finally:
+            self._moving = False
+
+    def wait(self, duration: float) -> None:
+        """Let `duration` [s] pass.
+
+        An arm that is enabled and homed servoes on its set-point and reports; otherwise it
+        stands on its brakes and reports nothing.
+        """
+        if not (np.isfinite(duration) and duration >= 0.0):
+            raise CommandRefused(f"wait refused: {duration} s; give a duration of 0 s or more")
+        if not self.operating_state().is_ready:
+            self._backend.wait(float(duration))
+            return
+        hold = self.setpoint_js().position
+        left = round(duration * SERVO_RATE)
+        while left > 0:
+            rows = min(left, int(BLOCK_DURATION * SERVO_RATE))
+            self._send(np.broadcast_to(hold, (rows, len(hold))).copy(), "wait")
+            left -= rows
+
+    # ---------------------------------------------------------------- streams
+
+    def subscribe(self, callback: Listener) -> None:
+        """Call `callback` with every StateBlock and TruthBlock from now on, in time order."""
+        self._listeners.append(callback)
+
+    def unsubscribe(self, callback: Listener) -> None:
+        """Stop calling `callback`; one that is not subscribed is left alone."""
+        if callback in self._listeners:
+            self._listeners.remove(callback)
+
+    # ---------------------------------------------------------------- private
+
+    def _on_block(self, block: StateBlock | TruthBlock) -> None:
+        if isinstance(block, StateBlock) and len(block.t):
+            # Two rows are enough for every getter; a view would keep the whole block alive.
+            self._latest = _last_rows(block, 2)
+        for listener in tuple(self._listeners):
+            listener(block)
+
+    def _valid(self, name: str) -> StateBlock:
+        if self._latest is None:
+            raise CommandRefused(f"{name} refused: the arm is not homed; send 'home' first")
+        return self._latest
+
+    def _joint_state(self, block: StateBlock, position: Array, velocity: Array) -> JointState:
+        columns = self._joint_channels
+        return JointState(
+            float(block.t[-1]),
+            self._robot.joint_names,
+            position[-1, columns],
+            velocity[-1, columns],
+            block.effort[-1, columns],
+        )
+
+    def _stream(self, rows: Array, command: str) -> None:
+        check_ready(self.operating_state(), command)
+        check_range(self._robot, rows, command)
+        check_steps(self._robot, self.setpoint_js().position, rows, command)
+        size = int(BLOCK_DURATION * SERVO_RATE)
+        for start in range(0, len(rows), size):
+            self._send(rows[start : start + size], command)
+
+    def _send(self, rows: Array, command: str) -> None:
+        # A subscriber may have paused the arm since the last block.
+        state = self._backend.operating_state()
+        if not state.is_ready:
+            raise CommandRefused(f"{command} stopped at t = {state.t:.3f} s: {state.state}")
+        self._backend.servo_jp(rows)
+
+    def _move_speed(self, speed: ArrayLike | None) -> Array:
+        joints = self._robot.joints
+        top = np.array([joint.max_speed for joint in joints])
+        if speed is None:
+            default = [
+                _MOVE_PRISMATIC
+                if joint.kind == "prismatic"
+                else (_MOVE_POSITIONING if joint.name in self._robot.positioning else _MOVE_TOOL)
+                for joint in joints
+            ]
+            return np.asarray(np.minimum(default, top))
+        caps = checked_vector(self._robot, speed, "move_jp speed")
+        wrong = ~((caps > 0.0) & (caps <= top))
+        if wrong.any():
+            joint, cap = joints[int(np.argmax(wrong))], float(caps[np.argmax(wrong)])
+            unit = display_unit(joint.unit + "/s")
+            raise CommandRefused(
+                f"move_jp refused: speed of {joint.name} is {cap * unit.scale:.4g} {unit.name}; "
+                f"want more than 0 and at most {joint.max_speed * unit.scale:.4g} {unit.name}"
+            )
+        return caps
+
+
+def _last_rows(block: StateBlock, count: int) -> StateBlock:
+    """Copy of the last `count` rows of a block."""
+    return StateBlock(
+        t=block.t[-count:].copy(),
+        name=block.name,
+        measured=block.measured[-count:].copy(),
+        velocity=block.velocity[-count:].copy(),
+        effort=block.effort[-count:].copy(),
+        setpoint=block.setpoint[-count:].copy(),
+        motor=block.motor[-count:].copy(),
+        motor_velocity=block.motor_velocity[-count:].copy(),
+    )

@@ -1,0 +1,104 @@
+"""A time law for straight lines in joint space: full speed between corners, smooth at them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.crtk.backend import BLOCK_DURATION, SERVO_RATE
+from truejoint.crtk.messages import Array
+
+BLEND: Final = 0.25
+"""Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
+
+
+@dataclass(frozen=True, eq=False)
+class TimeLaw:
+    """Positions over time along straight lines, averaged over the last `blend` seconds.
+
+    The moving average makes acceleration bounded: wherever the lines keep a speed v, the law
+    keeps it too, and its acceleration stays below 2 v / blend, reached where a joint turns back.
+    It never leaves the convex hull of the knots, starts and ends at rest on the first and
+    last one, and cuts a corner by at most v blend / 4 per joint. The average is taken in closed
+    form, so that any stretch of a law of hours can be computed alone.
+
+    Attributes
+    ----------
+    times : ndarray, shape (n,)
+        Of the knots, strictly increasing from 0 [s].
+    knots : ndarray, shape (n, n_joints)
+        Corners of the lines [rad or m].
+    blend : float
+        [s].
+    """
+
+    times: Array
+    knots: Array
+    blend: float = BLEND
+    _centred: Array = field(init=False, repr=False)
+    _integral: Array = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        # Small values keep the difference of two integrals exact to 1e-11 over hours.
+        centred = self.knots - self.knots[0]
+        areas = np.diff(self.times)[:, None] * (centred[1:] + centred[:-1]) / 2
+        integral = np.vstack([np.zeros(self.knots.shape[1]), np.cumsum(areas, axis=0)])
+        object.__setattr__(self, "_centred", centred)
+        object.__setattr__(self, "_integral", integral)
+
+    @property
+    def duration(self) -> float:
+        """From rest to rest [s]."""
+        return float(self.times[-1]) + self.blend
+
+    def at(self, t: ArrayLike) -> Array:
+        """Positions (m, n_joints) [rad or m] at times (m,) [s]; at rest before and after."""
+        now = np.asarray(t, dtype=float)
+        law = (self._integral_to(now) - self._integral_to(now - self.blend)) / self.blend
+        # An end that is a difference of integrals would be off by rounding.
+        law[now <= 0.0] = 0.0
+        law[now >= self.duration] = self._centred[-1]
+        return np.asarray(law + self.knots[0])
+
+    def blocks(self) -> Iterator[Array]:
+        """Set-points (m, n_joints) at `SERVO_RATE` from the first period to rest, by blocks."""
+        total = int(np.ceil(self.duration * SERVO_RATE - 1e-6))
+        size = int(BLOCK_DURATION * SERVO_RATE)
+        for start in range(0, total, size):
+            yield self.at(np.arange(start + 1, min(start + size, total) + 1) / SERVO_RATE)
+
+    def _integral_to(self, t: Array) -> Array:
+        """Integral (m, n_joints) of the centred lines from 0 to `t`, held beyond both ends."""
+        inside = np.clip(t, 0.0, self.times[-1])
+        i = np.clip(np.searchsorted(self.times, inside, side="right") - 1, 0, len(self.times) - 2)
+        span = self.times[i + 1] - self.times[i]
+        part = (inside - self.times[i])[:, None]
+        a, b = self._centred[i], self._centred[i + 1]
+        here = a + (b - a) * part / span[:, None]
+        beyond = np.maximum(t - self.times[-1], 0.0)[:, None] * self._centred[-1]
+        return np.asarray(self._integral[i] + part * (a + here) / 2 + beyond)
+
+
+def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLaw:
+    """Time law through `knots` in which, on every line, one joint moves at its full speed.
+
+    Parameters
+    ----------
+    knots : array_like, shape (n, n_joints)
+        Corners [rad or m]; repeated ones are passed once.
+    speed : array_like, shape (n_joints,)
+        Speed caps [rad/s or m/s].
+    blend : float
+        [s].
+    """
+    corners = np.asarray(knots, dtype=float)
+    needed = (np.abs(np.diff(corners, axis=0)) / np.asarray(speed)).max(axis=1)
+    corners = corners[np.concatenate([[True], needed > 0.0])]
+    needed = needed[needed > 0.0]
+    if len(corners) == 1:
+        corners, needed = np.repeat(corners, 2, axis=0), np.array([1.0 / SERVO_RATE])
+    return TimeLaw(np.concatenate([[0.0], np.cumsum(needed)]), corners, blend)
