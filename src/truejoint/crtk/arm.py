@@ -126,7 +126,9 @@ class Arm:
         return self._joint_state(block, block.setpoint, velocity)
 
     def measured_cp(self) -> Array:
-        """Tool pose (4, 4) [m] in the base frame, by forward kinematics of `measured_js`.
+        """Tool pose (4, 4) [m] in the frame of the robot's CRTK topics.
+
+        Forward kinematics of `measured_js`.
 
         Raises
         ------
@@ -135,7 +137,10 @@ class Arm:
         """
         if self._robot.kinematics is None:
             raise RobotError(f"measured_cp: the kinematics of {self._robot.title} are not known")
-        return self._robot.kinematics.forward(self.measured_js().position)
+        kinematics = self._robot.kinematics
+        return np.asarray(
+            kinematics.crtk_from_base @ kinematics.forward(self.measured_js().position)
+        )
 
     # ----------------------------------------------------------------- motion
 

@@ -1,1 +1,19 @@
-"""truejoint.motion."""
+"""Trajectories as data, and what drives an arm along them."""
+
+from truejoint.motion.follow import TrackingReport, follow, nominal_duration
+from truejoint.motion.random_motion import random_motion
+from truejoint.motion.trajectory import Trajectory
+from truejoint.motion.workspace import Workspace, workspace_of
+from truejoint.motion.zigzag import DIRECTIONS, zigzag
+
+__all__ = [
+    "DIRECTIONS",
+    "TrackingReport",
+    "Trajectory",
+    "Workspace",
+    "follow",
+    "nominal_duration",
+    "random_motion",
+    "workspace_of",
+    "zigzag",
+]

@@ -1,0 +1,180 @@
+"""Trajectory files: CSV with provenance, and the laboratory's three bare columns."""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+
+from truejoint.errors import TrajectoryError
+from truejoint.motion.trajectory import Trajectory
+
+_MARK: Final = "# truejoint trajectory "
+_FORMAT: Final = 1
+_LAB_JOINTS: Final = ("shoulder", "elbow", "insertion")
+_LAB_UNITS: Final = ("rad", "rad", "m")
+# A day at 50 Hz of seven joints is below both.
+_MAX_BYTES: Final = 1 << 30
+_MAX_ROWS: Final = 10_000_000
+_MAX_COLUMNS: Final = 65
+_MAX_HEADER: Final = 1 << 16
+
+
+def write_csv(trajectory: Trajectory, path: Path, *, overwrite: bool) -> None:
+    """Write atomically; see `Trajectory.save`."""
+    header = {
+        "format": _FORMAT,
+        "name": trajectory.name,
+        "units": dict(zip(trajectory.joints, trajectory.units, strict=True)),
+        "meta": dict(trajectory.meta),
+    }
+    try:
+        text = json.dumps(header, allow_nan=False)
+    except (TypeError, ValueError) as error:
+        raise TrajectoryError(f"{path}: meta cannot be written as JSON: {error}") from None
+    if len(text) + len(_MARK) >= _MAX_HEADER:
+        raise TrajectoryError(f"{path}: meta takes {len(text)} characters; keep it below 64 kB")
+    table = pd.DataFrame(trajectory.positions, columns=list(trajectory.joints))
+    if trajectory.times is not None:
+        table.insert(0, "t", trajectory.times)
+    _write(table, path, f"{_MARK}{text}\n", overwrite=overwrite)
+
+
+def write_lab(trajectory: Trajectory, path: Path, *, overwrite: bool) -> None:
+    """Write the laboratory's layout; see `Trajectory.save_lab`."""
+    if (trajectory.joints, trajectory.units) != (_LAB_JOINTS, _LAB_UNITS):
+        raise TrajectoryError(
+            f"{path}: the laboratory's files hold {', '.join(_LAB_JOINTS)} in rad, rad, m; "
+            f"{trajectory.name} has {', '.join(trajectory.joints)}"
+        )
+    _write(pd.DataFrame(trajectory.densified(1e-3).positions), path, "", overwrite=overwrite)
+
+
+def _write(table: pd.DataFrame, path: Path, first: str, *, overwrite: bool) -> None:
+    """Write `first`, then `table` (with its header only if `first` says something)."""
+    if path.exists() and not overwrite:
+        raise TrajectoryError(f"{path}: exists; choose another name or allow overwriting")
+    try:
+        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    except OSError as error:
+        raise TrajectoryError(f"{path}: cannot be written: {error.strerror}") from None
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+            file.write(first)
+            table.to_csv(file, index=False, header=bool(first), lineterminator="\n")
+        Path(partial).replace(path)
+    except BaseException:
+        Path(partial).unlink(missing_ok=True)
+        raise
+
+
+def read_csv(path: Path) -> Trajectory:
+    """Read either layout; see `Trajectory.load`."""
+    try:
+        size = path.stat().st_size
+        with path.open(encoding="utf-8", newline="") as file:
+            first, second = file.readline(_MAX_HEADER), file.readline(_MAX_HEADER)
+    except OSError as error:
+        raise TrajectoryError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TrajectoryError(f"{path}: is not text; want a trajectory CSV") from None
+    if size > _MAX_BYTES:
+        raise TrajectoryError(f"{path}: {size} bytes is more than a trajectory may have (1 GiB)")
+    if first.startswith(_MARK):
+        return _read_own(path, first, second)
+    return _read_lab(path, first)
+
+
+def _read_own(path: Path, first: str, second: str) -> Trajectory:
+    header = _parse_header(path, first)
+    columns = second.strip().split(",")
+    if len(columns) > _MAX_COLUMNS:
+        raise TrajectoryError(f"{path}: {len(columns)} columns; at most {_MAX_COLUMNS}")
+    units: Mapping[str, str] = header["units"]
+    timed = columns[0] == "t"
+    joints = tuple(columns[1:] if timed else columns)
+    if list(joints) != list(units):
+        raise TrajectoryError(
+            f"{path}: columns {columns} do not match the joints {list(units)} of its first line"
+        )
+    values = _read_numbers(path, len(columns), skip=2)
+    try:
+        return Trajectory(
+            joints,
+            tuple(units.values()),
+            values[:, 1:] if timed else values,
+            values[:, 0] if timed else None,
+            header["name"],
+            header["meta"],
+        )
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error}") from None
+
+
+def _parse_header(path: Path, first: str) -> dict[str, Any]:
+    try:
+        header = json.loads(first.removeprefix(_MARK))
+    except (json.JSONDecodeError, RecursionError):
+        raise TrajectoryError(f"{path}: its first line is damaged; get the file again") from None
+    kinds = {"format": int, "name": str, "units": dict, "meta": dict}
+    if not isinstance(header, dict) or any(
+        not isinstance(header.get(key), kind) for key, kind in kinds.items()
+    ):
+        raise TrajectoryError(f"{path}: its first line must hold {', '.join(kinds)}")
+    if header["format"] > _FORMAT:
+        raise TrajectoryError(
+            f"{path}: format {header['format']} is newer than {_FORMAT}; update truejoint"
+        )
+    return header
+
+
+def _read_lab(path: Path, first: str) -> Trajectory:
+    cells = first.strip().split(",")
+    try:
+        [float(cell) for cell in cells]
+    except ValueError:
+        raise TrajectoryError(
+            f"{path}: starts with {first.strip()[:40]!r}; want a file that truejoint saved, or "
+            f"{', '.join(_LAB_JOINTS)} in rad, rad, m without a header"
+        ) from None
+    if len(cells) != len(_LAB_JOINTS):
+        raise TrajectoryError(
+            f"{path}: {len(cells)} columns without a header; want {', '.join(_LAB_JOINTS)}"
+        )
+    values = _read_numbers(path, len(_LAB_JOINTS), skip=0)
+    try:
+        return Trajectory(_LAB_JOINTS, _LAB_UNITS, values, None, path.stem, {"source": path.name})
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error}") from None
+
+
+def _read_numbers(path: Path, columns: int, *, skip: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """Numbers (n, columns) after `skip` lines."""
+    try:
+        table = pd.read_csv(
+            path,
+            header=None,
+            names=list(range(columns)),
+            index_col=False,
+            skiprows=skip,
+            nrows=_MAX_ROWS + 1,
+            dtype=float,
+            float_precision="round_trip",
+            on_bad_lines="error",
+        )
+    except pd.errors.EmptyDataError:
+        raise TrajectoryError(f"{path}: has no rows") from None
+    except (ValueError, UnicodeDecodeError) as error:
+        reason = str(error).splitlines()[0]
+        raise TrajectoryError(
+            f"{path}: a row is not {columns} numbers ({reason}); get the file again"
+        ) from None
+    if len(table) > _MAX_ROWS:
+        raise TrajectoryError(f"{path}: more than {_MAX_ROWS} rows; split it")
+    return table.to_numpy()

@@ -1,0 +1,247 @@
+"""Following a trajectory with an arm, and how well the arm did."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.crtk import SERVO_RATE, Arm, StateBlock, TimeLaw, TruthBlock
+from truejoint.crtk.messages import Array
+from truejoint.crtk.states import check_ready
+from truejoint.errors import CommandRefused, TrajectoryError
+from truejoint.motion.trajectory import Trajectory
+from truejoint.motion.workspace import workspace_of
+from truejoint.robots import Robot
+from truejoint.units import display_unit
+
+_SPEED_WINDOW: Final = 0.1
+"""A measured speed is the mean over this time [s], long enough to hide encoder counts."""
+
+
+@dataclass(frozen=True, eq=False)
+class TrackingReport:
+    """How closely an arm kept to its set-points, as measured at the motors.
+
+    Attributes
+    ----------
+    name : str
+        Of the trajectory.
+    joints, units : tuple of str
+        The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
+    rms, max : ndarray, shape (n_joints,)
+        Of set-point minus measured position [rad or m]; `max` is of the absolute value.
+    setpoint_speed : ndarray, shape (n_joints,)
+        Highest speed of the set-point [rad/s or m/s].
+    max_speed : ndarray, shape (n_joints,)
+        Highest measured speed, mean over 0.1 s [rad/s or m/s].
+    speed_caps : ndarray, shape (n_joints,)
+        What the set-point was to stay below [rad/s or m/s].
+    duration : float
+        From rest to rest, without the way to the start [s].
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    rms: Array
+    max: Array
+    setpoint_speed: Array
+    max_speed: Array
+    speed_caps: Array
+    duration: float
+
+    @property
+    def kept_caps(self) -> bool:
+        """Whether no set-point moved faster than its cap (within one part in a million)."""
+        return bool(np.all(self.setpoint_speed <= self.speed_caps * (1 + 1e-6)))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, SI units."""
+        arrays = ("rms", "max", "setpoint_speed", "max_speed", "speed_caps")
+        return {
+            "name": self.name,
+            "joints": list(self.joints),
+            "units": list(self.units),
+            **{name: getattr(self, name).tolist() for name in arrays},
+            "duration": self.duration,
+            "kept_caps": self.kept_caps,
+        }
+
+    def __str__(self) -> str:
+        parts = []
+        for k, (joint, unit) in enumerate(zip(self.joints, self.units, strict=True)):
+            shown, speed = display_unit(unit), display_unit(unit + "/s")
+            parts.append(
+                f"{joint} {self.rms[k] * shown.scale:.3f} {shown.name} RMS "
+                f"({self.max[k] * shown.scale:.3f} max, up to "
+                f"{self.max_speed[k] * speed.scale:.2f} {speed.name})"
+            )
+        return f"{self.name}, {self.duration / 60:.1f} min, tracking error: {'; '.join(parts)}"
+
+
+def follow(
+    arm: Arm,
+    trajectory: Trajectory,
+    *,
+    speed_scale: float = 1.0,
+    speed: ArrayLike | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> TrackingReport:
+    """Move an arm to the start of a trajectory and along it; blocks until it is at rest again.
+
+    A path is followed at the speed caps, so that on every line one joint moves at its cap; a
+    trajectory with times keeps to them. Either way corners are rounded
+    (`truejoint.crtk.TimeLaw`): acceleration stays below eight times the cap per second. Joints
+    that the trajectory does not name hold still. Set-points are made and sent in blocks of 10 s,
+    whatever the duration.
+
+    Parameters
+    ----------
+    arm : Arm
+        Enabled and homed.
+    trajectory : Trajectory
+    speed_scale : float
+        In (0, 1]: share of the caps, or of the speed that the trajectory's times give.
+    speed : array_like, shape (n_joints,), optional
+        Speed caps along a path [rad/s or m/s]; by default those of `workspace_of(arm.robot)`.
+        A trajectory with times needs none.
+    progress : callable, optional
+        Called with the share done, from 0 to 1.
+
+    Returns
+    -------
+    TrackingReport
+
+    Raises
+    ------
+    TrajectoryError
+        Before any motion, if the trajectory leaves the arm's limits or speeds are out of range.
+    CommandRefused
+        If the arm is not ready, or stops being so on the way.
+    """
+    check_ready(arm.operating_state(), "follow")
+    trajectory.check_within(arm.robot)
+    law, caps = _timed(arm.robot, trajectory, speed_scale, speed)
+    columns = arm.robot.index(trajectory.joints)
+    pose = arm.setpoint_js().position.copy()
+    pose[columns] = trajectory.positions[0]
+    arm.move_jp(pose)
+    tally = _Tally(arm.robot, trajectory.joints)
+    setpoint_speed = np.zeros(len(columns))
+    arm.subscribe(tally)
+    try:
+        sent, total = 0, law.duration * SERVO_RATE
+        for block in law.blocks():
+            rows = np.tile(pose, (len(block), 1))
+            steps = np.abs(
+                np.diff(block, axis=0, prepend=arm.setpoint_js().position[None, columns])
+            )
+            setpoint_speed = np.maximum(setpoint_speed, steps.max(axis=0) * SERVO_RATE)
+            rows[:, columns] = block
+            arm.servo_jp_stream(rows)
+            sent += len(rows)
+            if progress is not None:
+                progress(min(sent / total, 1.0))
+    finally:
+        arm.unsubscribe(tally)
+    rms, largest, max_speed = tally.totals()
+    return TrackingReport(
+        name=trajectory.name,
+        joints=trajectory.joints,
+        units=trajectory.units,
+        rms=rms,
+        max=largest,
+        setpoint_speed=setpoint_speed,
+        max_speed=max_speed,
+        speed_caps=caps,
+        duration=law.duration,
+    )
+
+
+def nominal_duration(trajectory: Trajectory, robot: Robot, speed_scale: float = 1.0) -> float:
+    """Time that `follow` will take from start to end [s]; raises as it does."""
+    return _timed(robot, trajectory, speed_scale, None)[0].duration
+
+
+def _timed(
+    robot: Robot, trajectory: Trajectory, speed_scale: float, speed: ArrayLike | None
+) -> tuple[TimeLaw, Array]:
+    """Time law of a trajectory, and the speed (n_joints,) that its set-points stay below."""
+    if not 0.0 < speed_scale <= 1.0:
+        raise TrajectoryError(f"{trajectory.name}: speed scale {speed_scale} must be in (0, 1]")
+    top = np.array([robot.joint(name).max_speed for name in trajectory.joints])
+    if trajectory.times is not None:
+        if speed is not None:
+            raise TrajectoryError(f"{trajectory.name}: has times; give no speed, or speed_scale")
+        slopes = np.abs(np.diff(trajectory.positions, axis=0)) / np.diff(trajectory.times)[:, None]
+        caps = slopes.max(axis=0) * speed_scale
+        law = TimeLaw((trajectory.times - trajectory.times[0]) / speed_scale, trajectory.positions)
+    else:
+        caps = _path_speed(robot, trajectory, speed) * speed_scale
+        law = trajectory.time_law(caps)
+    if not np.all((caps <= top) & np.isfinite(caps)):
+        k = int(np.argmax(~((caps <= top) & np.isfinite(caps))))
+        unit = display_unit(trajectory.units[k] + "/s")
+        raise TrajectoryError(
+            f"{trajectory.name}: {trajectory.joints[k]} would move at {caps[k] * unit.scale:.4g} "
+            f"{unit.name}, above {top[k] * unit.scale:.4g}; lower the speed scale"
+        )
+    return law, caps
+
+
+def _path_speed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> Array:
+    """Speed caps (n_joints,) for a path, as given or of the robot's workspace."""
+    joints = trajectory.joints
+    if speed is None:
+        space = workspace_of(robot)
+        missing = [name for name in joints if name not in space.joints]
+        if missing:
+            raise TrajectoryError(
+                f"{trajectory.name}: no speed cap is known for {', '.join(missing)}; give speed"
+            )
+        return space.speed[[space.joints.index(name) for name in joints]]
+    caps = np.asarray(speed, dtype=float)
+    if caps.shape != (len(joints),) or not (caps > 0.0).all():
+        raise TrajectoryError(
+            f"{trajectory.name}: speed {caps.tolist()} must be {len(joints)} positive values"
+        )
+    return caps
+
+
+class _Tally:
+    """Sums over the blocks of a run; keeps no block."""
+
+    def __init__(self, robot: Robot, joints: tuple[str, ...]) -> None:
+        self._columns = [robot.channels.index(name) for name in joints]
+        self._count = 0
+        self._squares = np.zeros(len(joints))
+        self._max = np.zeros(len(joints))
+        self._max_speed = np.zeros(len(joints))
+        self._t = np.empty(0)
+        self._measured = np.empty((0, len(joints)))
+
+    def __call__(self, block: StateBlock | TruthBlock) -> None:
+        if isinstance(block, TruthBlock):
+            return
+        measured = block.measured[:, self._columns]
+        error = block.setpoint[:, self._columns] - measured
+        self._count += len(error)
+        self._squares += (error**2).sum(axis=0)
+        self._max = np.maximum(self._max, np.abs(error).max(axis=0))
+        t, path = np.concatenate([self._t, block.t]), np.vstack([self._measured, measured])
+        window = int(_SPEED_WINDOW * SERVO_RATE)
+        if len(t) > window:
+            travel = np.abs(path[window:] - path[:-window])
+            speed = (travel / (t[window:] - t[:-window])[:, None]).max(axis=0)
+            self._max_speed = np.maximum(self._max_speed, speed)
+        self._t, self._measured = t[-window:].copy(), path[-window:].copy()
+
+    def totals(self) -> tuple[Array, Array, Array]:
+        """RMS error, largest error and highest speed, each (n_joints,)."""
+        if self._count == 0:
+            raise CommandRefused("follow ended without a state message; is the robot reporting?")
+        return np.sqrt(self._squares / self._count), self._max, self._max_speed

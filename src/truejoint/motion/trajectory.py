@@ -1,0 +1,201 @@
+"""A trajectory as data: joint positions, with or without times, saved and loaded as CSV."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.crtk import TimeLaw, time_law
+from truejoint.crtk.messages import Array
+from truejoint.errors import TrajectoryError
+from truejoint.robots import Robot
+from truejoint.units import display_unit
+
+_NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+_UNITS: Final = ("rad", "m")
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Joint positions in order; straight lines in joint space join them.
+
+    A path is kept by its corners alone: the lines between them carry no more information, files
+    stay small, a plot is exact at any zoom, and the time law decides on points. Where a program
+    needs closely spaced points, `densified` gives them.
+
+    Attributes
+    ----------
+    joints : tuple of str
+    units : tuple of str
+        ``"rad"`` or ``"m"`` for each joint.
+    positions : ndarray, shape (n, n_joints)
+        At least two rows [rad or m].
+    times : ndarray, shape (n,), or None
+        Strictly increasing [s]; None for a path without a time law.
+    name : str
+    meta : mapping
+        Where it comes from: plain values that JSON can hold.
+
+    Raises
+    ------
+    TrajectoryError
+        If shapes, names, units or values break one of these rules.
+    """
+
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    positions: Array
+    times: Array | None = None
+    name: str = "trajectory"
+    meta: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "positions", np.asarray(self.positions, dtype=float))
+        if self.times is not None:
+            object.__setattr__(self, "times", np.asarray(self.times, dtype=float))
+        _check(self)
+
+    def __len__(self) -> int:
+        return len(self.positions)
+
+    @classmethod
+    def load(cls, path: str | Path) -> Trajectory:
+        """Read a CSV written by `save`, or the laboratory's three columns without a header.
+
+        The latter are shoulder [rad], elbow [rad] and insertion [m], as the files of
+        uw-biorobotics/raven2_CRTK_Python_controller.
+
+        Raises
+        ------
+        TrajectoryError
+            If the file is missing, too large, damaged or of another layout.
+        """
+        from truejoint.motion.files import read_csv  # noqa: PLC0415 - files needs this module
+
+        return read_csv(Path(path))
+
+    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write a CSV: one ``#`` line of provenance, a header, then values in full precision.
+
+        Raises
+        ------
+        TrajectoryError
+            If the file exists and `overwrite` is false, or cannot be written.
+        """
+        from truejoint.motion.files import write_csv  # noqa: PLC0415 - files needs this module
+
+        write_csv(self, Path(path), overwrite=overwrite)
+
+    def save_lab(self, path: str | Path, *, overwrite: bool = False) -> None:
+        """Write a path as the laboratory's follower reads it: three columns, no header.
+
+        Points are at most a thousandth of each joint's range apart, as in the files of
+        uw-biorobotics/raven2_CRTK_Python_controller (traj_generator/snake_generator.py).
+
+        Raises
+        ------
+        TrajectoryError
+            As `save`; also if the trajectory has times or other joints than shoulder [rad],
+            elbow [rad] and insertion [m].
+        """
+        from truejoint.motion.files import write_lab  # noqa: PLC0415 - files needs this module
+
+        write_lab(self, Path(path), overwrite=overwrite)
+
+    def plot_3d(self, path: str | Path) -> None:
+        """Draw it to ``.png`` (matplotlib) or self-contained ``.html`` (plotly), deg and mm."""
+        from truejoint.motion.plotting import plot_3d  # noqa: PLC0415 - plotting needs this module
+
+        plot_3d([self], Path(path))
+
+    def densified(self, spacing: float) -> Trajectory:
+        """Path through the same corners with points between them.
+
+        Parameters
+        ----------
+        spacing : float
+            Largest step between neighbours, as a share of each joint's range in this path.
+
+        Raises
+        ------
+        TrajectoryError
+            If the trajectory has times, or `spacing` is not within [1e-5, 1].
+        """
+        if self.times is not None:
+            raise TrajectoryError(f"{self.name}: has times; only a path can be densified")
+        if not 1e-5 <= spacing <= 1.0:
+            raise TrajectoryError(f"{self.name}: spacing {spacing} must be within [1e-5, 1]")
+        extent = np.ptp(self.positions, axis=0)
+        steps = np.abs(np.diff(self.positions, axis=0)) / np.where(extent > 0, extent, 1.0)
+        pieces = np.maximum(np.ceil(steps.max(axis=1) / spacing - 1e-9), 1.0).astype(int)
+        corner = np.concatenate([[0], np.cumsum(pieces)])
+        where = np.arange(corner[-1] + 1)
+        positions = np.column_stack([np.interp(where, corner, q) for q in self.positions.T])
+        return Trajectory(self.joints, self.units, positions, None, self.name, self.meta)
+
+    def time_law(self, speed: Array) -> TimeLaw:
+        """Set-points over time: its own times, or for a path `speed` (n_joints,) at full speed."""
+        if self.times is None:
+            return time_law(self.positions, speed)
+        return TimeLaw(self.times - self.times[0], self.positions)
+
+    def check_within(self, robot: Robot) -> None:
+        """Raise TrajectoryError unless all of it lies within the joint limits of `robot`."""
+        columns = robot.index(self.joints)
+        for k, column in enumerate(columns):
+            joint = robot.joints[column]
+            if joint.unit != self.units[k]:
+                raise TrajectoryError(
+                    f"{self.name}: {joint.name} is in {self.units[k]}, but {robot.title} moves "
+                    f"it in {joint.unit}; convert the trajectory"
+                )
+            values, unit = self.positions[:, k], display_unit(joint.unit)
+            low, high = float(values.min()), float(values.max())
+            if low < joint.lower or high > joint.upper:
+                raise TrajectoryError(
+                    f"{self.name}: {joint.name} spans [{low * unit.scale:.4g}, "
+                    f"{high * unit.scale:.4g}] {unit.name}, outside the range "
+                    f"[{joint.lower * unit.scale:.4g}, {joint.upper * unit.scale:.4g}] "
+                    f"{unit.name} of {robot.title}; make it smaller"
+                )
+
+
+def _check(trajectory: Trajectory) -> None:
+    name, joints, positions = trajectory.name, trajectory.joints, trajectory.positions
+    bad = [j for j in joints if not _NAME.fullmatch(j) or j == "t"]
+    if bad or len(set(joints)) != len(joints) or not joints:
+        raise TrajectoryError(
+            f"{name}: joints {list(joints)} must be distinct names of letters, digits and _, not t"
+        )
+    if len(trajectory.units) != len(joints) or any(u not in _UNITS for u in trajectory.units):
+        raise TrajectoryError(
+            f"{name}: units {list(trajectory.units)} must be 'rad' or 'm', one for each joint"
+        )
+    if positions.ndim != 2 or positions.shape[1] != len(joints) or len(positions) < 2:
+        raise TrajectoryError(
+            f"{name}: positions have shape {positions.shape}; want at least 2 rows of "
+            f"{len(joints)} joints"
+        )
+    if not np.isfinite(positions).all():
+        row, column = np.argwhere(~np.isfinite(positions))[0]
+        raise TrajectoryError(
+            f"{name}: {joints[column]} is {positions[row, column]} in row {row}; remove the row"
+        )
+    times = trajectory.times
+    if times is None:
+        return
+    if times.shape != (len(positions),) or not np.isfinite(times).all():
+        raise TrajectoryError(
+            f"{name}: times must be {len(positions)} finite values, one for each row"
+        )
+    if not (np.diff(times) > 0.0).all():
+        row = int(np.argmax(np.diff(times) <= 0.0)) + 1
+        raise TrajectoryError(
+            f"{name}: times must increase, but row {row} has {times[row]:g} s after "
+            f"{times[row - 1]:g} s"
+        )
