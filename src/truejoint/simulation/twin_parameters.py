@@ -1,0 +1,212 @@
+"""Parameters of the RAVEN-II twin; what every number means and comes from is in raven2_twin.toml."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Final, get_type_hints
+
+from truejoint.simulation.parameter_file import (
+    Sections,
+    build_section,
+    number,
+    numbers,
+    overlay,
+    read_sections,
+    shipped_sections,
+)
+
+Numbers = tuple[float, ...]
+"""One value per positioning joint (shoulder, elbow, insertion) or per tool joint."""
+
+SHIPPED: Final = "raven2_twin.toml"
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Inertia (3,) [kg m^2] at the motor shafts of the positioning joints."""
+
+    inertia: Numbers = numbers(3, 1e-6, 1e-2)
+
+
+@dataclass(frozen=True)
+class MotorFriction:
+    """Friction of motors and gearboxes, as torque at the capstan."""
+
+    coulomb: Numbers = numbers(3, 0.0, 0.3)
+    viscous: Numbers = numbers(3, 0.0, 0.05)
+    presliding: Numbers = numbers(3, 0.02, 5.0)
+    gear_loss: float = number(0.0, 0.5)
+    capstan_ripple: float = number(0.0, 0.5)
+    gear_ripple: float = number(0.0, 0.5)
+    gear_ripple_cycles: float = number(1.0, 100.0)
+    wander: float = number(0.0, 0.2)
+    wander_time: float = number(1.0, 1e5)
+    warm_up: float = number(0.0, 1.0)
+    warm_up_time: float = number(10.0, 1e5)
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction behind the capstan, at the joint; this is what makes hysteresis."""
+
+    coulomb: Numbers = numbers(3, 0.0, 50.0)
+    load_share: Numbers = numbers(3, 0.0, 0.5)
+    presliding: Numbers = numbers(3, 1e-5, 0.05)
+
+
+@dataclass(frozen=True)
+class Cable:
+    """Stiffness (3,) [Nm/rad, Nm/rad, N/m] between capstan and joint, at the joint."""
+
+    stiffness: Numbers = numbers(3, 20.0, 1e7)
+
+
+@dataclass(frozen=True)
+class Pulleys:
+    """Real against nominal transmission: scale, coupling and run-out."""
+
+    scale: Numbers = numbers(3, -0.2, 0.2)
+    coupling_shoulder_elbow: float = number(-0.3, 0.3)
+    coupling_shoulder_insertion: float = number(-0.02, 0.02)
+    coupling_elbow_insertion: float = number(-0.02, 0.02)
+    capstan_run_out: Numbers = numbers(3, 0.0, 1e-3)
+    capstan_phase: Numbers = numbers(3, -7.0, 7.0)
+    joint_run_out: Numbers = numbers(3, 0.0, 2e-3)
+    joint_phase: Numbers = numbers(3, -7.0, 7.0)
+
+
+@dataclass(frozen=True)
+class Wrap:
+    """Change of cable length where runs leave their pulleys at an angle."""
+
+    free_run: Numbers = numbers(3, 0.01, 2.0)
+    sideways_shoulder: Numbers = numbers(3, -0.05, 0.05)
+    sideways_elbow: Numbers = numbers(3, -0.05, 0.05)
+    sideways_insertion: Numbers = numbers(3, -0.5, 0.5)
+    aligned: Numbers = numbers(3, -3.2, 3.2)
+
+
+@dataclass(frozen=True)
+class Creep:
+    """Lengthening of the cables over hours of work."""
+
+    final: Numbers = numbers(3, -0.1, 0.1)
+    travel: Numbers = numbers(3, 0.1, 1e6)
+    load_gain: float = number(0.0, 20.0)
+    idle_time: float = number(1e3, 1e12)
+
+
+@dataclass(frozen=True)
+class Mass:
+    """Mass [kg] that the robot's own link masses leave out."""
+
+    instrument: float = number(0.0, 2.0)
+
+
+@dataclass(frozen=True)
+class Homing:
+    """How registration at the hard stops errs."""
+
+    registration_sd: Numbers = numbers(3, 0.0, 0.1)
+    registration_bias: Numbers = numbers(3, -0.1, 0.1)
+
+
+@dataclass(frozen=True)
+class ExternalEncoders:
+    """Clock of the temporary joint encoders."""
+
+    rate: float = number(1.0, 1000.0)
+    jitter: float = number(0.0, 0.01)
+    stamp_delay: float = number(0.0, 0.1)
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Motors of roll, wrist and jaws."""
+
+    inertia: Numbers = numbers(4, 1e-7, 1e-3)
+    coulomb: Numbers = numbers(4, 0.0, 0.1)
+    viscous: Numbers = numbers(4, 0.0, 0.05)
+    presliding: Numbers = numbers(4, 0.02, 5.0)
+
+
+@dataclass(frozen=True)
+class TwinParameters:
+    """Everything that makes the twin of a RAVEN-II arm err; one attribute per section of the file.
+
+    SI units. `load` reads a file in the format of the shipped ``raven2_twin.toml``, whose comments
+    give the meaning, unit and source of every number.
+    """
+
+    motor: Motor
+    motor_friction: MotorFriction
+    joint_friction: JointFriction
+    cable: Cable
+    pulleys: Pulleys
+    wrap: Wrap
+    creep: Creep
+    mass: Mass
+    homing: Homing
+    external_encoders: ExternalEncoders
+    tool: Tool
+
+    @classmethod
+    def load(cls, path: str | Path | None = None) -> TwinParameters:
+        """Parameters of a TOML file; what the file leaves out keeps the shipped value.
+
+        Parameters
+        ----------
+        path : str or Path, optional
+            Without it, the shipped parameters.
+
+        Raises
+        ------
+        TruejointError
+            If the file cannot be read, or has an unknown key or a value out of bounds.
+        """
+        shipped = shipped_sections(SHIPPED)
+        if path is None:
+            return cls._built(shipped, SHIPPED)
+        changes = read_sections(Path(path))
+        return cls._built(overlay(shipped, changes, str(path)), str(path))
+
+    def with_values(self, changes: Mapping[str, Any]) -> TwinParameters:
+        """Copy with some values changed, by dotted name: ``{"cable.stiffness": (1e3, 4e2, 2e4)}``.
+
+        Raises
+        ------
+        TruejointError
+            If a name is unknown or a value out of bounds.
+        """
+        sections: dict[str, dict[str, Any]] = {}
+        for name, value in changes.items():
+            section, _, key = name.partition(".")
+            sections.setdefault(section, {})[key] = value
+        return self._built(overlay(self.to_dict(), sections, "with_values"), "with_values")
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Plain nested dictionary in the layout of the file."""
+        return asdict(self)
+
+    def to_toml(self) -> str:
+        """Text that `load` turns into these parameters again, without the comments."""
+        lines = []
+        for section, values in self.to_dict().items():
+            lines.append(f"[{section}]")
+            for key, value in values.items():
+                text = repr(list(value)) if isinstance(value, tuple) else repr(value)
+                lines.append(f"{key} = {text}")
+            lines.append("")
+        return "\n".join(lines)
+
+    @classmethod
+    def _built(cls, sections: Sections, source: str) -> TwinParameters:
+        kinds = get_type_hints(cls)
+        return cls(
+            **{
+                f.name: build_section(kinds[f.name], f.name, sections[f.name], source)
+                for f in fields(cls)
+            }
+        )
