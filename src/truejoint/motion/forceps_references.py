@@ -1,0 +1,91 @@
+"""The motions that the forceps of yan2020 are calibrated, verified and loaded on."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from truejoint.crtk.messages import Array
+from truejoint.errors import TrajectoryError
+from truejoint.motion.trajectory import Trajectory
+from truejoint.simulation.forceps_load import LoadTest
+
+Tone = tuple[float, float]
+"""Amplitude [rad] and angular frequency [rad/s] of one sine."""
+
+CALIBRATION_TONES: Final[tuple[Tone, ...]] = ((-math.radians(50.0), 0.3),)
+"""yan2020, equation (27)."""
+
+VERIFICATION_TONES: Final[tuple[Tone, ...]] = (
+    (-math.radians(30.0), 0.3),
+    (-math.radians(15.0), 0.5),
+    (-math.radians(10.0), 0.2),
+    (-math.radians(10.0), 0.2),
+    (-math.radians(10.0), 1.0),
+)
+"""yan2020, equation (28), as printed: 0.2 rad/s stands there twice."""
+
+RAMP: Final = 2.0
+"""Time in which the motion swells from rest [s]; the paper does not say how it begins."""
+
+DURATION: Final = 20.0 * math.pi
+"""Common period of every sine above [s], 62.8 s; it follows the ramp."""
+
+_RATE: Final = 1000.0
+
+
+def calibration_reference(duration: float = DURATION) -> Trajectory:
+    """Motion (27) of yan2020 for `duration` s after the ramp: one sine of 50 deg, 1 kHz."""
+    return sine_reference(CALIBRATION_TONES, duration, name="yan2020 (27)")
+
+
+def verification_reference(duration: float = DURATION) -> Trajectory:
+    """Motion (28) of yan2020 for `duration` s after the ramp: many reversals, 1 kHz."""
+    return sine_reference(VERIFICATION_TONES, duration, name="yan2020 (28)")
+
+
+def sine_reference(
+    tones: tuple[Tone, ...], duration: float = DURATION, *, name: str = "sines"
+) -> Trajectory:
+    """Sum of sines for the jaw of the forceps, swelling from rest.
+
+    Parameters
+    ----------
+    tones : tuple of (amplitude [rad], angular frequency [rad/s])
+        At least one.
+    duration : float
+        After the ramp of `RAMP` [s], at most an hour.
+    name : str
+        Of the trajectory.
+
+    Returns
+    -------
+    Trajectory
+        Joint ``jaw`` at 1 kHz, from time 0.
+
+    Raises
+    ------
+    TrajectoryError
+        If there is no tone, a tone is not finite or the duration is out of range.
+    """
+    if not tones or not np.isfinite(tones).all():
+        raise TrajectoryError(f"{name}: tones {tones}; give at least one, all finite")
+    if not 1.0 <= duration <= 3600.0:
+        raise TrajectoryError(f"{name}: duration {duration} s must be within [1, 3600] s")
+    t = np.arange(round((duration + RAMP) * _RATE) + 1) / _RATE
+    share = np.clip(t / RAMP, 0.0, 1.0)
+    swell = share * share * (3.0 - 2.0 * share)
+    angles = swell * sum(amplitude * np.sin(frequency * t) for amplitude, frequency in tones)
+    return _jaw_trajectory(t, angles, name)
+
+
+def load_reference(test: LoadTest) -> Trajectory:
+    """Motion of the load experiment `test` at 1 kHz: constant speed, then standstill."""
+    t = np.arange(round(test.end * _RATE) + 1) / _RATE
+    return _jaw_trajectory(t, test.angles(t), f"yan2020 load test, {1e3 * test.mass:g} g")
+
+
+def _jaw_trajectory(t: Array, angles: Array, name: str) -> Trajectory:
+    return Trajectory(("jaw",), ("rad",), angles[:, None], t, name, {"robot": "forceps"})

@@ -1,0 +1,68 @@
+"""The one-jaw cable-driven forceps: its geometry and the sensors that it was built with.
+
+Every number is from yan2020: Table 1 and section IV-A.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+Angle = TypeVar("Angle", float, NDArray[np.float64])
+
+
+@dataclass(frozen=True)
+class ForcepsMechanism:
+    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1.
+
+    Attributes
+    ----------
+    gear_ratio : float
+        Motor turns per turn of the winding wheel, ``z_i``.
+    spring_stiffness : float
+        Reset spring ``K_sp`` [N/m].
+    wheel_radius : float
+        Effective radius of the winding wheel ``R`` [m].
+    jaw_radius : float
+        Radius at which both cables act on the jaw ``r`` [m].
+    """
+
+    gear_ratio: float
+    spring_stiffness: float
+    wheel_radius: float
+    jaw_radius: float
+
+    @property
+    def motor_per_jaw(self) -> float:
+        """Motor-shaft angle per jaw angle with rigid cables [rad/rad], ``z_i r / R``."""
+        return self.gear_ratio * self.jaw_radius / self.wheel_radius
+
+    def jaw_from_motor(self, motor: Angle) -> Angle:
+        """Jaw angle [rad] that rigid cables give for motor angles `motor` [rad]; (2), (3), (7)."""
+        return motor / self.motor_per_jaw
+
+    def motor_from_jaw(self, jaw: Angle) -> Angle:
+        """Motor angle [rad] that rigid cables need for jaw angles `jaw` [rad]; (2), (3), (7)."""
+        return jaw * self.motor_per_jaw
+
+    def drive_from_motor(self, motor: Angle) -> Angle:
+        """Displacement of the drive cable ``x1`` [m] at motor angles `motor` [rad]; (2), (3)."""
+        return motor * (self.wheel_radius / self.gear_ratio)
+
+
+TABLE_1: Final = ForcepsMechanism(
+    gear_ratio=35.0, spring_stiffness=656.6, wheel_radius=9.75e-3, jaw_radius=4.0e-3
+)
+
+# Section IV-A. The motor's encoder has 1000 lines, which quadrature makes 4000 counts.
+MOTOR_ENCODER_COUNTS: Final = 4000
+LINEAR_ENCODER_RESOLUTION: Final = 1.0e-6  # [m], scale RGS-40 with an RH100 head
+REFERENCE_ENCODER_COUNTS: Final = 4096  # RM08, 12 bit absolute
+CABLE_LENGTH: Final = 0.65  # [m], from motor to jaw
+CABLE_MASS_PER_LENGTH: Final = 0.81e-3  # [kg/m], 0.45 mm steel cable
+
+# Section IV-D and Table 3.
+LOAD_MASSES: Final = (0.03, 0.05, 0.1, 0.2, 0.25)  # [kg]

@@ -1,0 +1,105 @@
+"""A weight hung on the jaw's tip by hand, as in yan2020, section IV-D."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import TruejointError
+
+Array = NDArray[np.float64]
+
+GRAVITY: Final = 9.81  # [m/s2]
+MAX_MASS: Final = 2.0  # [kg]
+_WOBBLE_TONES: Final = 6
+_WOBBLE_BAND: Final = (1.0, 6.0)  # [Hz] of an unsteady hand
+_WOBBLE_SIZE: Final = 0.2  # of the weight, while it is being let go
+
+
+@dataclass(frozen=True)
+class LoadTest:
+    """One load experiment: turn at constant speed, stop, hang a weight on the tip by hand.
+
+    Attributes
+    ----------
+    mass : float
+        [kg]
+    direction : {"opposing", "along"}
+        Whether the weight pulls against the motion before it, or along it; against is what
+        stretches the drive cable, along is what slackens it.
+    angle, speed : float
+        Where the jaw stops [rad] and how fast it goes there [rad/s]; 30 deg at 1.875 deg/s.
+    start, loaded_from, loaded_to, end : float
+        Times [s] of the motion's start, of the first and last touch of the hand, and of the end.
+    """
+
+    mass: float
+    direction: Literal["opposing", "along"] = "opposing"
+    angle: float = math.radians(30.0)
+    speed: float = math.radians(1.875)
+    start: float = 2.0
+    loaded_from: float = 24.0
+    loaded_to: float = 26.5
+    end: float = 36.0
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.mass <= MAX_MASS:
+            raise TruejointError(f"a load of {self.mass:g} kg; it must lie in [0, {MAX_MASS:g}] kg")
+        if self.direction not in ("opposing", "along"):
+            raise TruejointError(
+                f"load direction {self.direction!r}; write 'opposing' or 'along' (the motion)"
+            )
+        times = (0.0, self.start, self.stop, self.loaded_from, self.loaded_to, self.end)
+        if not (abs(self.speed) > 0.0 and all(a <= b for a, b in pairwise(times))):
+            raise TruejointError(
+                f"a load test moves from {self.start:g} to {self.stop:g} s, is loaded from "
+                f"{self.loaded_from:g} to {self.loaded_to:g} s and ends at {self.end:g} s: these "
+                "times must not decrease"
+            )
+
+    @property
+    def stop(self) -> float:
+        """Time at which the motion ends [s]."""
+        return self.start + abs(self.angle) / abs(self.speed)
+
+    @property
+    def phases(self) -> Mapping[str, tuple[float, float]]:
+        """First and last time [s] of the paper's phases I (moving), II (still), III, IV (loaded).
+
+        Half a second after the stop and a second and a half after the hand has let go belong to
+        no phase, so that II and IV are still.
+        """
+        return {
+            "I": (self.start, self.stop),
+            "II": (min(self.stop + 0.5, self.loaded_from), self.loaded_from),
+            "III": (self.loaded_from, self.loaded_to),
+            "IV": (min(self.loaded_to + 1.5, self.end), self.end),
+        }
+
+    def angles(self, t: Array) -> Array:
+        """Jaw angles wanted (n,) [rad] at times `t` (n,) [s]."""
+        travelled = np.clip(abs(self.speed) * (t - self.start), 0.0, abs(self.angle))
+        return np.asarray(math.copysign(1.0, self.angle) * travelled)
+
+    def force(self, t: Array, seed: int) -> Array:
+        """Force at the tip (n,) [N] at times `t` (n,) [s], positive where it opens the jaw.
+
+        The hand lets go smoothly, wobbling by a fifth of the weight between 1 and 6 Hz, drawn from
+        `seed`; the line never pushes. The weight's inertia is left out: it hangs still in phase IV.
+        """
+        share = np.clip((t - self.loaded_from) / max(self.loaded_to - self.loaded_from, 1e-3), 0, 1)
+        released = share * share * (3.0 - 2.0 * share)
+        rng = np.random.default_rng(seed)
+        frequency = rng.uniform(*_WOBBLE_BAND, _WOBBLE_TONES)
+        phase = rng.uniform(0.0, 2.0 * math.pi, _WOBBLE_TONES)
+        tones = np.sin(2.0 * math.pi * np.multiply.outer(t, frequency) + phase).sum(axis=1)
+        wobble = math.sqrt(2.0 / _WOBBLE_TONES) * tones * 4.0 * share * (1.0 - share)
+        weight = self.mass * GRAVITY * np.maximum(released + _WOBBLE_SIZE * wobble, 0.0)
+        along = math.copysign(1.0, self.angle)
+        return np.asarray(weight * (along if self.direction == "along" else -along))

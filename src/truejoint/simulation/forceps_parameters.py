@@ -1,0 +1,267 @@
+"""Parameters of the virtual forceps: a commented TOML file in, a checked frozen value out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Final, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import TruejointError
+from truejoint.robots.forceps_mechanism import ForcepsMechanism
+from truejoint.simulation.parameter_file import (
+    Sections,
+    build_section,
+    number,
+    overlay,
+    read_sections,
+    shipped_sections,
+    switch,
+    whole_number,
+)
+
+STEP: Final = 1e-4  # [s] of the integrator
+NOMINAL: Final = "forceps.toml"
+
+
+@dataclass(frozen=True)
+class _MechanismSection:
+    """Range of Table 1's values; the mechanism itself belongs to the robot."""
+
+    gear_ratio: float = number(1.0, 1000.0)
+    spring_stiffness: float = number(10.0, 1e4)
+    wheel_radius: float = number(1e-3, 0.1)
+    jaw_radius: float = number(1e-3, 0.02)
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Pretension ``F_pre`` [N], gear torsion [Nm/rad] and run-out of the winding wheel [m, rad]."""
+
+    pretension: float = number(0.5, 100.0)
+    gear_stiffness: float = number(1.0, 1e5)
+    wheel_eccentricity: float = number(0.0, 1e-3)
+    wheel_phase: float = number(-math.pi, math.pi)
+
+
+@dataclass(frozen=True)
+class Cable:
+    """One cable of (4) or (5): ``K`` [N/m], ``B`` [N s/m], ``m`` [kg], and what is not linear.
+
+    `stiffening` is the relative growth of the stiffness per relative growth of the tension;
+    `elastic_share` and `hysteresis_distance` [m] are alpha and D of a Bouc-Wen element.
+    """
+
+    stiffness: float = number(500.0, 1e5)
+    damping: float = number(0.0, 30.0)
+    mass: float = number(0.0, 0.01)
+    stiffening: float = number(0.0, 0.7)
+    elastic_share: float = number(0.7, 1.0)
+    hysteresis_distance: float = number(5e-6, 1e-3)
+
+
+@dataclass(frozen=True)
+class Jaw:
+    """Jaw: ``J_e`` [kg m2], arm of the load [m], pulley eccentricity [m, rad], stops [rad]."""
+
+    inertia: float = number(1e-7, 1e-4)
+    load_arm: float = number(1e-3, 0.1)
+    eccentricity: float = number(0.0, 1e-3)
+    eccentricity_phase: float = number(-math.pi, math.pi)
+    stop_lower: float = number(-math.pi / 2, -0.01)
+    stop_upper: float = number(0.01, math.pi / 2)
+    stop_stiffness: float = number(0.1, 100.0)
+    stop_damping: float = number(0.0, 1e-3)
+
+
+@dataclass(frozen=True)
+class Slider:
+    """Slide block on the reset cable; `mass` is ``m_g2`` [kg]."""
+
+    mass: float = number(5e-3, 1.0)
+
+
+@dataclass(frozen=True)
+class JawFriction:
+    """Friction of the jaw in Nm and rad; `tension_share` multiplies both tensions times ``r``."""
+
+    constant: float = number(0.0, 0.05)
+    tension_share: float = number(0.0, 0.5)
+    viscous: float = number(0.0, 1e-3)
+    presliding: float = number(1e-4, 0.02)
+    stribeck_ratio: float = number(1.0, 2.0)
+    stribeck_velocity: float = number(1e-3, 10.0)
+    bristle_damping: float = number(0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class SliderFriction:
+    """Friction of slide rail and guide pulleys in N and m; `tension_share` multiplies ``F_wr``."""
+
+    constant: float = number(0.0, 5.0)
+    tension_share: float = number(0.0, 0.5)
+    viscous: float = number(0.0, 50.0)
+    presliding: float = number(1e-6, 1e-3)
+    stribeck_ratio: float = number(1.0, 2.0)
+    stribeck_velocity: float = number(1e-5, 0.1)
+    bristle_damping: float = number(0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class MotorLoop:
+    """Position loop of the motor: second order [Hz] with limits [rad/s, rad/s2] at the shaft."""
+
+    bandwidth: float = number(1.0, 200.0)
+    damping_ratio: float = number(0.2, 3.0)
+    max_speed: float = number(1.0, 5000.0)
+    max_acceleration: float = number(10.0, 1e6)
+
+
+@dataclass(frozen=True)
+class MotorEncoder:
+    """Encoder on the motor shaft: `counts` a turn, `noise` [rad] before quantisation."""
+
+    counts: int = whole_number(16, 10_000_000)
+    noise: float = number(0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class LinearEncoder:
+    """Optical encoder on a cable: `resolution` and `noise` [m]; left out if not `installed`."""
+
+    installed: bool = switch()
+    resolution: float = number(1e-9, 1e-3)
+    noise: float = number(0.0, 1e-3)
+
+
+@dataclass(frozen=True)
+class ReferenceEncoder:
+    """Absolute encoder at the jaw: `counts` a turn, `noise` and harmonic errors [rad]."""
+
+    counts: int = whole_number(16, 10_000_000)
+    noise: float = number(0.0, 0.1)
+    first_harmonic: float = number(0.0, 0.1)
+    first_phase: float = number(-math.pi, math.pi)
+    second_harmonic: float = number(0.0, 0.1)
+    second_phase: float = number(-math.pi, math.pi)
+
+
+@dataclass(frozen=True)
+class ForcepsParameters:
+    """Everything that the virtual forceps is made of, checked; one section of the file a field.
+
+    Raises
+    ------
+    TruejointError
+        From `load` and `with_values`: an unknown section or key, a value of the wrong kind or out
+        of range, or a mechanism whose modes the integrator cannot follow.
+    """
+
+    mechanism: ForcepsMechanism
+    assembly: Assembly
+    drive_cable: Cable
+    reset_cable: Cable
+    jaw: Jaw
+    jaw_friction: JawFriction
+    slider: Slider
+    slider_friction: SliderFriction
+    motor_loop: MotorLoop
+    motor_encoder: MotorEncoder
+    drive_encoder: LinearEncoder
+    reset_encoder: LinearEncoder
+    reference_encoder: ReferenceEncoder
+
+    @classmethod
+    def load(cls, path: str | Path | None = None) -> ForcepsParameters:
+        """Parameters of the TOML file at `path`, or the nominal ones.
+
+        A file states only what differs from the nominal instrument.
+        """
+        if path is None:
+            return cls.shipped(NOMINAL)
+        return cls._built(
+            overlay(shipped_sections(NOMINAL), read_sections(Path(path)), str(path)), str(path)
+        )
+
+    @classmethod
+    def shipped(cls, name: str) -> ForcepsParameters:
+        """Parameters of the file `name` that comes with the package."""
+        return cls._built(overlay(shipped_sections(NOMINAL), shipped_sections(name), name), name)
+
+    def with_values(self, changes: Mapping[str, float | bool]) -> ForcepsParameters:
+        """Copy with some values changed, by dotted name: ``{"drive_cable.stiffness": 9e3}``."""
+        nested: dict[str, dict[str, Any]] = {}
+        for name, value in changes.items():
+            section, _, key = name.partition(".")
+            nested.setdefault(section, {})[key] = value
+        return self._built(overlay(self.to_dict(), nested, "parameters"), "parameters")
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Plain nested values, as in the file."""
+        return asdict(self)
+
+    @classmethod
+    def _built(cls, table: Sections, source: str) -> ForcepsParameters:
+        kinds = {**get_type_hints(cls), "mechanism": _MechanismSection}
+        built = {name: build_section(kinds[name], name, table[name], source) for name in kinds}
+        built["mechanism"] = ForcepsMechanism(**asdict(built["mechanism"]))
+        parameters = cls(**built)
+        _check_modes(parameters, source)
+        return parameters
+
+
+def friction_at_pretension(parameters: ForcepsParameters) -> tuple[float, float]:
+    """Coulomb friction of the jaw [Nm] and of the slider [N] with both cables at ``F_pre``."""
+    pretension = parameters.assembly.pretension
+    jaw, slider = parameters.jaw_friction, parameters.slider_friction
+    tensions = 2.0 * pretension * parameters.mechanism.jaw_radius
+    return (
+        jaw.constant + jaw.tension_share * tensions,
+        slider.constant + slider.tension_share * pretension,
+    )
+
+
+def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[np.float64]:
+    """Undamped eigenfrequencies (2,) [Hz] of jaw and slider about the initial position.
+
+    Parameters
+    ----------
+    parameters : ForcepsParameters
+    stuck : bool
+        Whether friction holds both, so that the bristles' stiffness adds to the cables'.
+        False gives those of the model (12) of yan2020.
+    """
+    r = parameters.mechanism.jaw_radius
+    reset = parameters.reset_cable.stiffness
+    stiffness = np.array(
+        [
+            [(parameters.drive_cable.stiffness + reset) * r**2, -reset * r],
+            [-reset * r, reset + parameters.mechanism.spring_stiffness],
+        ]
+    )
+    if stuck:
+        jaw, slider = friction_at_pretension(parameters)
+        stiffness[0, 0] += jaw / parameters.jaw_friction.presliding
+        stiffness[1, 1] += slider / parameters.slider_friction.presliding
+    scale = 1.0 / np.sqrt([parameters.jaw.inertia, parameters.slider.mass])
+    values = np.linalg.eigvalsh(stiffness * np.outer(scale, scale))
+    return np.asarray(np.sqrt(values) / (2.0 * math.pi), dtype=np.float64)
+
+
+def _check_modes(parameters: ForcepsParameters, source: str) -> None:
+    """Refuse what the fixed step cannot resolve: its fastest mode may turn one rad a step."""
+    stop = parameters.jaw.stop_stiffness / parameters.jaw.inertia
+    fastest = math.hypot(
+        2.0 * math.pi * float(eigenfrequencies(parameters, stuck=True)[1]), math.sqrt(stop)
+    )
+    if not fastest * STEP <= 1.0:
+        limit = 1.0 / (2.0 * math.pi * STEP)
+        raise TruejointError(
+            f"{source}: the fastest mode has {fastest / (2 * math.pi):.0f} Hz, more than the "
+            f"{limit:.0f} Hz that a step of {STEP:g} s resolves; raise jaw.inertia, slider.mass or "
+            "a presliding distance, or lower a stiffness"
+        )
