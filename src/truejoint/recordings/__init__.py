@@ -1,5 +1,23 @@
 """Recordings of an arm: one table with named columns, units and provenance."""
 
+from truejoint.recordings.column_map import ColumnMap, MappedColumn, load_column_map
+from truejoint.recordings.formats import FORMATS, Format, detect_format, read_recording
+from truejoint.recordings.parquet import read_parquet, write_parquet
 from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.synchronise import Stream, synchronise
 
-__all__ = ["Provenance", "Recording"]
+__all__ = [
+    "FORMATS",
+    "ColumnMap",
+    "Format",
+    "MappedColumn",
+    "Provenance",
+    "Recording",
+    "Stream",
+    "detect_format",
+    "load_column_map",
+    "read_parquet",
+    "read_recording",
+    "synchronise",
+    "write_parquet",
+]

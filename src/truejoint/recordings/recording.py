@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
 import numpy as np
@@ -64,12 +64,13 @@ class Provenance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values = asdict(self)
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        values |= {"rates": dict(self.rates), "dropped": dict(self.dropped)}
         return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
-        """Inverse of `to_dict`; raises RecordingError on unknown or missing keys."""
+        """Inverse of `to_dict`; raises RecordingError on unknown keys and wrong kinds of value."""
         known = {f.name for f in fields(cls)}
         unknown = sorted(set(values) - known)
         if unknown or "robot" not in values:
@@ -77,8 +78,43 @@ class Provenance:
                 f"provenance has unknown keys {unknown} or lacks 'robot'; "
                 "was the file written by a newer version?"
             )
-        clean = {k: (float("nan") if v is None else v) for k, v in values.items()}
+        for name, value in values.items():
+            if not _FITS[name](value):
+                raise RecordingError(
+                    f"provenance: {name!r} is {str(value)[:60]!r}, not what stands there; "
+                    "was the file edited?"
+                )
+        clean: dict[str, Any] = {
+            name: float("nan") if value is None else value for name, value in values.items()
+        }
         return cls(**clean)
+
+
+def _is_text(value: object) -> bool:
+    return isinstance(value, str)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_number_or_none(value: object) -> bool:
+    return value is None or _is_number(value)
+
+
+def _maps_to_numbers(value: object) -> bool:
+    return isinstance(value, dict) and all(
+        isinstance(k, str) and _is_number(v) for k, v in value.items()
+    )
+
+
+_FITS: Final[dict[str, Callable[[object], bool]]] = {
+    **dict.fromkeys(
+        ("robot", "arm", "source", "sha256", "session", "homing_id", "command", "notes"), _is_text
+    ),
+    **dict.fromkeys(("load", "start"), _is_number_or_none),
+    **dict.fromkeys(("rates", "dropped"), _maps_to_numbers),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -116,7 +152,7 @@ class Recording:
         provenance: Provenance,
         units: Mapping[str, str] | None = None,
     ) -> Recording:
-        """Recording of columns by name; units of joint positions are filled in by the robot.
+        """Make a recording of columns by name; units of joint positions come from the robot.
 
         Parameters
         ----------
@@ -128,7 +164,7 @@ class Recording:
         """
         table = pd.DataFrame({name: np.asarray(v, dtype=float) for name, v in columns.items()})
         robot = get_robot(provenance.robot, provenance.arm)
-        filled = {name: _default_unit(name, robot) for name in table.columns if name != "t"}
+        filled = {name: default_unit(name, robot) for name in table.columns if name != "t"}
         filled.update(units or {})
         return cls(table, filled, provenance)
 
@@ -173,27 +209,43 @@ class Recording:
         return self.columns("truth", joints) - self.columns("measured", joints)
 
     def rows(self, selection: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Recording:
-        """Recording of the selected rows only."""
+        """Keep the selected rows only."""
         return replace(self, table=self.table.iloc[selection].reset_index(drop=True))
 
     def with_truth(self, joints: Sequence[str]) -> Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
-        return self.rows(np.isfinite(self.columns("truth", joints)).all(axis=1))
+        unknown = np.isnan(self.columns("truth", joints)).any(axis=1)
+        return self.rows(np.flatnonzero(~unknown))
 
 
-def _default_unit(column: str, robot: Robot) -> str:
+# RAVEN reports the torque at the motor's capstan, for its prismatic joint too.
+_EFFORT_AT_MOTOR: Final = ("raven2",)
+
+
+def default_unit(column: str, robot: Robot) -> str:
+    """Give the SI unit that a column has unless another is stated; ``"1"`` if none is known."""
     quantity, _, channel = column.partition("/")
-    if channel in robot.joint_names:
-        unit = robot.joint(channel).unit
+    if channel in robot.channels:
+        known = channel in robot.joint_names
+        unit = robot.joint(channel).unit if known else "rad"
         if quantity in POSITION_QUANTITIES:
             return unit
         if quantity == "velocity":
             return unit + "/s"
-    if quantity in ("motor", "driver"):
-        return "rad"
-    if quantity in ("motor_velocity", "driver_velocity"):
-        return "rad/s"
-    return {"current": "A", "tool": "m"}.get(quantity, "1")
+        if quantity == "effort":
+            at_joint = known and robot.name not in _EFFORT_AT_MOTOR
+            return robot.joint(channel).effort_unit if at_joint else "Nm"
+    return _UNITS.get(quantity, "1")
+
+
+_UNITS: Final = {
+    "motor": "rad",
+    "driver": "rad",
+    "motor_velocity": "rad/s",
+    "driver_velocity": "rad/s",
+    "current": "A",
+    "tool": "m",
+}
 
 
 def _check_table(table: pd.DataFrame, units: Mapping[str, str], source: str) -> None:

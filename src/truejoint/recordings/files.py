@@ -1,0 +1,178 @@
+"""Files from others, read within bounds; files of ours, written whole or not at all."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import os
+import tempfile
+import zlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
+
+from truejoint.errors import RecordingError
+
+MAX_UNPACKED_BYTES: Final = 8 * 2**30
+"""Most bytes that a text file may hold once unpacked: 6 h of the 252-column layout is 4.5 GB."""
+MAX_BINARY_BYTES: Final = 2**30
+"""Most bytes that a file that is read in one go (.npy, .mat) may hold."""
+
+MAX_LINE_BYTES: Final = 1 << 20
+"""Longest line of a text file; the widest layout known takes 6.3 kB a line."""
+
+_GZIP_MAGIC: Final = b"\x1f\x8b"
+_CHUNK: Final = 1 << 20
+HEAD_BYTES: Final = 1 << 16
+"""How much of a file is looked at to tell its format."""
+
+
+class BoundedFile(io.RawIOBase):
+    """A file that hashes what is read from it and refuses to go on past `limit` bytes.
+
+    A gzip file is unpacked as it is read, so a small file that unpacks to an endless one costs
+    no memory. With `lines` it refuses a line longer than `MAX_LINE_BYTES` too. `counted` tells how
+    often the byte `count` was read.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        limit: int = MAX_UNPACKED_BYTES,
+        *,
+        lines: bool = False,
+        count: bytes = b"",
+    ) -> None:
+        super().__init__()
+        self.counted = 0
+        self._count = count
+        self._path = path
+        self._limit = limit
+        self._lines = lines
+        self._taken = 0
+        self._line = 0
+        self._hash = hashlib.sha256()
+        self._packed = is_gzip(path)
+        file: Any = gzip.GzipFile(path) if self._packed else io.FileIO(path)
+        self._file: io.RawIOBase = file
+
+    def readable(self) -> bool:
+        """Say that it is made for reading."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into `buffer`; raises RecordingError past the limit or when gzip is damaged."""
+        try:
+            data: bytes = self._file.read(len(buffer)) or b""
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise RecordingError(
+                f"{self._path}: the gzip file is cut short or damaged ({error}); fetch it again"
+            ) from None
+        self._taken += len(data)
+        if self._taken > self._limit:
+            what = "unpacks to" if self._packed else "holds"
+            raise RecordingError(
+                f"{self._path}: {what} more than {self._limit} bytes, the most that is read; "
+                "cut the recording into parts"
+            )
+        if self._lines:
+            end = data.rfind(b"\n")
+            self._line = len(data) - end - 1 if end >= 0 else self._line + len(data)
+            if self._line > MAX_LINE_BYTES:
+                raise RecordingError(
+                    f"{self._path}: has a line longer than {MAX_LINE_BYTES} bytes; is it text?"
+                )
+        if self._count:
+            self.counted += data.count(self._count)
+        self._hash.update(data)
+        buffer[: len(data)] = data
+        return len(data)
+
+    def sha256(self) -> str:
+        """SHA-256 of the whole unpacked file, hexadecimal; reads what is left of it."""
+        buffer = bytearray(_CHUNK)
+        while self.readinto(buffer):
+            pass
+        return self._hash.hexdigest()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
+
+def is_gzip(path: Path) -> bool:
+    """Whether the file starts as a gzip file does, whatever it is called."""
+    with path.open("rb") as file:
+        return file.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
+
+
+def require_file(path: Path) -> Path:
+    """`path` if it is a file with something in it; raises RecordingError if not."""
+    if not path.exists():
+        raise RecordingError(f"{path}: there is no such file; check the path")
+    if not path.is_file():
+        raise RecordingError(f"{path}: is not a file; name one recording")
+    if path.stat().st_size == 0:
+        raise RecordingError(f"{path}: the file is empty; was the recording ever started?")
+    return path
+
+
+def read_bounded(path: Path, limit: int = MAX_BINARY_BYTES) -> tuple[bytes, str]:
+    """Whole content of a file, unpacked, and its SHA-256.
+
+    Raises
+    ------
+    RecordingError
+        If the file does not exist, is empty, damaged, or holds more than `limit` bytes.
+    """
+    with BoundedFile(require_file(path), limit) as file:
+        data = file.readall()
+        return data, file.sha256()
+
+
+def read_head(path: Path, size: int = HEAD_BYTES) -> bytes:
+    """First `size` bytes of a file, unpacked."""
+    with (
+        BoundedFile(require_file(path), limit=size + io.DEFAULT_BUFFER_SIZE) as file,
+        io.BufferedReader(file) as buffered,
+    ):
+        return buffered.read(size)
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, unpacked if it is a gzip file, hexadecimal."""
+    with BoundedFile(require_file(path)) as file:
+        return file.sha256()
+
+
+def write_atomically(path: Path, write: Callable[[Path], None], *, overwrite: bool) -> None:
+    """Let `write` fill a temporary file beside `path`, then move it there in one step.
+
+    Raises
+    ------
+    RecordingError
+        If `path` exists and `overwrite` is false, or its folder does not exist. Whatever goes
+        wrong, what was at `path` stays as it was.
+    """
+    taken = RecordingError(f"{path}: exists already; choose another name or allow overwriting")
+    if path.is_dir() or (path.exists() and not overwrite):
+        raise taken
+    if not path.parent.is_dir():
+        raise RecordingError(f"{path}: the folder {path.parent} does not exist; make it first")
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        write(temporary)
+        temporary.chmod(0o644)
+        if overwrite:
+            temporary.replace(path)
+        else:
+            # A link, unlike a rename, fails if somebody made the file in the meantime.
+            path.hardlink_to(temporary)
+    except FileExistsError:
+        raise taken from None
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,0 +1,193 @@
+"""Recordings from files: every layout by name, found out from the file when none is given."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+from truejoint.errors import RecordingError
+from truejoint.recordings.files import read_head, require_file
+from truejoint.recordings.mat_file import VERSION5_MARK
+from truejoint.recordings.numeric_text import first_line, is_number, split_fields
+from truejoint.recordings.parquet import PARQUET_MAGIC, read_parquet
+from truejoint.recordings.readers import (
+    bros,
+    davinci_grasper,
+    dvrk_berkeley,
+    kflex,
+    kuka,
+    plain_csv,
+    raven_csv,
+)
+from truejoint.recordings.recording import Recording
+
+
+@dataclass(frozen=True)
+class Format:
+    """A file layout.
+
+    Attributes
+    ----------
+    name : str
+    summary : str
+        What it is, in a few words for a person.
+    read : callable
+        Takes the path and any of `options`.
+    options : tuple of str
+        Names of the keyword arguments that `read` takes.
+    folder : bool
+        The recording is a folder, not one file.
+    """
+
+    name: str
+    summary: str
+    read: Callable[..., Recording]
+    options: tuple[str, ...] = ()
+    folder: bool = False
+
+
+FORMATS: Final[Mapping[str, Format]] = {
+    entry.name: entry
+    for entry in (
+        Format("parquet", "what truejoint writes", read_parquet),
+        Format("csv", "header, or column map", plain_csv.read, ("robot", "arm", "column_map")),
+        Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
+        Format(
+            "raven_csv_252",
+            "RAVEN-II state with external encoders",
+            raven_csv.read_252,
+            ("arm", "truth_unit"),
+        ),
+        Format("davinci_grasper_umn", "da Vinci grasper bench", davinci_grasper.read),
+        Format("dvrk_psm_berkeley", "dVRK PSM, .npy folder", dvrk_berkeley.read, folder=True),
+        Format("bros_dual_encoder", "two-joint haptic arm, .mat", bros.read),
+        Format("kuka_kr300_dual_encoder", "KUKA KR300, .mat", kuka.read),
+        Format("kflex_tendon_sheath", "K-FLEX bending joint", kflex.read),
+    )
+}
+"""Every layout by name."""
+
+PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
+"""What a caller may state about any file, and that replaces what the file says."""
+
+
+def read_recording(
+    path: str | os.PathLike[str],
+    format: str | None = None,  # noqa: A002 - the word that a person types
+    **context: Any,
+) -> Recording:
+    """Read a recording from a file or folder of any known layout.
+
+    Parameters
+    ----------
+    path : path-like
+    format : str, optional
+        One of `FORMATS`; found out from the content by default.
+    **context
+        What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
+        formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
+        ``notes`` for any.
+
+    Returns
+    -------
+    Recording
+        In SI units.
+
+    Raises
+    ------
+    RecordingError
+        One line that names the file, what is wrong with it and what to do.
+
+    Examples
+    --------
+    >>> recording = read_recording("run.csv", robot="raven2")  # doctest: +SKIP
+    """
+    source = Path(path)
+    if not source.exists():
+        raise RecordingError(f"{source}: there is no such file or folder; check the path")
+    name = format or detect_format(source, mapped="column_map" in context)
+    if name not in FORMATS:
+        raise RecordingError(f"no format called {name!r}; choose from {', '.join(FORMATS)}")
+    entry = FORMATS[name]
+    about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
+    wrong = [key for key in context if key not in entry.options]
+    if wrong:
+        allowed = ", ".join((*entry.options, *PROVENANCE_OPTIONS))
+        raise RecordingError(f"{source}: format {name!r} takes no {wrong[0]!r}; it takes {allowed}")
+    if not entry.folder:
+        require_file(source)
+    try:
+        recording = entry.read(source, **context)
+    except RecordingError as error:
+        # The rules of a recording name it as its provenance does; a person wants the path.
+        text = str(error)
+        if text.startswith(f"{source.name}:") and str(source) != source.name:
+            raise RecordingError(str(source) + text.removeprefix(source.name)) from None
+        raise
+    if not about:
+        return recording
+    return replace(recording, provenance=replace(recording.provenance, **about))
+
+
+def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
+    """Name of the layout that a file or folder has.
+
+    Parameters
+    ----------
+    path : path-like
+    mapped : bool
+        A column map comes with it: text is then plain CSV, whatever its columns.
+
+    Raises
+    ------
+    RecordingError
+        If it is none of `FORMATS`; the message lists them.
+    """
+    source = Path(path)
+    if source.is_dir():
+        if all((source / name).is_file() for name in dvrk_berkeley.FILES):
+            return "dvrk_psm_berkeley"
+        raise _unknown(source, f"a folder without {', '.join(dvrk_berkeley.FILES)}")
+    head = read_head(require_file(source))
+    if head.startswith(PARQUET_MAGIC):
+        return "parquet"
+    if head.startswith(VERSION5_MARK):
+        return "kuka_kr300_dual_encoder"
+    # A version 4 MAT file starts with a number below 5000 and five rows named data_<k>.
+    if head[20:25] == b"data_":
+        return "bros_dual_encoder"
+    if b"\0" in head:
+        raise _unknown(source, "not text and of no known binary layout")
+    if mapped:
+        return "csv"
+    return _detect_text(source, head.decode("utf-8-sig", errors="replace"))
+
+
+def _detect_text(source: Path, head: str) -> str:
+    if head.startswith("%") and davinci_grasper.HEADER_MARK in head:
+        return "davinci_grasper_umn"
+    line = first_line(source, "#")[1]
+    fields = [field.strip('"') for field in split_fields(line, ",")]
+    if not all(is_number(field) for field in fields):
+        names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
+        if "t" in names:
+            return "csv"
+        raise _unknown(source, "a header without 't'; give a column map")
+    by_columns = {
+        raven_csv.STATE_COLUMNS: "raven_csv_240",
+        raven_csv.TRAINING_COLUMNS: "raven_csv_252",
+        **dict.fromkeys(kflex.LAYOUTS, "kflex_tendon_sheath"),
+    }
+    if len(fields) not in by_columns:
+        counts = ", ".join(str(n) for n in by_columns)
+        raise _unknown(
+            source, f"{len(fields)} columns without a header, expected {counts}; give a column map"
+        )
+    return by_columns[len(fields)]
+
+
+def _unknown(source: Path, found: str) -> RecordingError:
+    return RecordingError(f"{source}: format not recognised ({found}); known: {', '.join(FORMATS)}")

@@ -1,0 +1,157 @@
+"""Recordings on disk: one Parquet file with units and provenance in its schema."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from truejoint.errors import RecordingError
+from truejoint.recordings.files import require_file, write_atomically
+from truejoint.recordings.numeric_text import MAX_VALUES
+from truejoint.recordings.recording import Provenance, Recording
+
+METADATA_KEY: Final = b"truejoint"
+VERSION: Final = 1
+"""Version of the JSON under `METADATA_KEY`; a newer one is refused."""
+PARQUET_MAGIC: Final = b"PAR1"
+
+_MAX_COLUMNS: Final = 4096
+_MAX_METADATA_BYTES: Final = 1 << 22
+
+
+def write_parquet(
+    recording: Recording, path: str | os.PathLike[str], *, overwrite: bool = False
+) -> None:
+    """Write a recording to a Parquet file, whole or not at all.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path-like
+    overwrite : bool
+        Replace a file that is there; refused by default.
+
+    Raises
+    ------
+    RecordingError
+        If `path` exists and may not be replaced, or its folder does not exist.
+    """
+    target = Path(path)
+    header = {
+        "version": VERSION,
+        "units": dict(recording.units),
+        "provenance": recording.provenance.to_dict(),
+    }
+    arrays = [pa.array(recording.table[name].to_numpy()) for name in recording.table.columns]
+    schema = pa.schema(
+        [(str(name), pa.float64()) for name in recording.table.columns],
+        metadata={METADATA_KEY: json.dumps(header, allow_nan=False).encode()},
+    )
+    table = pa.Table.from_arrays(arrays, schema=schema)
+
+    def write(temporary: Path) -> None:
+        # Values that change a little from row to row pack best with their bytes split apart.
+        pq.write_table(
+            table,
+            temporary,
+            compression="zstd",
+            use_dictionary=False,
+            use_byte_stream_split=True,
+        )
+
+    write_atomically(target, write, overwrite=overwrite)
+
+
+def read_parquet(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording that `write_parquet` wrote.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Recording
+        With the provenance that it was written with.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not there, cut short, damaged, larger than is read, from a newer version,
+        or was not written by truejoint.
+    """
+    source = require_file(Path(path))
+    try:
+        with pq.ParquetFile(
+            source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
+        ) as file:
+            _check_size(source, file)
+            header = _header(source, file.schema_arrow)
+            table = file.read(use_threads=False)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordingError(
+            f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
+            "it was cut short or damaged: copy or record it again"
+        ) from None
+    try:
+        provenance = Provenance.from_dict(header["provenance"])
+    except RecordingError as error:
+        raise RecordingError(f"{source}: {error}") from None
+    columns = {
+        name: np.asarray(table.column(name).to_numpy(), dtype=np.float64)
+        for name in table.column_names
+    }
+    try:
+        return Recording.from_columns(columns, provenance, header["units"])
+    except RecordingError as error:
+        raise RecordingError(f"{source}: {error}") from None
+
+
+def _check_size(source: Path, file: Any) -> None:
+    metadata, schema = file.metadata, file.schema_arrow
+    values = metadata.num_rows * metadata.num_columns
+    if metadata.num_columns > _MAX_COLUMNS or values > MAX_VALUES:
+        raise RecordingError(
+            f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
+            f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
+        )
+    other = [field.name for field in schema if field.type != pa.float64()]
+    if other:
+        raise RecordingError(
+            f"{source}: columns {other[:5]} are not float64; was it written by truejoint?"
+        )
+    if len(set(schema.names)) != len(schema.names):
+        raise RecordingError(f"{source}: two columns have the same name; was the file edited?")
+
+
+def _header(source: Path, schema: Any) -> dict[str, Any]:
+    text = (schema.metadata or {}).get(METADATA_KEY)
+    if text is None:
+        raise RecordingError(
+            f"{source}: was not written by truejoint: it states neither robot nor units; "
+            "save it as CSV and read that with a column map"
+        )
+    damaged = RecordingError(f"{source}: its metadata is damaged; copy or record it again")
+    try:
+        header = json.loads(text)
+    except (ValueError, RecursionError):
+        raise damaged from None
+    if not isinstance(header, dict) or not isinstance(header.get("version"), int):
+        raise damaged
+    if header["version"] > VERSION:
+        raise RecordingError(
+            f"{source}: is of version {header['version']}, this truejoint reads up to {VERSION}; "
+            "update truejoint"
+        )
+    units, provenance = header.get("units"), header.get("provenance")
+    if not isinstance(units, dict) or not all(isinstance(u, str) for u in units.values()):
+        raise damaged
+    if not isinstance(provenance, dict) or set(units) != set(schema.names) - {"t"}:
+        raise damaged
+    return header

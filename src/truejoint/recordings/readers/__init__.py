@@ -1,0 +1,1 @@
+"""One module per file layout; `truejoint.recordings.formats` finds them by name."""

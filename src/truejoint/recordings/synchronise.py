@@ -1,0 +1,159 @@
+"""Truth brought to the time stamps of the robot's state, and a count of what does not fit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import RecordingError
+
+Array = NDArray[np.float64]
+
+STATE_BACK: Final = "state: time stamp not after the one before"
+STATE_MISSING: Final = "state: value missing"
+TRUTH_BACK: Final = "truth: time stamp not after the one before"
+TRUTH_MISSING: Final = "truth: value missing"
+BEFORE: Final = "no truth: before it starts"
+AFTER: Final = "no truth: after it ends"
+GAP: Final = "no truth: gap between its samples"
+
+_MAX_LOST: Final = 0.1
+"""Largest share of rows that a clock which jumps may cost."""
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """Columns with time stamps of their own.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s] on a clock that both streams share.
+    columns : mapping of str to ndarray (n,)
+        By name.
+    """
+
+    t: Array
+    columns: Mapping[str, Array]
+
+    def __post_init__(self) -> None:
+        for name, values in self.columns.items():
+            if values.shape != self.t.shape or self.t.ndim != 1:
+                raise RecordingError(
+                    f"stream: column {name!r} has shape {values.shape}, its time stamps "
+                    f"{self.t.shape}; both must be (n,)"
+                )
+
+    def rows(self, selection: NDArray[np.bool_]) -> Stream:
+        """Keep the selected rows only."""
+        return Stream(self.t[selection], {n: v[selection] for n, v in self.columns.items()})
+
+
+def synchronise(
+    state: Stream, truth: Stream, gap_limit: float
+) -> tuple[dict[str, Array], dict[str, int]]:
+    """Truth at the time stamps of the state, by linear interpolation.
+
+    Nothing is extrapolated, and nothing is interpolated across two truth samples that are more
+    than `gap_limit` apart: such rows keep their state and have NaN for the truth. Angles are
+    interpolated as they are, without wrapping: a joint sensor that jumps by a turn must be
+    unwrapped before.
+
+    Parameters
+    ----------
+    state, truth : Stream
+        On one clock; the rates need not be regular. Rows whose stamp is not after the one before
+        (a clock that was set back, a stray stamp) or that hold NaN are left out.
+    gap_limit : float
+        Longest time between two truth samples to interpolate across [s].
+
+    Returns
+    -------
+    columns : dict of str to ndarray (n,)
+        ``t``, the state's columns, the truth's columns.
+    dropped : dict of str to int
+        Rows by reason: left out of either stream, and rows without truth; only reasons that
+        occurred.
+
+    Raises
+    ------
+    RecordingError
+        If `gap_limit` is not positive, a stream has fewer than 2 rows left, or more than a tenth
+        of a stream lies after a jump back of its clock.
+    """
+    if not (gap_limit > 0):
+        raise RecordingError(f"synchronise: gap limit {gap_limit} s; give one above 0 s")
+    dropped: dict[str, int] = {}
+    state = _clean(state, "state", dropped, STATE_BACK, STATE_MISSING)
+    truth = _clean(truth, "truth", dropped, TRUTH_BACK, TRUTH_MISSING)
+    after = np.searchsorted(truth.t, state.t, side="left")
+    exact = truth.t[np.minimum(after, truth.t.size - 1)] == state.t
+    early = state.t < truth.t[0]
+    late = state.t > truth.t[-1]
+    inside = ~early & ~late & ~exact
+    upper = np.clip(after, 1, truth.t.size - 1)
+    gap = inside & (truth.t[upper] - truth.t[upper - 1] > gap_limit)
+    unknown = early | late | gap
+    columns = {"t": state.t, **state.columns}
+    for name, values in truth.columns.items():
+        there = np.interp(state.t, truth.t, values)
+        there[unknown] = np.nan
+        columns[name] = there
+    counts = {BEFORE: early, AFTER: late, GAP: gap}
+    dropped |= {reason: int(rows.sum()) for reason, rows in counts.items() if rows.any()}
+    return columns, dropped
+
+
+def forward_rows(t: Array) -> NDArray[np.bool_]:
+    """Rows whose stamps go forward.
+
+    A single stamp that leaps ahead is a stray: it is left out, not all those after it.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s]; NaN is left out.
+
+    Returns
+    -------
+    ndarray of bool, shape (n,)
+    """
+    keep = np.isfinite(t)
+    rows = np.flatnonzero(keep)
+    stamps = t[rows]
+    if stamps.size > 2:
+        stray = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2])
+        keep[rows[1:-1][stray]] = False
+        rows = np.flatnonzero(keep)
+        stamps = t[rows]
+    if stamps.size > 1:
+        latest = np.maximum.accumulate(stamps)
+        keep[rows[1:][stamps[1:] <= latest[:-1]]] = False
+    return keep
+
+
+def _clean(stream: Stream, name: str, dropped: dict[str, int], back: str, missing: str) -> Stream:
+    known = np.isfinite(stream.t)
+    for values in stream.columns.values():
+        known &= np.isfinite(values)
+    if not known.all():
+        dropped[missing] = int((~known).sum())
+        stream = stream.rows(known)
+    forward = forward_rows(stream.t)
+    lost = int((~forward).sum())
+    if lost > max(1, _MAX_LOST * forward.size):
+        row = int(np.argmin(forward))
+        raise RecordingError(
+            f"{name}: the clock goes back at row {row} ({stream.t[row]:.6f} s) and {lost} of "
+            f"{forward.size} rows do not follow the time before; cut the recording there"
+        )
+    if lost:
+        dropped[back] = lost
+        stream = stream.rows(forward)
+    if stream.t.size < 2:
+        raise RecordingError(f"{name}: {stream.t.size} usable rows; at least 2 are needed")
+    return stream
