@@ -9,7 +9,7 @@ from truejoint.crtk.backend import Listener
 from truejoint.crtk.messages import Array, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import StateCommand, next_state
 from truejoint.errors import RobotError
-from truejoint.robots import Robot
+from truejoint.robots import Robot, get_robot
 from truejoint.simulation import Raven2Twin, TwinOutput, TwinParameters
 
 
@@ -83,7 +83,7 @@ class SimulatedBackend:
 
 def simulated_arm(
     robot: str = "raven2",
-    arm: str = "left",
+    arm: str = "",
     *,
     parameters: TwinParameters | None = None,
     seed: int = 0,
@@ -96,7 +96,7 @@ def simulated_arm(
     robot : str
         A robot that has a twin: ``"raven2"``.
     arm : str
-        ``"left"`` or ``"right"``.
+        As in `truejoint.robots.get_robot`: ``"left"`` or ``"right"``; the left by default.
     parameters : TwinParameters, optional
         Physics of the twin; the shipped ones by default.
     seed : int
@@ -111,4 +111,5 @@ def simulated_arm(
     """
     if robot.lower() != "raven2":
         raise RobotError(f"no digital twin of {robot!r}; there is one of 'raven2'")
-    return Arm(SimulatedBackend(Raven2Twin(parameters, arm=arm, seed=seed, load=load)))
+    side = get_robot("raven2", arm).arm
+    return Arm(SimulatedBackend(Raven2Twin(parameters, arm=side, seed=seed, load=load)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -60,18 +59,16 @@ def _write(table: pd.DataFrame, path: Path, first: str, *, overwrite: bool) -> N
     """Write `first`, then `table` (with its header only if `first` says something)."""
     if path.exists() and not overwrite:
         raise TrajectoryError(f"{path}: exists; choose another name or allow overwriting")
+    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
     try:
-        handle, partial = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    except OSError as error:
-        raise TrajectoryError(f"{path}: cannot be written: {error.strerror}") from None
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="") as file:
+        with partial.open("w", encoding="utf-8", newline="") as file:
             file.write(first)
             table.to_csv(file, index=False, header=bool(first), lineterminator="\n")
-        Path(partial).replace(path)
-    except BaseException:
-        Path(partial).unlink(missing_ok=True)
-        raise
+        partial.replace(path)
+    except OSError as error:
+        raise TrajectoryError(f"{path}: cannot be written: {error.strerror}") from None
+    finally:
+        partial.unlink(missing_ok=True)
 
 
 def read_csv(path: Path) -> Trajectory:

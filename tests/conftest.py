@@ -1,0 +1,81 @@
+"""Fixtures that several packages share."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.states import next_state
+from truejoint.robots import get_robot
+
+
+class LaggingBackend:
+    """A RAVEN-II whose joints follow their set-points with a first-order lag, exactly.
+
+    At a constant speed v the measured position is `lag * v` behind: a tracking error that a test
+    can predict. Truth is the measured position at every tenth sample.
+    """
+
+    def __init__(self, lag: float) -> None:
+        self.robot = get_robot("raven2", "left")
+        self.time = 0.0
+        self.sent: list[np.ndarray] = []
+        self.waited = 0.0
+        self.state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=0.0)
+        self._decay = np.exp(-1e-3 / lag)
+        self._listener: Callable[[StateBlock | TruthBlock], None] = lambda block: None
+        self._measured = self.robot.home.copy()
+
+    def connect(self, listener: Callable[[StateBlock | TruthBlock], None]) -> None:
+        self._listener = listener
+
+    def operating_state(self) -> OperatingState:
+        return OperatingState(self.state.state, self.state.is_homed, self.state.is_busy, self.time)
+
+    def state_command(self, command: str) -> None:
+        self.state = next_state(self.state, command)
+        if command == "home":
+            self._measured = self.robot.home.copy()
+            self._run(self.robot.home[None])
+
+    def servo_jp(self, position: np.ndarray) -> None:
+        self.sent.append(position.copy())
+        self._run(position)
+
+    def wait(self, duration: float) -> None:
+        self.time += duration
+        self.waited += duration
+
+    def _run(self, position: np.ndarray) -> None:
+        measured = np.empty_like(position)
+        for i, target in enumerate(position):
+            self._measured = target + (self._measured - target) * self._decay
+            measured[i] = self._measured
+        t = self.time + 1e-3 * np.arange(1, len(position) + 1)
+        self.time = float(t[-1])
+        columns = [self.robot.channels.index(name) for name in self.robot.joint_names]
+        arrays = np.zeros((2, len(position), len(self.robot.channels)))
+        arrays[0][:, columns], arrays[1][:, columns] = position, measured
+        zero = np.zeros_like(arrays[0])
+        self._listener(
+            StateBlock(t, self.robot.channels, arrays[1], zero, zero, arrays[0], zero, zero)
+        )
+        self._listener(TruthBlock(t[::10], self.robot.positioning, measured[::10, :3]))
+
+
+@pytest.fixture
+def lagging_backend() -> LaggingBackend:
+    """Back end with a lag of 20 ms, disabled and not homed."""
+    return LaggingBackend(0.02)
+
+
+@pytest.fixture
+def lagging_arm(lagging_backend: LaggingBackend) -> Arm:
+    """Arm on `lagging_backend`, enabled and homed."""
+    arm = Arm(lagging_backend)
+    arm.enable()
+    arm.home()
+    return arm

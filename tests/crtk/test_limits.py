@@ -1,0 +1,69 @@
+"""Tests of truejoint.crtk.limits."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.crtk.limits import check_range, check_steps, checked_rows, checked_vector
+from truejoint.errors import CommandRefused
+from truejoint.robots import get_robot
+
+ROBOT = get_robot("raven2", "left")
+HOME = ROBOT.home
+
+
+@pytest.mark.parametrize("value", [0.1, [0.1] * 6, [0.1] * 8, [[0.1] * 7], []])
+def test_wrong_shape_is_refused(value):
+    with pytest.raises(CommandRefused, match=r"servo_jp refused: got shape .* want 7 values"):
+        checked_vector(ROBOT, value, "servo_jp")
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("joint", range(7))
+def test_values_that_are_not_finite_are_refused_by_name(bad, joint):
+    rows = np.tile(HOME, (5, 1))
+    rows[3, joint] = bad
+    name = ROBOT.joint_names[joint]
+    with pytest.raises(CommandRefused, match=f"stream refused: {name} is {bad} at sample 3 of 5"):
+        checked_rows(ROBOT, rows, "stream")
+
+
+@given(st.integers(0, 6), st.floats(1e-6, 10.0), st.booleans())
+def test_range_is_refused_just_outside_and_kept_on_it(joint, excess, above):
+    edge = ROBOT.upper[joint] if above else ROBOT.lower[joint]
+    rows = HOME[None].copy()
+    rows[0, joint] = edge
+    check_range(ROBOT, rows, "servo_jp")
+    rows[0, joint] = edge + (excess if above else -excess)
+    with pytest.raises(CommandRefused, match=ROBOT.joint_names[joint]):
+        check_range(ROBOT, rows, "servo_jp")
+
+
+def test_range_message_is_in_degrees_and_millimetres():
+    rows = np.tile(HOME, (2, 1))
+    rows[0, 2] = 0.6
+    with pytest.raises(CommandRefused, match=r"insertion at 600 mm .*\[230, 560\] mm"):
+        check_range(ROBOT, rows, "move_jp")
+    rows[0] = HOME
+    rows[1, 0] = np.deg2rad(92.5)
+    with pytest.raises(CommandRefused, match=r"shoulder at 92.5 deg at sample 1 of 2.*\[0, 90\] d"):
+        check_range(ROBOT, rows, "move_jp")
+
+
+@pytest.mark.parametrize(
+    ("joint", "limit", "shown"), [(0, 0.0025, "0.1432 deg"), (2, 5e-5, "0.05 mm")]
+)
+def test_steps_are_limited_per_millisecond(joint, limit, shown):
+    # Limits: branch crtk of uw-biorobotics/raven2.
+    rows = np.tile(HOME, (3, 1))
+    rows[1:, joint] += limit
+    check_steps(ROBOT, HOME, rows, "servo_jp_stream")
+    rows[1:, joint] += 1e-6
+    with pytest.raises(CommandRefused, match=f"in 1 ms at sample 1 of 3, more than {shown}"):
+        check_steps(ROBOT, HOME, rows, "servo_jp_stream")
+
+
+def test_first_step_counts_from_the_start():
+    with pytest.raises(CommandRefused, match="elbow would step"):
+        check_steps(ROBOT, HOME - [0, 0.01, 0, 0, 0, 0, 0], HOME[None], "servo_jp")

@@ -1,0 +1,99 @@
+"""Tests of truejoint.crtk.states."""
+
+import pytest
+
+from truejoint.crtk import STATE_COMMANDS, OperatingState
+from truejoint.crtk.states import check_ready, next_state
+from truejoint.errors import CommandRefused
+
+STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
+
+# The whole machine: (state, command) -> state, None where the command is refused.
+TABLE = {
+    ("DISABLED", "enable"): "ENABLED",
+    ("ENABLED", "enable"): "ENABLED",
+    ("PAUSED", "enable"): None,
+    ("FAULT", "enable"): None,
+    ("DISABLED", "disable"): "DISABLED",
+    ("ENABLED", "disable"): "DISABLED",
+    ("PAUSED", "disable"): "DISABLED",
+    ("FAULT", "disable"): "DISABLED",
+    ("DISABLED", "pause"): None,
+    ("ENABLED", "pause"): "PAUSED",
+    ("PAUSED", "pause"): "PAUSED",
+    ("FAULT", "pause"): None,
+    ("DISABLED", "resume"): None,
+    ("ENABLED", "resume"): "ENABLED",
+    ("PAUSED", "resume"): "ENABLED",
+    ("FAULT", "resume"): None,
+    ("DISABLED", "home"): None,
+    ("ENABLED", "home"): "ENABLED",
+    ("PAUSED", "home"): None,
+    ("FAULT", "home"): None,
+    ("DISABLED", "unhome"): "DISABLED",
+    ("ENABLED", "unhome"): "ENABLED",
+    ("PAUSED", "unhome"): "PAUSED",
+    ("FAULT", "unhome"): "FAULT",
+}
+
+
+def test_table_is_complete():
+    assert set(TABLE) == {(state, command) for state in STATES for command in STATE_COMMANDS}
+
+
+@pytest.mark.parametrize("is_homed", [False, True])
+@pytest.mark.parametrize(("state", "command"), TABLE)
+def test_transitions(state, command, is_homed):
+    now = OperatingState(state, is_homed, is_busy=False, t=3.0)
+    target = TABLE[state, command]
+    if target is None:
+        with pytest.raises(CommandRefused, match=f"'{command}' refused: the arm is {state}; "):
+            next_state(now, command)
+        return
+    after = next_state(now, command)
+    assert after.state == target
+    assert after.is_homed == {"home": True, "unhome": False}.get(command, is_homed)
+    assert not after.is_busy
+    assert after.t == 3.0
+
+
+@pytest.mark.parametrize("command", ["home", "unhome"])
+def test_homing_is_refused_while_busy(command):
+    with pytest.raises(CommandRefused, match="busy"):
+        next_state(OperatingState("ENABLED", is_homed=True, is_busy=True, t=0.0), command)
+
+
+@pytest.mark.parametrize("command", ["pause", "disable"])
+def test_a_move_can_always_be_stopped(command):
+    busy = OperatingState("ENABLED", is_homed=True, is_busy=True, t=0.0)
+    assert next_state(busy, command).state != "ENABLED"
+
+
+def test_unknown_command_names_the_known_ones():
+    now = OperatingState("ENABLED", is_homed=True, is_busy=False, t=0.0)
+    with pytest.raises(CommandRefused, match="'Enable' refused: unknown; send one of enable, dis"):
+        next_state(now, "Enable")
+
+
+@pytest.mark.parametrize(
+    ("state", "is_homed", "is_busy", "advice"),
+    [
+        ("DISABLED", True, False, "send 'enable' first"),
+        ("PAUSED", True, False, "send 'resume' first"),
+        ("FAULT", True, False, "clear the fault"),
+        ("ENABLED", False, False, "send 'home' first"),
+        ("ENABLED", True, True, "wait for the move"),
+    ],
+)
+def test_motion_needs_a_ready_arm(state, is_homed, is_busy, advice):
+    now = OperatingState(state, is_homed, is_busy, t=0.0)
+    with pytest.raises(CommandRefused, match=f"servo_jp refused: .*{advice}"):
+        check_ready(now, "servo_jp")
+
+
+def test_ready_is_enabled_and_homed():
+    ready = OperatingState("ENABLED", is_homed=True, is_busy=False, t=0.0)
+    check_ready(ready, "servo_jp")
+    assert ready.is_ready
+    assert not OperatingState("ENABLED", is_homed=False, is_busy=False, t=0.0).is_ready
+    assert not OperatingState("PAUSED", is_homed=True, is_busy=False, t=0.0).is_ready
