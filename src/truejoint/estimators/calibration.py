@@ -1,0 +1,215 @@
+"""A fitted calibration: corrects recordings, or one sample at a time."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators.document import CalibrationData, decode, encode
+from truejoint.estimators.features import FeatureState, check_sample_interval
+from truejoint.estimators.model_file import read_model_file, write_model_file
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class OnlineState:
+    """What a calibration remembers between samples; made by `Calibration.start`.
+
+    Attributes
+    ----------
+    features : FeatureState
+    row : ndarray, shape (1, k)
+        Features of the last sample.
+    """
+
+    features: FeatureState
+    row: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(CalibrationData):
+    """A fitted estimator with all that is needed to use it on the arm that it was made for.
+
+    Made by `calibrate` or `load_calibration`. See `CalibrationData` for what it holds.
+    """
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator, for instance ``"dnn"``."""
+        return self.model.name
+
+    @property
+    def title(self) -> str:
+        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
+        return Robot(self.robot, (), self.arm).title
+
+    @property
+    def baselines(self) -> Mapping[str, Calibration]:
+        """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
+        return {
+            name: replace(self, model=model, target="error", baseline_models={})
+            for name, model in self.baseline_models.items()
+        }
+
+    def correct(self, recording: Recording) -> Array:
+        """Correct the measured positions of a recording.
+
+        Parameters
+        ----------
+        recording : Recording
+            Of the same robot and arm; needs the columns `signals`, no truth.
+
+        Returns
+        -------
+        ndarray, shape (n, n_joints)
+            Position of each of `joints` [rad or m].
+
+        Raises
+        ------
+        CalibrationError
+            If robot, arm, columns, units or (where features count samples) the rate differ.
+        """
+        self._check(recording)
+        X = self.feature_set.compute(recording, self.gap_limit)
+        predicted = self.model.evaluate(X)
+        if self.target == "position":
+            return predicted
+        return recording.columns("measured", self.joints) + predicted
+
+    def predict_error(self, recording: Recording) -> Array:
+        """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
+        corrected = self.correct(recording)
+        return corrected - recording.columns("measured", self.joints)
+
+    def start(self) -> OnlineState:
+        """State before the first sample, for `step`."""
+        return OnlineState(self.feature_set.start(), np.empty((1, len(self.feature_set))))
+
+    def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
+        """Correct one sample; the same bits as `correct` gives for the whole recording.
+
+        Parameters
+        ----------
+        state : OnlineState
+            Changed in place.
+        t : float
+            Time stamp [s], later than the last.
+        sample : array_like, shape (n_signals,)
+            Values of `signals`, in their order and units.
+
+        Returns
+        -------
+        ndarray, shape (n_joints,)
+            Position of each of `joints` [rad or m].
+
+        Raises
+        ------
+        CalibrationError
+            If the sample has another length or is not finite, or time does not advance; the state
+            is then as before.
+        """
+        values = np.ascontiguousarray(sample, dtype=np.float64)
+        if values.shape != (len(self.signals),):
+            raise CalibrationError(
+                f"sample has shape {values.shape}; it must hold the {len(self.signals)} signals "
+                f"{', '.join(self.signals)}"
+            )
+        if not np.isfinite(values).all():
+            name = self.signals[int(np.argmin(np.isfinite(values)))]
+            raise CalibrationError(f"sample at {t!r} s: {name!r} is not finite; leave it out")
+        seen, last = state.features.clock
+        if not math.isfinite(t) or (seen and not t > last):
+            raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
+        self.feature_set.step(state.features, t, values, self.gap_limit, state.row[0])
+        predicted: Array = self.model.evaluate(state.row)[0]
+        if self.target == "position":
+            return predicted
+        measured = [self.signals.index(f"measured/{joint}") for joint in self.joints]
+        return np.asarray(values[measured] + predicted)
+
+    def with_metadata(self, **items: Any) -> Self:
+        """Add JSON values, such as ``held_out``, to the metadata of a copy.
+
+        Raises
+        ------
+        CalibrationError
+            If a value is not JSON.
+        """
+        try:
+            plain = json.loads(json.dumps(items, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            raise CalibrationError(
+                f"metadata {', '.join(items)} cannot be kept as JSON ({error}); give plain numbers "
+                "and texts"
+            ) from None
+        return replace(self, metadata={**self.metadata, **plain})
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the calibration as one safetensors file; `load_calibration` reads it back.
+
+        Raises
+        ------
+        ModelFileError
+            If the file exists and `overwrite` is false, or it cannot be written.
+        """
+        document, arrays = encode(self)
+        write_model_file(path, document, arrays, overwrite=overwrite)
+
+    def _check(self, recording: Recording) -> None:
+        source = recording.provenance.source or "recording"
+        robot = recording.robot
+        if (robot.name, robot.arm) != (self.robot, self.arm):
+            raise CalibrationError(
+                f"{source} is of {robot.title}, the calibration of {self.title}; calibrate each "
+                "arm on its own recordings"
+            )
+        missing = [s for s in self.signals if s not in recording.table.columns]
+        if missing:
+            raise CalibrationError(
+                f"{source} lacks {', '.join(missing)}, which the calibration needs; it has "
+                f"{', '.join(recording.units)}"
+            )
+        for signal in self.signals:
+            if recording.units[signal] != self.units[signal]:
+                raise CalibrationError(
+                    f"{source}: {signal!r} is in {recording.units[signal]}, the calibration was "
+                    f"made with {self.units[signal]}; convert it where the file is read"
+                )
+        if self.feature_set.counts_samples:
+            check_sample_interval(recording, float(self.metadata["sample_interval"]))
+
+
+def load_calibration(path: str | os.PathLike[str]) -> Calibration:
+    """Read a calibration that `Calibration.save` wrote; it predicts bit for bit as before.
+
+    Nothing in the file is run.
+
+    Raises
+    ------
+    ModelFileError
+        If the file is missing, truncated, edited, too large, or of a newer format.
+    """
+    document, arrays = read_model_file(path)
+    try:
+        data = decode(document, arrays)
+        if data.feature_set.counts_samples and not _has_interval(data.metadata):
+            raise ModelFileError("features count samples, and the sample interval is not stated")
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
+    return Calibration(**{field.name: getattr(data, field.name) for field in fields(data)})
+
+
+def _has_interval(metadata: Mapping[str, Any]) -> bool:
+    interval = metadata.get("sample_interval")
+    return isinstance(interval, float) and 0.0 < interval < 1e9

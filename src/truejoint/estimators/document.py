@@ -1,0 +1,227 @@
+"""What a calibration consists of, and how it is laid out in a model file."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators.base import JointRegressor, is_number
+from truejoint.estimators.features import FeatureSet
+from truejoint.estimators.registry import BASELINES, ESTIMATORS
+
+Array = NDArray[np.float64]
+Target = Literal["error", "position"]
+
+MAX_JOINTS: Final = 64
+
+_KIND: Final = "calibration"
+_FAMILIES: Final = {cls.family: cls for cls in ESTIMATORS.values()}
+_NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
+_KEYS: Final = frozenset(
+    {
+        "kind", "robot", "arm", "joints", "target", "features", "units", "ranges", "gap_limit",
+        "model", "baselines", "metadata",
+    }
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationData:
+    """Everything that a model file holds.
+
+    Attributes
+    ----------
+    robot, arm : str
+        The arm that it was made for.
+    joints : tuple of str
+        Joints that it corrects.
+    feature_set : FeatureSet
+        Inputs of the model, in order.
+    target : {"error", "position"}
+        What the model predicts: truth minus measured (peng2024, II-J), or the position itself.
+    units : mapping of str to str
+        SI unit of each column that a recording must have.
+    gap_limit : float
+        Time without a sample [s] after which the history of the features starts anew.
+    lower, upper : ndarray, shape (k,)
+        Range of each feature in the training rows.
+    model : JointRegressor
+        Fitted to `joints` in their order.
+    baseline_models : mapping of str to JointRegressor
+        Fitted to the error on the same rows.
+    metadata : mapping
+        Where it comes from, as JSON values.
+    """
+
+    robot: str
+    arm: str
+    joints: tuple[str, ...]
+    feature_set: FeatureSet
+    target: Target
+    units: Mapping[str, str]
+    gap_limit: float
+    lower: Array
+    upper: Array
+    model: JointRegressor
+    baseline_models: Mapping[str, JointRegressor]
+    metadata: Mapping[str, Any]
+
+    @cached_property
+    def signals(self) -> tuple[str, ...]:
+        """Columns that are needed: those of the features, then any other measured position."""
+        measured = (f"measured/{joint}" for joint in self.joints)
+        return tuple(dict.fromkeys((*self.feature_set.signals, *measured)))
+
+
+def encode(data: CalibrationData) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Document and arrays for `model_file.write_model_file`."""
+    ranges = zip(data.feature_set.names, data.lower, data.upper, strict=True)
+    document = {
+        "kind": _KIND,
+        "robot": data.robot,
+        "arm": data.arm,
+        "joints": list(data.joints),
+        "target": data.target,
+        "features": list(data.feature_set.names),
+        "units": dict(data.units),
+        "ranges": {name: [float(low), float(high)] for name, low, high in ranges},
+        "gap_limit": data.gap_limit,
+        "model": _encode_estimator(data.model),
+        "baselines": {name: _encode_estimator(m) for name, m in data.baseline_models.items()},
+        "metadata": dict(data.metadata),
+    }
+    arrays = {f"model/{name}": array for name, array in data.model.to_arrays().items()}
+    for baseline, model in data.baseline_models.items():
+        arrays |= {f"{baseline}/{name}": array for name, array in model.to_arrays().items()}
+    return document, arrays
+
+
+def decode(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> CalibrationData:
+    """Inverse of `encode`; raises ModelFileError when any part is not as it must be."""
+    if document.get("kind") != _KIND:
+        raise ModelFileError(f"kind {document.get('kind')!r:.60} is not a calibration")
+    if set(document) != _KEYS:
+        odd = sorted(set(document) ^ _KEYS)
+        raise ModelFileError(f"the model description lacks or adds {', '.join(odd)[:200]}")
+    joints = _names(document["joints"], "joints")
+    try:
+        feature_set = FeatureSet.parse(_strings(document["features"], "features"))
+        models = {
+            name: _decode_estimator(entry, name, arrays, len(feature_set), len(joints))
+            for name, entry in _estimators(document).items()
+        }
+    except CalibrationError as error:
+        raise ModelFileError(str(error)) from None
+    left_over = {name for name in arrays if name.partition("/")[0] not in models}
+    if left_over:
+        raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
+    lower, upper = _ranges(document["ranges"], feature_set)
+    if document["target"] not in get_args(Target):
+        raise ModelFileError(f"target {document['target']!r:.60} is not 'error' or 'position'")
+    if not is_number(document["gap_limit"], 1e-9, 1e9):
+        raise ModelFileError(f"gap limit {document['gap_limit']!r:.60} is not a time in seconds")
+    if not isinstance(document["metadata"], dict):
+        raise ModelFileError("the metadata is not a JSON object")
+    data = CalibrationData(
+        robot=_name(document["robot"], "robot"),
+        arm=_name(document["arm"], "arm"),
+        joints=joints,
+        feature_set=feature_set,
+        target=document["target"],
+        units=_units(document["units"]),
+        gap_limit=float(document["gap_limit"]),
+        lower=lower,
+        upper=upper,
+        model=models.pop("model"),
+        baseline_models=models,
+        metadata=document["metadata"],
+    )
+    if set(data.units) != set(data.signals):
+        raise ModelFileError("the units are not those of the columns that the model needs")
+    return data
+
+
+def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
+    return {
+        "family": model.family,
+        "params": {name: _plain(value) for name, value in model.get_params().items()},
+    }
+
+
+def _plain(value: Any) -> Any:
+    """JSON value of a parameter; a generator has no seed that could be told."""
+    if isinstance(value, (tuple, list)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.random.RandomState):
+        return None
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _estimators(document: Mapping[str, Any]) -> dict[str, Any]:
+    baselines = document["baselines"]
+    if not isinstance(baselines, dict) or not set(baselines) <= set(BASELINES):
+        raise ModelFileError(f"the baselines are not among {', '.join(BASELINES)}")
+    return {"model": document["model"], **baselines}
+
+
+def _decode_estimator(
+    entry: object, name: str, arrays: Mapping[str, Array], n_features: int, n_outputs: int
+) -> JointRegressor:
+    if not isinstance(entry, dict) or set(entry) != {"family", "params"}:
+        raise ModelFileError(f"estimator {name!r} is not described by family and params")
+    family, params = entry["family"], entry["params"]
+    if not isinstance(family, str) or family not in _FAMILIES or not isinstance(params, dict):
+        raise ModelFileError(
+            f"estimator {name!r} is of family {family!r:.60}; known: {', '.join(_FAMILIES)}"
+        )
+    params = {key: tuple(v) if isinstance(v, list) else v for key, v in params.items()}
+    prefix = name + "/"
+    own = {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
+    return _FAMILIES[family].from_arrays(params, own, n_features=n_features, n_outputs=n_outputs)
+
+
+def _ranges(value: object, feature_set: FeatureSet) -> tuple[Array, Array]:
+    if not isinstance(value, dict) or set(value) != set(feature_set.names):
+        raise ModelFileError("the training ranges are not those of the features")
+    pairs = [value[name] for name in feature_set.names]
+    for name, pair in zip(feature_set.names, pairs, strict=True):
+        good = isinstance(pair, list) and len(pair) == 2
+        if not good or not all(is_number(v, -1e300, 1e300) for v in pair) or pair[0] > pair[1]:
+            raise ModelFileError(f"the training range of {name!r} is {pair!r:.60}, not [low, high]")
+    bounds = np.array(pairs, dtype=float)
+    return bounds[:, 0].copy(), bounds[:, 1].copy()
+
+
+def _units(value: object) -> dict[str, str]:
+    if not isinstance(value, dict) or not all(
+        isinstance(unit, str) and 1 <= len(unit) <= 40 and unit.isprintable()
+        for unit in value.values()
+    ):
+        raise ModelFileError("the units are not texts by column name")
+    return value
+
+
+def _strings(value: object, what: str) -> list[str]:
+    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
+        raise ModelFileError(f"{what} is not a list of texts")
+    return value
+
+
+def _name(value: object, what: str) -> str:
+    if not isinstance(value, str) or not _NAME.fullmatch(value):
+        raise ModelFileError(f"{what} is {value!r:.60}, not a name")
+    return value
+
+
+def _names(value: object, what: str) -> tuple[str, ...]:
+    names = tuple(_name(item, what) for item in _strings(value, what))
+    if not 1 <= len(names) <= MAX_JOINTS or len(set(names)) != len(names) or "" in names:
+        raise ModelFileError(f"{what} are not 1 to {MAX_JOINTS} different names")
+    return names

@@ -1,0 +1,221 @@
+"""The container of a model: a safetensors file whose header holds one JSON document.
+
+Nothing in a file is ever run. Size, header, names, shapes and the hash are checked before any
+number is used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final, NoReturn
+
+import numpy as np
+import safetensors.numpy
+from numpy.typing import NDArray
+
+from truejoint.errors import ModelFileError
+
+Array = NDArray[np.float64]
+
+FORMAT_VERSION: Final = 1
+MAX_FILE_BYTES: Final = 64 * 2**20
+MAX_HEADER_BYTES: Final = 2**20
+MAX_TENSORS: Final = 512
+
+_KEY: Final = "truejoint"
+_DAMAGED: Final = "the file is damaged or was edited; copy or calibrate it again"
+
+
+def write_model_file(
+    path: str | os.PathLike[str],
+    document: Mapping[str, Any],
+    arrays: Mapping[str, Array],
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write a model file, whole or not at all.
+
+    Parameters
+    ----------
+    path : path-like
+    document : mapping
+        JSON values that describe the model.
+    arrays : mapping of str to ndarray
+        float64, one or two dimensions.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Raises
+    ------
+    ModelFileError
+        If the file exists, cannot be written, or would break a bound that reading enforces.
+    """
+    path = Path(path)
+    if path.exists() and not overwrite:
+        raise ModelFileError(f"{path} exists; choose another name or allow overwriting")
+    data = to_bytes(document, arrays)
+    try:
+        from_bytes(data)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("xb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(path)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        raise ModelFileError(f"{path} cannot be written: {error.strerror or error}") from None
+
+
+def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Read the document and the arrays of a model file.
+
+    Raises
+    ------
+    ModelFileError
+        If the file is missing, too large, truncated, edited, or of a newer format.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_FILE_BYTES + 1)
+    except OSError as error:
+        raise ModelFileError(f"{path} cannot be read: {error.strerror or error}") from None
+    try:
+        return from_bytes(data)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}") from None
+
+
+def to_bytes(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+    """Bytes of a model file; the same for the same model."""
+    arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in arrays.items()}
+    versioned = {**document, "format": FORMAT_VERSION}
+    signed = {**versioned, "sha256": _digest(versioned, arrays)}
+    return bytes(safetensors.numpy.save(arrays, metadata={_KEY: _canonical(signed)}))
+
+
+def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Document and arrays of the bytes of a model file; raises ModelFileError."""
+    if len(data) > MAX_FILE_BYTES:
+        raise ModelFileError(
+            f"larger than {MAX_FILE_BYTES} bytes, which no truejoint model is; {_DAMAGED}"
+        )
+    length = int.from_bytes(data[:8], "little")
+    if len(data) < 8 or length > min(MAX_HEADER_BYTES, len(data) - 8):
+        raise ModelFileError(
+            f"{len(data)} bytes with a header said to have {length}: not a safetensors file of "
+            f"truejoint, or cut short; {_DAMAGED}"
+        )
+    header = _parse(data[8 : 8 + length], "header")
+    metadata = header.pop("__metadata__", None)
+    if not isinstance(metadata, dict) or not isinstance(metadata.get(_KEY), str):
+        raise ModelFileError(
+            f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
+        )
+    document = _parse(metadata[_KEY].encode("utf-8", "replace"), "model description")
+    _check_version(document.pop("format", None))
+    arrays = _read_arrays(header, memoryview(data)[8 + length :])
+    digest = document.pop("sha256", None)
+    try:
+        expected = _digest({**document, "format": FORMAT_VERSION}, arrays)
+    except (ValueError, RecursionError):
+        expected = ""
+    if digest != expected:
+        raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
+    return document, arrays
+
+
+def _check_version(version: object) -> None:
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise ModelFileError(
+            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
+            "truejoint reads; update truejoint"
+        )
+    if version is True or version != FORMAT_VERSION:
+        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
+
+
+def _read_arrays(header: Mapping[str, Any], data: memoryview) -> dict[str, Array]:
+    """Arrays of a safetensors header: float64, side by side, filling the data exactly."""
+    if len(header) > MAX_TENSORS:
+        raise ModelFileError(f"{len(header)} tensors, more than {MAX_TENSORS}; {_DAMAGED}")
+    spans = []
+    for name, entry in header.items():
+        if not isinstance(entry, dict) or set(entry) != {"dtype", "shape", "data_offsets"}:
+            raise ModelFileError(f"tensor {name!r:.60} is not described as one; {_DAMAGED}")
+        shape, span = entry["shape"], entry["data_offsets"]
+        if (
+            entry["dtype"] != "F64"
+            or not _are_sizes(shape)
+            or not _are_sizes(span)
+            or len(shape) > 2
+            or len(span) != 2
+            or span[1] - span[0] != 8 * math.prod(shape)
+        ):
+            raise ModelFileError(
+                f"tensor {name!r:.60} has a wrong type, shape or place; {_DAMAGED}"
+            )
+        spans.append((span[0], span[1], name, shape))
+    arrays: dict[str, Array] = {}
+    end = 0
+    for start, stop, name, shape in sorted(spans, key=lambda span: span[:3]):
+        if start != end or stop > len(data):
+            raise ModelFileError(f"tensor {name!r:.60} does not lie within the data; {_DAMAGED}")
+        end = stop
+        values = np.frombuffer(data[start:stop], dtype="<f8").reshape(shape)
+        arrays[name] = np.array(values, dtype=np.float64)
+    if end != len(data):
+        raise ModelFileError(f"{len(data) - end} bytes after the last tensor; {_DAMAGED}")
+    return arrays
+
+
+def _are_sizes(values: object) -> bool:
+    return isinstance(values, list) and all(
+        isinstance(value, int) and not isinstance(value, bool) and 0 <= value <= MAX_FILE_BYTES
+        for value in values
+    )
+
+
+def _parse(text: bytes, what: str) -> dict[str, Any]:
+    try:
+        value = json.loads(
+            text.decode(), object_pairs_hook=_without_repeats, parse_constant=_refuse_constant
+        )
+    except (ValueError, RecursionError):
+        raise ModelFileError(f"the {what} is not valid JSON; {_DAMAGED}") from None
+    if not isinstance(value, dict):
+        raise ModelFileError(f"the {what} is not a JSON object; {_DAMAGED}")
+    return value
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    values = dict(pairs)
+    if len(values) != len(pairs):
+        raise ValueError("a key stands twice")
+    return values
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON number")
+
+
+def _canonical(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, sort_keys=True, allow_nan=False, separators=(",", ":"))
+
+
+def _digest(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over the document and all arrays with their names and shapes, hexadecimal."""
+    digest = hashlib.sha256(_canonical(document).encode())
+    for name in sorted(arrays):
+        digest.update(json.dumps([name, arrays[name].shape]).encode())
+        digest.update(arrays[name].astype("<f8").tobytes())
+    return digest.hexdigest()

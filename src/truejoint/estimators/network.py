@@ -1,0 +1,210 @@
+"""The deep neural network of peng2024, IV-B, and its forward pass in float64."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.utils import check_random_state
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators import kernels
+from truejoint.estimators.base import (
+    JointRegressor,
+    Progress,
+    Shape,
+    is_integer,
+    is_number,
+    standardisation,
+)
+from truejoint.estimators.training import Layers, train
+
+Array = NDArray[np.float64]
+
+MAX_LAYERS: Final = 8
+MAX_UNITS: Final = 2048
+MINIMUM_ROWS: Final = 1000
+"""Fewest rows for a network: half a minute at 30 Hz; fewer hold a motion or two."""
+ROWS_PER_FEATURE: Final = 50
+BATCHES_PER_EPOCH: Final = 8
+"""With fewer rows than this many batches, batches shrink so that training keeps its steps."""
+SMALLEST_BATCH: Final = 32
+
+
+class NeuralNetwork(JointRegressor):
+    """Fully connected network with logistic hidden units and linear outputs: peng2024, IV-B.
+
+    Minimises Keras' loss, mean squared error plus `weight_decay` times the sum of the squared
+    weights, by Adam from Keras' default start, on features and targets standardised by the
+    training rows. Trains in float32, predicts in float64.
+
+    Parameters
+    ----------
+    hidden_layer_sizes : sequence of int
+        Units of each hidden layer.
+    weight_decay : float
+        Factor of the L2 penalty on the weights in the sense of Keras; biases are free.
+    learning_rate : float
+        Of Adam, with decay rates 0.9 and 0.999.
+    batch_size : int
+        Rows of a batch. Where there are fewer rows than eight such batches, a batch is an eighth of
+        the rows, yet at least 32, so that few rows still get 1600 steps in 200 epochs.
+    epochs : int
+        Passes over the rows; there is no early stop.
+    random_state : int, RandomState or None
+        Seeds the start and the order of the rows; None differs every time.
+
+    Attributes
+    ----------
+    weights_ : list of ndarray, shape (inputs, units)
+    biases_ : list of ndarray, shape (units,)
+    batch_size_ : int
+        Batch that training used.
+    loss_curve_ : list of float
+        Mean loss over the batches of each epoch, in standardised units.
+    """
+
+    family: ClassVar[str] = "dnn"
+
+    def __init__(
+        self,
+        hidden_layer_sizes: tuple[int, ...] = (100, 100),
+        weight_decay: float = 5e-4,
+        learning_rate: float = 1e-3,
+        batch_size: int = 1024,
+        epochs: int = 200,
+        random_state: int | np.random.RandomState | None = 0,
+    ) -> None:
+        self.hidden_layer_sizes = hidden_layer_sizes
+        self.weight_decay = weight_decay
+        self.learning_rate = learning_rate
+        self.batch_size = batch_size
+        self.epochs = epochs
+        self.random_state = random_state
+
+    def check_params(self) -> None:
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        sizes = self.hidden_layer_sizes
+        good_sizes = (
+            isinstance(sizes, (tuple, list))
+            and 1 <= len(sizes) <= MAX_LAYERS
+            and all(is_integer(size, 1, MAX_UNITS) for size in sizes)
+        )
+        seed = self.random_state
+        good_seed = (
+            seed is None
+            or isinstance(seed, np.random.RandomState)
+            or is_integer(seed, 0, 2**32 - 1)
+        )
+        rules = {
+            "hidden_layer_sizes": (
+                good_sizes,
+                f"1 to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units",
+            ),
+            "weight_decay": (is_number(self.weight_decay, 0.0, 1e3), "from 0 to 1000"),
+            "learning_rate": (is_number(self.learning_rate, 1e-9, 10.0), "from 1e-9 to 10"),
+            "batch_size": (is_integer(self.batch_size, 1, 10**6), "an integer from 1 to 1e6"),
+            "epochs": (is_integer(self.epochs, 1, 10**6), "an integer from 1 to 1e6"),
+            "random_state": (good_seed, "None or an integer from 0 to 2**32 - 1"),
+        }
+        for name, (good, rule) in rules.items():
+            if not good:
+                raise CalibrationError(
+                    f"network parameter {name} is {getattr(self, name)!r:.60}; it must be {rule}"
+                )
+
+    def minimum_rows(self, n_features: int) -> int:
+        """Count at least 1000 rows, and 50 for each feature."""
+        return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
+
+    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
+        """Give the scaling of features and targets, and weights and biases of each layer."""
+        shapes: dict[str, Shape] = {
+            "mean": (n_features,),
+            "inverse_scale": (n_features,),
+            "target_mean": (n_outputs,),
+            "target_scale": (n_outputs,),
+        }
+        for i, (inputs, units) in enumerate(pairwise(self._sizes(n_features, n_outputs))):
+            shapes[f"weight_{i}"] = (inputs, units)
+            shapes[f"bias_{i}"] = (units,)
+        return shapes
+
+    def _sizes(self, n_features: int, n_outputs: int) -> tuple[int, ...]:
+        return (n_features, *(int(size) for size in self.hidden_layer_sizes), n_outputs)
+
+    def _fit(self, X: Array, y: Array, progress: Progress) -> None:
+        self.n_outputs_ = y.shape[1]
+        self.mean_, self.inverse_scale_ = standardisation(X)
+        self.target_mean_, inverse = standardisation(y)
+        self.target_scale_ = np.where(inverse > 0, y.std(axis=0), 1.0)
+        self.batch_size_ = effective_batch(len(X), int(self.batch_size))
+        rng = check_random_state(self.random_state)
+        layers = Layers.glorot(self._sizes(X.shape[1], y.shape[1]), rng)
+        self.loss_curve_ = train(
+            layers,
+            ((X - self.mean_) * self.inverse_scale_).astype(np.float32),
+            ((y - self.target_mean_) / self.target_scale_).astype(np.float32),
+            weight_decay=float(self.weight_decay),
+            learning_rate=float(self.learning_rate),
+            batch_size=self.batch_size_,
+            epochs=int(self.epochs),
+            rng=rng,
+            progress=progress,
+        )
+        self.weights_ = [weight.astype(np.float64) for weight in layers.weights]
+        self.biases_ = [bias.astype(np.float64) for bias in layers.biases]
+        self._pack()
+
+    def _pack(self) -> None:
+        """Lay the layers out as the kernel takes them."""
+        self._layer_sizes = np.array(
+            self._sizes(self.n_features_in_, self.n_outputs_), dtype=np.int64
+        )
+        self._flat_weights = np.concatenate([weight.ravel() for weight in self.weights_])
+        self._flat_biases = np.concatenate(self.biases_)
+
+    def evaluate(self, X: Array) -> Array:
+        """Predict (n, n_outputs) for finite, C-ordered rows `X` (n, k), without checks."""
+        out = np.empty((len(X), self.n_outputs_))
+        kernels.network_rows(
+            X, self.mean_, self.inverse_scale_, self._layer_sizes, self._flat_weights,
+            self._flat_biases, self.target_mean_, self.target_scale_, out,
+        )  # fmt: skip
+        return out
+
+    def to_arrays(self) -> dict[str, Array]:
+        """Give scaling, weights and biases, named as in `array_shapes`."""
+        arrays = {
+            "mean": self.mean_,
+            "inverse_scale": self.inverse_scale_,
+            "target_mean": self.target_mean_,
+            "target_scale": self.target_scale_,
+        }
+        for i, (weight, bias) in enumerate(zip(self.weights_, self.biases_, strict=True)):
+            arrays[f"weight_{i}"] = weight
+            arrays[f"bias_{i}"] = bias
+        return arrays
+
+    def _set_arrays(self, arrays: Mapping[str, Array]) -> None:
+        self.mean_ = arrays["mean"]
+        self.inverse_scale_ = arrays["inverse_scale"]
+        self.target_mean_ = arrays["target_mean"]
+        self.target_scale_ = arrays["target_scale"]
+        n_layers = len(self.hidden_layer_sizes) + 1
+        self.weights_ = [arrays[f"weight_{i}"] for i in range(n_layers)]
+        self.biases_ = [arrays[f"bias_{i}"] for i in range(n_layers)]
+        self._pack()
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.non_deterministic = self.random_state is None
+        return tags
+
+
+def effective_batch(n_rows: int, batch_size: int) -> int:
+    """Rows of a batch: `batch_size`, or an eighth of the rows where these are few."""
+    return min(batch_size, max(SMALLEST_BATCH, n_rows // BATCHES_PER_EPOCH))
