@@ -119,7 +119,7 @@ def _uniform(random: Words) -> float:
 
 @njit(cache=True, error_model="numpy")
 def normal(random: Words) -> float:
-    """Standard normal random number (Box and Muller)."""
+    """Draw a standard normal random number (Box and Muller)."""
     radius = np.sqrt(-2.0 * np.log(_uniform(random)))
     return radius * np.cos(TURN * _uniform(random))
 
@@ -218,7 +218,7 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _carry(plant: Plant, state: State, load: Array) -> None:
-    """Loads of the cables from those of the joints: the transpose of the coupling, by power."""
+    """Load the cables with what the joints carry: by power, the transpose of the coupling."""
     state.carried[2] = load[2]
     state.carried[1] = load[1] - plant.coupling[2] * load[2]
     state.carried[0] = (
@@ -228,7 +228,7 @@ def _carry(plant: Plant, state: State, load: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
-    """Readings of the external encoders whose time has come, each at its own instant."""
+    """Read the external encoders where their time has come, each at its own instant."""
     while state.slow[NEXT_TRUTH] <= t:
         row = state.ticks[TRUTH_ROWS]
         part = 1.0 - (t - state.slow[NEXT_TRUTH]) / STEP
@@ -309,7 +309,7 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
 
 @njit(cache=True, error_model="numpy")
 def age(plant: Plant, state: State, duration: float) -> None:
-    """What `duration` seconds do to cables and grease; the joints' travel is in the odometer."""
+    """Age cables and grease by `duration` seconds and by the travel in the odometer."""
     c = plant.constants
     still = True
     for k in range(3):

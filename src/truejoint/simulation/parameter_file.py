@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import Field, dataclass, field, fields
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Annotated, Any, Final, TypeVar, get_args, get_origin, get_type_hints
 
 from truejoint.errors import TruejointError
 
@@ -26,26 +26,6 @@ class Bounds:
     high: float
     count: int | None = None
     whole: bool = False
-
-
-def number(low: float, high: float) -> Any:
-    """Field for one number in [low, high]."""
-    return field(metadata={"bounds": Bounds(low, high)})
-
-
-def whole_number(low: int, high: int) -> Any:
-    """Field for one whole number in [low, high]."""
-    return field(metadata={"bounds": Bounds(low, high, whole=True)})
-
-
-def switch() -> Any:
-    """Field for true or false."""
-    return field(metadata={"bounds": None})
-
-
-def numbers(count: int, low: float, high: float) -> Any:
-    """Field for a list of `count` numbers, each in [low, high]."""
-    return field(metadata={"bounds": Bounds(low, high, count)})
 
 
 def read_sections(path: Path) -> Sections:
@@ -80,7 +60,7 @@ def shipped_sections(name: str) -> Sections:
 
 
 def overlay(base: Sections, changes: Sections, source: str) -> dict[str, dict[str, Any]]:
-    """`base` with the values of `changes`; raises TruejointError on a section it does not have."""
+    """Put `changes` over `base`; raises TruejointError on a section that `base` does not have."""
     merged = {name: dict(values) for name, values in base.items()}
     for name, values in changes.items():
         if name not in merged:
@@ -92,14 +72,17 @@ def overlay(base: Sections, changes: Sections, source: str) -> dict[str, dict[st
 def build_section(
     kind: type[Section], name: str, values: Mapping[str, Any], source: str
 ) -> Section:
-    """Section `name` as an instance of the dataclass `kind`, every value checked.
+    """Make section `name` an instance of the dataclass `kind`, every value checked.
+
+    The class annotates each attribute with its `Bounds`.
 
     Raises
     ------
     TruejointError
         For a key that is unknown or missing, or a value of the wrong kind or out of bounds.
     """
-    known: dict[str, Field[Any]] = {f.name: f for f in fields(kind)}  # type: ignore[arg-type]
+    hints = get_type_hints(kind, include_extras=True)
+    known = {key: get_args(hint)[1] for key, hint in hints.items() if get_origin(hint) is Annotated}
     for key in values:
         if key not in known:
             raise TruejointError(
@@ -109,8 +92,8 @@ def build_section(
         if key not in values:
             raise TruejointError(f"{source}: {name}.{key} is missing; add it to [{name}]")
     checked = {
-        key: _checked(values[key], f.metadata["bounds"], f"{source}: {name}.{key}")
-        for key, f in known.items()
+        key: _checked(values[key], bounds, f"{source}: {name}.{key}")
+        for key, bounds in known.items()
     }
     return kind(**checked)
 

@@ -65,7 +65,7 @@ class TwinOutput:
     joint: Array
 
     def joined(self, later: TwinOutput) -> TwinOutput:
-        """This stretch of time followed by a `later` one."""
+        """Put a `later` stretch of time after this one."""
         names = self.__dataclass_fields__
         return TwinOutput(
             **{n: np.concatenate([getattr(self, n), getattr(later, n)]) for n in names}
