@@ -50,11 +50,14 @@ class SerialChain:
         for instance, turn the last axis by half their difference.
     crtk_from_base : ndarray, shape (4, 4)
         Pose of the base frame in the frame in which the robot's CRTK topics state poses.
+    tool_rotation : ndarray, shape (3, 3)
+        Orientation of the tool in the last axis' frame.
     """
 
     axes: Sequence[Axis]
     axis_from_joint: Array
     crtk_from_base: Array = field(default_factory=lambda: np.eye(4))
+    tool_rotation: Array = field(default_factory=lambda: np.eye(3))
 
     def forward(self, joint: ArrayLike) -> Array:
         """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints).
@@ -67,6 +70,7 @@ class SerialChain:
         rows, shape = self._rows(joint)
         poses = np.empty((len(rows), 4, 4))
         _forward(self._table, self._prismatic, self._mapping, rows, poses)
+        poses[:, :3, :3] = poses[:, :3, :3] @ self.tool_rotation
         return poses.reshape(*shape, 4, 4)
 
     def forward_crtk(self, joint: ArrayLike) -> Array:
@@ -75,7 +79,7 @@ class SerialChain:
         return poses
 
     def link_frames(self, joint: ArrayLike) -> Array:
-        """Frames of all axes (..., n_axes, 4, 4) [m] in the base frame; the last is the tool's."""
+        """Frames of all axes (..., n_axes, 4, 4) [m] in the base frame."""
         rows, shape = self._rows(joint)
         frames = np.empty((len(rows), len(self.axes), 4, 4))
         _link_frames(self._table, self._prismatic, self._mapping, rows, frames)

@@ -46,6 +46,9 @@ _AXES: Final = (
     Axis(-math.pi / 2, WRIST_LENGTH, 0.0, -math.pi / 2),
 )
 
+# "tooltip-offset" of the instrument's file.
+_TOOL_ROTATION: Final = ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0))
+
 
 def build(arm: str) -> Robot:
     """Build the PSM called `arm`; every joint but the jaw is calibrated by default.
@@ -54,5 +57,5 @@ def build(arm: str) -> Robot:
     that they count among those to be calibrated although they hardly place the tool.
     """
     names = tuple(joint.name for joint in JOINTS)
-    chain = SerialChain(_AXES, np.eye(6, 7))
+    chain = SerialChain(_AXES, np.eye(6, 7), tool_rotation=np.array(_TOOL_ROTATION))
     return Robot("dvrk_psm", JOINTS, arm, names, names[:6], None, chain)

@@ -77,8 +77,7 @@ class Transmission:
     @cached_property
     def inverse(self) -> Array:
         """Joint position per motor-shaft angle (n_joints, n_joints) [rad/rad or m/rad]."""
-        inverse: Array = np.linalg.inv(self.matrix)
-        return inverse
+        return np.linalg.inv(self.matrix).astype(np.float64)
 
 
 class Kinematics(Protocol):

@@ -51,8 +51,8 @@ _INSERTION_WEIGHT: Final = 100.0
 
 _REACHED, _OUT_OF_CONE, _AT_CENTRE, _WRIST_UNDEFINED = 0, 1, 2, 3
 _REASONS: Final = {
-    _OUT_OF_CONE: "shoulder and elbow cannot point the shaft there; choose a direction from the "
-    "remote centre within 127 deg and beyond 23 deg of the shoulder axis",
+    _OUT_OF_CONE: "shoulder and elbow cannot point the shaft there; keep the wrist more than "
+    "23 deg off the shoulder's axis, as seen from the remote centre",
     _AT_CENTRE: "the wrist would be within 1 mm of the remote centre, where the shaft's "
     "direction is undefined; move the tool away from it",
     _WRIST_UNDEFINED: "the jaw axis passes through the remote centre, so that the wrist is "
@@ -196,19 +196,19 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
     distance = np.sqrt(across @ across)
     if not (distance > 1e-9):
         return _WRIST_UNDEFINED
-    status = _AT_CENTRE
+    status = _OUT_OF_CONE
     row = 0
     for bend in (-1.0, 1.0):
         x5 = bend * across / distance
         wrist = tool - wrist_length * x5
         depth = np.sqrt(wrist @ wrist)
         if not (depth > _REMOTE_CENTRE):
-            row += 4
-            continue
+            # Also where the wrist could bend the other way: the arm would leap there.
+            out[:] = np.nan
+            return _AT_CENTRE
         for side in (-1.0, 1.0):
             cosine, v_x, v_y = _elbow_cosine(wrist / (side * depth), table)
             if not (abs(cosine) <= 1.0 + 1e-9):
-                status = _OUT_OF_CONE if status != _REACHED else status
                 row += 2
                 continue
             for elbow in (-1.0, 1.0):

@@ -1,0 +1,86 @@
+"""RAVEN-II transmission against a recorded robot and against the coupling written out."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.io import loadmat
+
+from truejoint.robots import Robot, Transmission, get_robot, raven2
+
+Side = Literal["left", "right"]
+
+
+@pytest.fixture(params=["left", "right"])
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return get_robot("raven2", request.param)
+
+
+def transmission_of(robot: Robot) -> Transmission:
+    assert robot.transmission is not None
+    return robot.transmission
+
+
+def test_joints_follow_from_recorded_motor_positions(data_folder: Path) -> None:
+    recorded = loadmat(data_folder / "raven2_motor_side" / "test_joint123.mat")
+    motor = np.zeros((19415, 7))
+    motor[:, :3] = np.radians(recorded["mpos"])
+    # The insertion too is recorded in "degrees": metres times 180 / pi.
+    joint = transmission_of(get_robot("raven2", "left")).joint_from_motor(motor)[:, :3]
+    assert np.abs(joint - np.radians(recorded["jpos"])).max() < 1e-6
+
+
+def test_channels_are_those_of_the_state_message(robot: Robot) -> None:
+    assert robot.channels.index("roll") == 4
+    assert robot.unused_channels == ("unused",)
+    assert robot.positioning == ("shoulder", "elbow", "insertion")
+
+
+def test_home_pose_and_limits(robot: Robot) -> None:
+    degrees = np.degrees(robot.home)
+    np.testing.assert_allclose(degrees[[0, 1, 3, 4, 5, 6]], [30, 90, 0, 0, 45, 45])
+    assert robot.home[2] == 0.40
+    np.testing.assert_allclose(np.degrees(robot.upper[[0, 1]]), [90, 135])
+    assert (robot.lower[2], robot.upper[2]) == (0.23, 0.56)
+    assert robot.joint("elbow").max_speed == pytest.approx(2.5)
+    assert robot.joint("insertion").max_speed == pytest.approx(0.05)
+
+
+@given(
+    side=st.sampled_from(["left", "right"]),
+    fraction=st.lists(st.floats(0, 1), min_size=7, max_size=7),
+)
+def test_motor_and_joint_positions_are_inverse(side: Side, fraction: list[float]) -> None:
+    robot = get_robot("raven2", side)
+    transmission = transmission_of(robot)
+    joint = robot.lower + np.array(fraction) * (robot.upper - robot.lower)
+    back = transmission.joint_from_motor(transmission.motor_from_joint(joint))
+    np.testing.assert_allclose(back, joint, atol=1e-12)
+
+
+@given(
+    side=st.sampled_from(["left", "right"]),
+    motor=st.lists(st.floats(-500, 500), min_size=7, max_size=7),
+)
+def test_coupling_is_the_published_one(side: Side, motor: list[float]) -> None:
+    """Joint by joint, as the robot's own controller resolves the coupling."""
+    tr = [136.196256, 121.522075, 2158.590308, 5.395176, 8.991960, 8.991960, 8.991960]
+    shoulder = motor[0] / tr[0]
+    elbow = motor[1] / tr[1] - 0.14545 * shoulder
+    insertion = motor[2] / tr[2] - 0.0077973826 * shoulder - 0.008077387 * elbow
+    s = motor[2] / 2.908700441 * (1 if side == "left" else -1)
+    tool = [
+        (motor[3] - s) / tr[3],
+        (motor[4] - s) / tr[4],
+        (motor[5] + s) / tr[5],
+        (motor[6] - s) / tr[6],
+    ]
+    joint = transmission_of(get_robot("raven2", side)).joint_from_motor(motor)
+    np.testing.assert_allclose(joint, [shoulder, elbow, insertion, *tool], rtol=1e-6, atol=1e-6)
+
+
+def test_every_name_of_an_arm_is_one_of_two() -> None:
+    assert set(raven2.ARMS.values()) == {"left", "right"}

@@ -1,0 +1,215 @@
+"""RAVEN-II kinematics against recorded poses, known poses and its own inverse."""
+
+import gzip
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from truejoint.errors import RobotError
+from truejoint.robots import get_robot, raven2
+from truejoint.robots.raven2 import Raven2Kinematics
+
+Side = Literal["left", "right"]
+SIDES = ["left", "right"]
+
+# uw-biorobotics/raven2:params/raven_{gold,green}_crtk.yaml: joints after homing and the pose
+# that the robot then reports, rounded by its authors.
+HOMED = {
+    "left": (
+        [0.523, 1.584, 0.4002, 0.0715, 0.0950, 0.7537, 0.852],
+        [0.0239, -0.0144, -0.0779],
+        [-0.14, 0.636, 0.02, 0.76],
+    ),
+    "right": (
+        [0.524, 1.583, 0.400, 0.0660, 0.0598, 0.736, 0.844],
+        [0.0242, 0.0141, -0.0780],
+        [0.12, 0.62, 0.07, 0.77],
+    ),
+}
+
+fractions = st.lists(st.floats(0, 1), min_size=7, max_size=7).map(np.array)
+nudges = st.lists(st.floats(-1, 1), min_size=7, max_size=7).map(np.array)
+
+
+@pytest.fixture(params=SIDES)
+def arm(request: pytest.FixtureRequest) -> Raven2Kinematics:
+    return raven2.kinematics(request.param)
+
+
+def within_limits(side: Side, fraction: np.ndarray) -> np.ndarray:
+    robot = get_robot("raven2", side)
+    return robot.lower + fraction * (robot.upper - robot.lower)
+
+
+def pose_away_from_singularities(kinematics: Raven2Kinematics, joint: np.ndarray) -> np.ndarray:
+    """Pose of joints whose inverse exists: see `SINGULAR` for those left out."""
+    pose = kinematics.forward(joint)
+    tool, jaw_axis = pose[:3, 3], pose[:3, 2]
+    across = tool - (tool @ jaw_axis) * jaw_axis
+    distance = np.linalg.norm(across)
+    assume(distance > 1e-3)
+    for bend in (-1, 1):  # neither way of bending the wrist puts it at the remote centre
+        assume(np.linalg.norm(tool + bend * 0.013 * across / distance) > 1.5e-3)
+    return pose
+
+
+def test_tool_is_where_the_recording_says(data_folder: Path) -> None:
+    path = data_folder / "raven2_motor_side" / "ravenJoint_pose_recorder.txt.gz"
+    with gzip.open(path, "rt") as file:
+        rows = np.loadtxt(file)
+    assert rows.shape == (21083, 23)
+    arm = raven2.kinematics("left")
+    # Columns: t, 8 measured and 8 desired joints, measured and desired position [um]; the fourth
+    # joint channel is void, the insertion is in metres times 180 / pi.
+    used = [0, 1, 2, 4, 5, 6, 7]
+    for joints, position in ((rows[:, 1:9], rows[:, 17:20]), (rows[:, 9:17], rows[:, 20:23])):
+        tool = arm.forward(np.radians(joints[:, used]))[:, :3, 3]
+        assert np.abs(tool - 1e-6 * position).max() < 2e-6
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_homed_arm_reports_the_known_crtk_pose(side: Side) -> None:
+    joints, position, quaternion = HOMED[side]
+    pose = raven2.kinematics(side).forward_crtk(joints)
+    np.testing.assert_allclose(pose[:3, 3], position, atol=6e-4)
+    off = Rotation.from_quat(quaternion).inv() * Rotation.from_matrix(pose[:3, :3])
+    assert np.degrees(off.magnitude()) < 4
+
+
+def test_arms_mirror_each_other() -> None:
+    joints = np.random.default_rng(6).uniform([0.0, 0.8, 0.25], [1.5, 2.3, 0.55], (50, 3))
+    joints = np.hstack([joints, np.zeros((50, 4))])
+    left = raven2.kinematics("left").forward_crtk(joints)[:, :3, 3]
+    right = raven2.kinematics("right").forward_crtk(joints)[:, :3, 3]
+    np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-12)
+
+
+def test_shaft_passes_through_the_remote_centre(arm: Raven2Kinematics) -> None:
+    joints = np.random.default_rng(7).uniform(-1, 1, (50, 7))
+    wrist = arm.link_frames(joints)[:, 4]
+    shaft = arm.link_frames(joints)[:, 2, :3, 2]
+    np.testing.assert_allclose(np.cross(wrist[:, :3, 3], shaft), 0, atol=1e-14)
+    np.testing.assert_allclose(
+        np.linalg.norm(wrist[:, :3, 3], axis=1), np.abs(joints[:, 2] - 0.47), atol=1e-14
+    )
+
+
+def test_jaws_opening_together_leave_the_tool_in_place(arm: Raven2Kinematics) -> None:
+    jacobian = arm.jacobian([0.5, 1.5, 0.4, 0.2, 0.3, 0.4, 0.1])
+    np.testing.assert_allclose(jacobian[:, 5], -jacobian[:, 6])
+
+
+@settings(max_examples=300, deadline=None)
+@given(side=st.sampled_from(SIDES), fraction=fractions, nudge=nudges)
+def test_inverse_recovers_the_joints_from_a_seed_nearby(
+    side: Side, fraction: np.ndarray, nudge: np.ndarray
+) -> None:
+    kinematics = raven2.kinematics(side)
+    joint = within_limits(side, fraction)
+    pose = pose_away_from_singularities(kinematics, joint)
+    assume(abs(joint[2] - 0.47) > 5e-3)  # nearer, the other side of the centre is as near
+    seed = joint + nudge * [0.03, 0.03, 2e-4, 0.03, 0.03, 0.0, 0.0]
+    found = kinematics.inverse(pose, seed)
+    np.testing.assert_allclose(found, joint, atol=1e-8)
+
+
+@settings(max_examples=200, deadline=None)
+@given(side=st.sampled_from(SIDES), fraction=fractions)
+def test_every_solution_reaches_the_pose(side: Side, fraction: np.ndarray) -> None:
+    kinematics = raven2.kinematics(side)
+    joint = within_limits(side, fraction)
+    pose = pose_away_from_singularities(kinematics, joint)
+    opening = joint[5] + joint[6]
+    solutions = kinematics.solutions(pose, opening)
+    assert 2 <= len(solutions) <= 8
+    np.testing.assert_allclose(kinematics.forward(solutions) - pose, 0, atol=1e-9)
+    np.testing.assert_allclose(solutions[:, 5:].sum(axis=1), opening, atol=1e-12)
+    assert (np.abs(solutions[:, [0, 1, 3, 4]]) <= np.pi + 1e-12).all()
+    # No two of them are the same.
+    apart = np.linalg.norm(solutions[:, None] - solutions[None], axis=2)
+    assert (apart[~np.eye(len(solutions), dtype=bool)] > 1e-6).all()
+
+
+@pytest.mark.parametrize("side", SIDES)
+def test_home_pose_has_eight_solutions(side: Side) -> None:
+    kinematics = raven2.kinematics(side)
+    assert len(kinematics.solutions(kinematics.forward(HOMED[side][0]))) == 8
+
+
+def test_angles_stay_within_half_a_turn_of_the_seed(arm: Raven2Kinematics) -> None:
+    joint = np.array([0.5, 1.5, 0.4, np.radians(-179), 0.2, 0.4, 0.1])
+    seed = joint + np.array([0, 0, 0, 2 * np.pi, 0, 0, 0])
+    np.testing.assert_allclose(arm.inverse(arm.forward(joint), seed), seed, atol=1e-12)
+
+
+def test_inverse_takes_the_opening_of_the_jaws_from_the_seed(arm: Raven2Kinematics) -> None:
+    joint = np.array([0.5, 1.5, 0.4, 0.1, 0.2, 0.4, 0.1])
+    seed = joint + np.array([0, 0, 0, 0, 0, 0.3, 0.3])
+    found = arm.inverse(arm.forward(joint), seed)
+    np.testing.assert_allclose(found, seed, atol=1e-12)
+
+
+def straight_tool(degrees: float) -> np.ndarray:
+    """Tool 0.1 m from the remote centre, straight, at an angle to the shoulder's axis."""
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_euler("y", degrees - 90, degrees=True).as_matrix()
+    pose[:3, 3] = 0.1 * pose[:3, 0]
+    return pose
+
+
+@pytest.mark.parametrize("off_axis", [23.5, 90, 156.5])
+def test_shaft_points_anywhere_but_along_the_shoulder(
+    arm: Raven2Kinematics, off_axis: float
+) -> None:
+    pose = straight_tool(off_axis)
+    np.testing.assert_allclose(arm.forward(arm.solutions(pose))[0], pose, atol=1e-9)
+
+
+@pytest.mark.parametrize("off_axis", [0, 22.5, 157.5, 180])
+def test_shaft_along_the_shoulder_is_refused(arm: Raven2Kinematics, off_axis: float) -> None:
+    with pytest.raises(RobotError, match="more than 23 deg off the shoulder's axis"):
+        arm.solutions(straight_tool(off_axis))
+
+
+SINGULAR = {
+    "cannot point the shaft there": lambda arm: straight_tool(10),
+    "within 1 mm of the remote centre": lambda arm: arm.forward([0.5, 1.5, 0.4701, 0, 0, 0, 0]),
+    "jaw axis passes through": lambda arm: arm.forward([0.5, 1.5, 0.483, 0, 0, 0, 0]),
+}
+
+
+@pytest.mark.parametrize("reason", SINGULAR)
+def test_unreachable_pose_is_refused_with_the_reason(arm: Raven2Kinematics, reason: str) -> None:
+    pose = SINGULAR[reason](arm)
+    with pytest.raises(RobotError, match=rf"\) mm cannot be reached: .*{reason}") as error:
+        arm.inverse(pose, [0.5, 1.5, 0.4, 0, 0, 0, 0])
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda pose: pose[:3], "must be 4 x 4 and finite"),
+        (lambda pose: pose * np.nan, "must be 4 x 4 and finite"),
+        (lambda pose: 2 * pose, "not a rigid transform"),
+        (lambda pose: pose @ np.diag([1.0, 1, -1, 1]), "not a rigid transform"),
+        (lambda pose: pose + np.eye(4, k=-3), "not a rigid transform"),
+    ],
+    ids=["shape", "nan", "scaled", "mirrored", "bottom"],
+)
+def test_pose_that_is_none_is_refused(arm: Raven2Kinematics, change, message: str) -> None:
+    seed = np.array([0.5, 1.5, 0.4, 0, 0, 0, 0])
+    with pytest.raises(RobotError, match=message):
+        arm.inverse(change(arm.forward(seed)), seed)
+
+
+@pytest.mark.parametrize("seed", [np.zeros(6), np.zeros((1, 7)), np.full(7, np.inf)])
+def test_seed_that_is_none_is_refused(arm: Raven2Kinematics, seed: np.ndarray) -> None:
+    pose = arm.forward([0.5, 1.5, 0.4, 0, 0, 0, 0])
+    with pytest.raises(RobotError, match="7 finite joint positions"):
+        arm.inverse(pose, seed)

@@ -1,0 +1,101 @@
+"""What holds for every robot, and how a robot is found by name."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from truejoint.errors import RobotError
+from truejoint.robots import Robot, get_robot, robot_names
+
+ARMS = [(name, "") for name in robot_names()] + [
+    ("raven2", "left"),
+    ("raven2", "right"),
+    ("dvrk_psm", "psm2"),
+]
+
+
+@pytest.fixture(params=ARMS, ids=lambda pair: "-".join(filter(None, pair)))
+def robot(request: pytest.FixtureRequest) -> Robot:
+    return get_robot(*request.param)
+
+
+def test_robot_carries_the_name_it_is_found_by(robot: Robot) -> None:
+    assert get_robot(robot.name, robot.arm) is robot
+
+
+def test_joints_are_distinct_and_among_the_channels(robot: Robot) -> None:
+    assert len(set(robot.joint_names)) == len(robot.joints) > 0
+    assert [c for c in robot.channels if c in robot.joint_names] == list(robot.joint_names)
+    assert len(robot.channels) == len(robot.joints) + len(robot.unused_channels)
+
+
+def test_positioning_joints_exist_in_order(robot: Robot) -> None:
+    indices = robot.index(robot.positioning)
+    assert indices == sorted(set(indices))
+    assert indices
+
+
+def test_home_lies_within_the_limits(robot: Robot) -> None:
+    assert (robot.lower < robot.upper).all()
+    assert (robot.lower <= robot.home).all()
+    assert (robot.home <= robot.upper).all()
+    assert all(joint.max_speed > 0 for joint in robot.joints)
+
+
+def test_limits_are_in_si(robot: Robot) -> None:
+    for joint in robot.joints:
+        longest = 1.0 if joint.unit == "m" else 2 * np.pi
+        for limit in (joint.lower, joint.upper):
+            assert abs(limit) <= longest or np.isinf(limit)
+
+
+def test_kinematics_and_transmission_take_the_robots_joint_vector(robot: Robot) -> None:
+    n = len(robot.joints)
+    if robot.transmission is not None:
+        assert robot.transmission.matrix.shape == (n, n)
+    if robot.kinematics is not None:
+        assert robot.kinematics.forward(robot.home).shape == (4, 4)
+        assert robot.kinematics.jacobian(robot.home).shape == (6, n)
+
+
+@pytest.mark.parametrize(
+    ("name", "arm", "same_as"),
+    [
+        ("raven2", "", ("raven2", "left")),
+        ("RAVEN2", "Gold", ("raven2", "left")),
+        ("raven2", "green", ("raven2", "right")),
+        (" dVRK_PSM", "PSM2 ", ("dvrk_psm", "psm2")),
+    ],
+)
+def test_other_names_of_an_arm_find_it(name: str, arm: str, same_as: tuple[str, str]) -> None:
+    assert get_robot(name, arm) is get_robot(*same_as)
+
+
+def test_psm_without_a_name_is_not_taken_for_a_named_one() -> None:
+    assert get_robot("dvrk_psm").arm == ""
+
+
+@pytest.mark.parametrize("name", ["", "raven", "os", "robot", "catalogue", "../raven2"])
+def test_unknown_robot_is_refused_with_the_known_ones(name: str) -> None:
+    with pytest.raises(RobotError, match="raven2, dvrk_psm, davinci_grasper") as error:
+        get_robot(name)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "arm", "advice"),
+    [("raven2", "middle", "left, gold, right, green"), ("bros", "left", "leave the arm empty")],
+)
+def test_unknown_arm_is_refused_with_the_known_ones(name: str, arm: str, advice: str) -> None:
+    with pytest.raises(RobotError, match=advice):
+        get_robot(name, arm)
+
+
+def test_robot_without_kinematics_does_not_import_the_compiler() -> None:
+    code = (
+        "import sys; from truejoint.robots import get_robot; get_robot('davinci_grasper'); "
+        "sys.exit('numba' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0  # noqa: S603 - our own code

@@ -1,0 +1,107 @@
+"""Compiled kinematics against products of plain homogeneous matrices."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from truejoint.errors import RobotError
+from truejoint.robots import get_robot
+from truejoint.robots.chain import Axis, SerialChain
+
+angle = st.floats(-np.pi, np.pi)
+length = st.floats(-0.5, 0.5)
+axis = st.builds(Axis, angle, length, length, angle, st.sampled_from(["revolute", "prismatic"]))
+
+
+@pytest.fixture(params=[("raven2", "left"), ("raven2", "right"), ("dvrk_psm", "")], ids="-".join)
+def chain(request: pytest.FixtureRequest) -> SerialChain:
+    kinematics = get_robot(*request.param).kinematics
+    assert isinstance(kinematics, SerialChain)
+    return kinematics
+
+
+def matrix_of(axis: Axis, value: float) -> np.ndarray:
+    """Rx(alpha) Tx(a) Rz(theta) Tz(d), each factor written out."""
+    turn_x, shift_x, turn_z, shift_z = (np.eye(4) for _ in range(4))
+    turn_x[:3, :3] = Rotation.from_euler("x", axis.alpha).as_matrix()
+    shift_x[0, 3] = axis.a
+    prismatic = axis.kind == "prismatic"
+    turn_z[:3, :3] = Rotation.from_euler("z", axis.theta + value * (not prismatic)).as_matrix()
+    shift_z[2, 3] = axis.d + value * prismatic
+    return turn_x @ shift_x @ turn_z @ shift_z
+
+
+def frames_of(chain: SerialChain, joint: np.ndarray) -> list[np.ndarray]:
+    pose, frames = np.eye(4), []
+    for axis, value in zip(chain.axes, chain.axis_from_joint @ joint, strict=True):
+        pose = pose @ matrix_of(axis, value)
+        frames.append(pose)
+    return frames
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(axis, min_size=1, max_size=7), st.integers(0, 2**32 - 1))
+def test_any_chain_is_the_product_of_its_matrices(axes: list[Axis], seed: int) -> None:
+    random = np.random.default_rng(seed)
+    chain = SerialChain(tuple(axes), random.normal(size=(len(axes), 3)))
+    joint = random.normal(size=3)
+    expected = frames_of(chain, joint)
+    np.testing.assert_allclose(chain.forward(joint), expected[-1], atol=1e-12)
+    np.testing.assert_allclose(chain.link_frames(joint), expected, atol=1e-12)
+
+
+def test_robot_is_the_product_of_its_matrices(chain: SerialChain) -> None:
+    joints = np.random.default_rng(1).uniform(-1, 1, (20, 7))
+    for joint, pose in zip(joints, chain.forward(joints), strict=True):
+        expected = frames_of(chain, joint)[-1]
+        expected[:3, :3] = expected[:3, :3] @ chain.tool_rotation
+        np.testing.assert_allclose(pose, expected, atol=1e-14)
+
+
+def test_crtk_pose_is_the_base_pose_turned(chain: SerialChain) -> None:
+    joints = np.random.default_rng(2).uniform(-1, 1, (5, 7))
+    for base, crtk in zip(chain.forward(joints), chain.forward_crtk(joints), strict=True):
+        np.testing.assert_allclose(crtk, chain.crtk_from_base @ base, atol=1e-15)
+
+
+def test_jacobian_is_the_derivative_of_the_pose(chain: SerialChain) -> None:
+    joints = np.random.default_rng(3).uniform(-1, 1, (10, 7))
+    step = 1e-6
+    for joint, jacobian in zip(joints, chain.jacobian(joints), strict=True):
+        ahead, behind = (
+            chain.forward(joint + step * np.eye(7)),
+            chain.forward(joint - step * np.eye(7)),
+        )
+        linear = (ahead[:, :3, 3] - behind[:, :3, 3]) / (2 * step)
+        turn = ahead[:, :3, :3] @ behind[:, :3, :3].transpose(0, 2, 1)
+        angular = Rotation.from_matrix(turn).as_rotvec() / (2 * step)
+        np.testing.assert_allclose(jacobian, np.hstack([linear, angular]).T, atol=1e-8)
+
+
+def test_any_leading_shape_is_kept(chain: SerialChain) -> None:
+    joints = np.random.default_rng(4).uniform(-1, 1, (3, 2, 7))
+    n_axes = len(chain.axes)
+    assert chain.forward(joints).shape == (3, 2, 4, 4)
+    assert chain.link_frames(joints).shape == (3, 2, n_axes, 4, 4)
+    assert chain.jacobian(joints).shape == (3, 2, 6, 7)
+    assert chain.forward(joints[:0]).shape == (0, 2, 4, 4)
+    strided = np.asfortranarray(joints)[::2, 1]
+    np.testing.assert_array_equal(chain.forward(strided), chain.forward(joints)[::2, 1])
+
+
+@pytest.mark.parametrize("shape", [(), (6,), (7, 6), (8,)])
+def test_wrong_number_of_joints_is_refused(chain: SerialChain, shape: tuple[int, ...]) -> None:
+    for method in (chain.forward, chain.link_frames, chain.jacobian):
+        with pytest.raises(RobotError, match="last dimension must be the 7 joints"):
+            method(np.zeros(shape))
+
+
+def test_missing_joint_spoils_only_what_it_moves(chain: SerialChain) -> None:
+    joint = np.full(7, 0.3)
+    joint[6] = np.nan
+    frames = chain.link_frames(joint)
+    assert np.isfinite(frames[:5]).all()
+    moves_tool = chain.axis_from_joint[:, 6].any()
+    assert np.isnan(chain.forward(joint)).any() == moves_tool

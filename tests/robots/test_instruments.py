@@ -1,0 +1,31 @@
+"""Numbers of the single-instrument robots that have any."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.io import loadmat
+
+from truejoint.robots import davinci_grasper, get_robot
+
+
+@pytest.mark.parametrize(("part", "variable"), [("part1", "data_1"), ("part2", "data_2")])
+def test_bros_ratios_are_those_of_its_encoders(data_folder: Path, part: str, variable: str) -> None:
+    rows = loadmat(data_folder / "bros_dual_encoder" / f"transmission_data_{part}.mat")[variable]
+    transmission = get_robot("bros").transmission
+    assert transmission is not None
+    joint = transmission.joint_from_motor(rows[[1, 3]].T)
+    for column, truth in zip(joint.T, rows[[2, 4]], strict=True):
+        slope = np.polyfit(truth, column, 1)[0]
+        assert slope == pytest.approx(1.0, abs=1e-3)
+
+
+def test_grasper_driver_and_motor_count_the_same_spindle() -> None:
+    # 4096 motor counts at 35:1 against 8192 driver counts for the same turn.
+    assert pytest.approx(17.5) == davinci_grasper.DRIVER_COUNT / davinci_grasper.MOTOR_COUNT
+
+
+def test_forceps_reach_covers_the_reference_motions_of_the_paper() -> None:
+    t = np.linspace(0, 200, 20001)
+    first = -50 * np.sin(0.3 * t)  # yan2020, equation 27, in degrees
+    assert np.degrees(get_robot("forceps").upper[0]) > np.abs(first).max()
