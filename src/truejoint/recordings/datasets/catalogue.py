@@ -1,0 +1,174 @@
+"""What public data sets there are: where they come from, their hashes and how to judge on them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from importlib.resources import files
+from typing import Any, Final
+from urllib.parse import quote
+
+from truejoint.errors import RecordingError
+
+RAW_HOST: Final = "https://raw.githubusercontent.com"
+
+
+@dataclass(frozen=True)
+class DatasetFile:
+    """One file of a data set.
+
+    Attributes
+    ----------
+    name : str
+        Its path in a copy of the data set, whose folder is named after it.
+    upstream : str
+        Its path in the upstream repository.
+    size : int
+        [bytes].
+    sha256 : str
+        Of the file as it is upstream, hexadecimal.
+    """
+
+    name: str
+    upstream: str
+    size: int
+    sha256: str
+
+
+@dataclass(frozen=True)
+class DatasetRecording:
+    """One recording of a data set: one file, or the files of one folder."""
+
+    name: str
+    files: tuple[DatasetFile, ...]
+
+
+@dataclass(frozen=True)
+class HeldOut:
+    """A way to hold out recordings, or the last part of each.
+
+    Attributes
+    ----------
+    name : str
+    files : str
+        Pattern of the recordings that take part.
+    test : str
+        Pattern of those among them that are held out whole; empty to split by time.
+    test_fraction : float
+        Last part by time of each recording that is held out; 0 to split by recording.
+    """
+
+    name: str
+    files: str
+    test: str = ""
+    test_fraction: float = 0.0
+
+    def __post_init__(self) -> None:
+        if bool(self.test) == (0.0 < self.test_fraction < 1.0):
+            raise RecordingError(
+                f"split {self.name!r}: give either test or a test_fraction between 0 and 1"
+            )
+
+
+@dataclass(frozen=True)
+class Dataset:
+    """A public set of recordings with a joint sensor.
+
+    Attributes
+    ----------
+    name, title : str
+    robot : str
+        As in `truejoint.robots.get_robot`.
+    format : str
+        Reader of its recordings, one of `truejoint.recordings.FORMATS`.
+    repository, commit : str
+        On GitHub, ``owner/name``, and the commit that the hashes are of.
+    licence : str
+        SPDX name; empty if upstream states none: evaluate such data, do not pass it on.
+    notice : str
+        What must stand beside results made with it; often empty.
+    citation : str
+    features : tuple of str
+        Causal features that suit it, as `truejoint.estimators.FeatureSet.parse` takes them.
+    splits : tuple of HeldOut
+        Recommended ways to judge on it, the first by default.
+    recordings : tuple of DatasetRecording
+    """
+
+    name: str
+    title: str
+    robot: str
+    format: str
+    repository: str
+    commit: str
+    licence: str
+    notice: str
+    citation: str
+    features: tuple[str, ...]
+    splits: tuple[HeldOut, ...]
+    recordings: tuple[DatasetRecording, ...]
+
+    @property
+    def size(self) -> int:
+        """All files together [bytes]."""
+        return sum(file.size for recording in self.recordings for file in recording.files)
+
+    def match(self, pattern: str = "*") -> tuple[DatasetRecording, ...]:
+        """Find recordings by a shell pattern of names; raises RecordingError when none fits."""
+        found = tuple(r for r in self.recordings if fnmatchcase(r.name, pattern))
+        if not found:
+            some = ", ".join(r.name for r in self.recordings[:4])
+            raise RecordingError(
+                f"{self.name}: no recording fits {pattern!r}; there are {some}"
+                + (", ..." if len(self.recordings) > 4 else "")
+            )
+        return found
+
+    def split(self, name: str = "") -> HeldOut:
+        """Recommended split by name, the first by default; raises RecordingError if unknown."""
+        for split in self.splits:
+            if name in {"", split.name}:
+                return split
+        known = ", ".join(split.name for split in self.splits)
+        raise RecordingError(f"{self.name}: no split called {name!r}; choose from {known}")
+
+    def url(self, file: DatasetFile) -> str:
+        """Where to fetch a file of it."""
+        return f"{RAW_HOST}/{self.repository}/{self.commit}/{quote(file.upstream)}"
+
+
+def get_dataset(name: str) -> Dataset:
+    """Find a data set by name; raises RecordingError naming those that are known."""
+    if name not in DATASETS:
+        raise RecordingError(f"no data set called {name!r}; choose from {', '.join(DATASETS)}")
+    return DATASETS[name]
+
+
+def _load() -> dict[str, Dataset]:
+    package = files(__package__)
+    catalogue = tomllib.loads((package / "catalogue.toml").read_text("utf-8"))
+    recordings: dict[str, dict[str, list[DatasetFile]]] = {name: {} for name in catalogue}
+    for row in csv.DictReader(io.StringIO((package / "files.csv").read_text("utf-8"))):
+        file = DatasetFile(row["file"], row["upstream"], int(row["bytes"]), row["sha256"])
+        recordings[row["dataset"]].setdefault(row["recording"], []).append(file)
+    return {name: _dataset(name, values, recordings[name]) for name, values in catalogue.items()}
+
+
+def _dataset(
+    name: str, values: dict[str, Any], recordings: Mapping[str, list[DatasetFile]]
+) -> Dataset:
+    return Dataset(
+        name=name,
+        features=tuple(values.pop("features")),
+        splits=tuple(HeldOut(**split) for split in values.pop("splits")),
+        recordings=tuple(DatasetRecording(key, tuple(f)) for key, f in recordings.items()),
+        **values,
+    )
+
+
+DATASETS: Final[Mapping[str, Dataset]] = _load()
+"""Every public data set by name."""
