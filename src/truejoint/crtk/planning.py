@@ -15,6 +15,9 @@ from truejoint.crtk.messages import Array
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
 
+_INSTANT: Final = 1e-9
+"""Shorter lines than this are no lines [s]: a picometre on the way."""
+
 
 @dataclass(frozen=True, eq=False)
 class TimeLaw:
@@ -97,8 +100,11 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
     """
     corners = np.asarray(knots, dtype=float)
     needed = (np.abs(np.diff(corners, axis=0)) / np.asarray(speed)).max(axis=1)
-    corners = corners[np.concatenate([[True], needed > 0.0])]
-    needed = needed[needed > 0.0]
+    times = np.concatenate([[0.0], np.cumsum(needed)])
+    # Knots of the same instant are passed once.
+    keep = np.concatenate([[True], np.diff(np.floor(times / _INSTANT)) > 0.0])
+    last, corners, times = corners[-1], corners[keep], times[keep]
     if len(corners) == 1:
-        corners, needed = np.repeat(corners, 2, axis=0), np.array([1.0 / SERVO_RATE])
-    return TimeLaw(np.concatenate([[0.0], np.cumsum(needed)]), corners, blend)
+        corners, times = np.vstack([corners, corners]), np.array([0.0, 1.0 / SERVO_RATE])
+    corners[-1] = last
+    return TimeLaw(times, corners, blend)
