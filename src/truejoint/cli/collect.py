@@ -1,0 +1,85 @@
+"""`truejoint collect`: drive an arm along trajectories and record it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.options import Arm as ArmOption
+from truejoint.cli.options import Force, Json, RobotName, Seed
+from truejoint.crtk import Arm, simulated_arm
+from truejoint.errors import RecordingError
+from truejoint.motion import TrackingReport, Trajectory, follow
+from truejoint.recordings import Recorder, Recording, write_parquet
+from truejoint.simulation import TwinParameters
+
+
+def record(
+    arm: Arm,
+    trajectory: Trajectory,
+    *,
+    state_rate: float = 30.0,
+    label: str | None = None,
+) -> tuple[Recording, TrackingReport]:
+    """Follow a trajectory with a homed arm and record it, showing progress."""
+    recorder = Recorder(arm, state_rate=state_rate, session=trajectory.name, command=command_line())
+    with progress(label or f"Following {trajectory.name}") as done, recorder:
+        report = follow(arm, trajectory, progress=done)
+    return recorder.recording(), report
+
+
+def collect(
+    trajectories: Annotated[
+        list[Path], typer.Argument(metavar="TRAJECTORY...", help="Trajectory files, in order.")
+    ],
+    output: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for one Parquet file a trajectory.")
+    ],
+    robot: RobotName = "raven2",
+    arm: ArmOption = "",
+    seed: Seed = 0,
+    load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,
+    state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
+    twin: Annotated[
+        Path | None, typer.Option(help="TOML file with the simulated robot's parameters.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Home a simulated arm, drive it along trajectories and record each.
+
+    All trajectories of one call share one homing, as in one session with a robot.
+    """
+    loaded = [Trajectory.load(path) for path in trajectories]
+    targets = [output / f"{path.stem}.parquet" for path in trajectories]
+    _check_targets(targets, force)
+    parameters = None if twin is None else TwinParameters.load(twin)
+    device = simulated_arm(robot, arm, parameters=parameters, seed=seed, load=load_grams / 1e3)
+    for trajectory in loaded:
+        trajectory.check_within(device.robot)
+    say(f"Homing {device.robot.title}, simulated ...")
+    device.enable()
+    device.home()
+    rows = []
+    for trajectory, target in zip(loaded, targets, strict=True):
+        recording, report = record(device, trajectory, state_rate=state_rate_hz)
+        write_parquet(recording, target, overwrite=force)
+        rows.append({"file": str(target), "rows": len(recording), "tracking": report.to_dict()})
+        if not as_json:
+            out.print(f"{target}: {len(recording)} rows; {report}", highlight=False)
+    if as_json:
+        result_json({"recordings": rows})
+
+
+def _check_targets(targets: list[Path], force: bool) -> None:
+    """Refuse before the robot moves, not after."""
+    for target in targets:
+        if targets.count(target) > 1:
+            raise RecordingError(
+                f"{target}: two trajectories have the same file name; rename one of them"
+            )
+        if target.exists() and not force:
+            raise RecordingError(f"{target}: is there already; choose another --out, or --force")

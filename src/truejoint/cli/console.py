@@ -1,0 +1,73 @@
+"""What the command line prints: progress on standard error, results on standard output."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+
+out = Console()
+err = Console(stderr=True)
+
+ProgressCallback = Callable[[float], None]
+
+# A log file has no bar that moves: say there how far a long step is, this often [s].
+_LOG_PERIOD = 10.0
+
+
+@contextmanager
+def progress(description: str) -> Iterator[ProgressCallback]:
+    """Show one step of long work; yields a callback that takes the fraction done, 0 to 1.
+
+    A terminal gets a bar with the time left; a file or pipe gets a line at the start, one
+    every ten seconds and one at the end.
+    """
+    began = time.monotonic()
+    if err.is_terminal:
+        columns = (
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            TimeRemainingColumn(elapsed_when_finished=True),
+        )
+        with Progress(*columns, console=err) as bar:
+            task = bar.add_task(description, total=1.0)
+            yield lambda fraction: bar.update(task, completed=fraction)
+            bar.update(task, completed=1.0)
+        return
+    err.print(f"{description} ...", highlight=False)
+    said = began
+
+    def report(fraction: float) -> None:
+        nonlocal said
+        now = time.monotonic()
+        if now - said < _LOG_PERIOD or not 0 < fraction < 1:
+            return
+        said = now
+        left = (now - began) * (1 - fraction) / fraction
+        err.print(f"  {fraction:.0%}, about {left:.0f} s left", highlight=False)
+
+    yield report
+    err.print(f"  done in {time.monotonic() - began:.1f} s", highlight=False)
+
+
+def say(message: str) -> None:
+    """Tell the person what is going on; never part of the result."""
+    err.print(message, highlight=False)
+
+
+def result_json(values: Mapping[str, Any]) -> None:
+    """Print the result as one JSON document and nothing else."""
+    sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
+
+
+def command_line() -> str:
+    """The command line as it was typed, to go into what it makes."""
+    return shlex.join(["truejoint", *sys.argv[1:]])

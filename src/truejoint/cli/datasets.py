@@ -1,0 +1,93 @@
+"""`truejoint datasets`: public recordings of real joints."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+from rich.table import Table
+
+from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.options import Json
+from truejoint.errors import RecordingError
+from truejoint.recordings.datasets import DATASETS, Dataset, fetch, get_dataset, locate
+
+app = typer.Typer(help="List, describe and fetch public recordings of real joints.")
+
+
+@app.callback(
+    invoke_without_command=True, epilog="Example: `truejoint datasets fetch dvrk_psm_berkeley`"
+)
+def listing(context: typer.Context, as_json: Json = False) -> None:
+    """List the public data sets, and whether they are on this machine."""
+    if context.invoked_subcommand is not None:
+        return
+    if as_json:
+        result_json({"datasets": [_facts(dataset) for dataset in DATASETS.values()]})
+        return
+    table = Table("name", "what", "MB", "licence", "here")
+    for dataset in DATASETS.values():
+        table.add_row(
+            dataset.name,
+            dataset.title,
+            f"{dataset.size / 1e6:.1f}",
+            dataset.licence or "none stated",
+            "yes" if _here(dataset) else "no",
+        )
+    out.print(table)
+
+
+@app.command("show", epilog="Example: `truejoint datasets show davinci_grasper_umn`")
+def show(
+    name: Annotated[str, typer.Argument(help="Name of the data set.")], as_json: Json = False
+) -> None:
+    """Describe a data set: where it comes from, how to cite it, how to judge on it."""
+    dataset = get_dataset(name)
+    facts = _facts(dataset)
+    if as_json:
+        result_json(facts)
+        return
+    table = Table(show_header=False, title=dataset.title, title_justify="left")
+    for key, value in facts.items():
+        text = "\n".join(map(str, value)) if isinstance(value, list) else str(value)
+        table.add_row(key, text)
+    out.print(table)
+
+
+@app.command("fetch", epilog="Example: `truejoint datasets fetch davinci_grasper_umn`")
+def get(
+    name: Annotated[str, typer.Argument(help="Name of the data set.")],
+    pattern: Annotated[str, typer.Option(help="Only recordings whose name fits.")] = "*",
+    as_json: Json = False,
+) -> None:
+    """Fetch a data set from its upstream repository, checking every file's hash."""
+    dataset = get_dataset(name)
+    with progress(f"Fetching {name} from {dataset.repository}") as done:
+        folder = fetch(name, pattern, progress=done)
+    if as_json:
+        result_json({"name": name, "folder": str(folder)})
+    else:
+        out.print(f"{name} is in {folder}", highlight=False)
+
+
+def _here(dataset: Dataset) -> bool:
+    try:
+        locate(dataset.name)
+    except RecordingError:
+        return False
+    return True
+
+
+def _facts(dataset: Dataset) -> dict[str, object]:
+    return {
+        "name": dataset.name,
+        "robot": dataset.robot,
+        "upstream": f"{dataset.repository} @ {dataset.commit}",
+        "licence": dataset.licence or "none stated: evaluate it, do not pass it on",
+        "notice": dataset.notice,
+        "citation": dataset.citation,
+        "here": _here(dataset),
+        "recordings": [recording.name for recording in dataset.recordings],
+        "features": list(dataset.features),
+        "splits": [split.name for split in dataset.splits],
+    }

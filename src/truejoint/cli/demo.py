@@ -1,0 +1,84 @@
+"""`truejoint demo`: the whole way on a simulated RAVEN-II, from homing to a report."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truejoint import evaluation
+from truejoint.cli.calibrate import fit
+from truejoint.cli.collect import record
+from truejoint.cli.console import out, progress, say
+from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation, show
+from truejoint.cli.options import Seed
+from truejoint.crtk import simulated_arm
+from truejoint.estimators import NeuralNetwork
+from truejoint.motion import random_motion, zigzag
+from truejoint.recordings import write_parquet
+
+# The calibration of peng2024, II-E: direction J2-J3 with three sparsities, judged on 20 minutes
+# of random motion.
+DIRECTION = "J2-J3"
+SPARSITIES = (4, 5, 6)
+
+
+def demo(
+    folder: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for everything that is made.")
+    ] = Path("demo"),
+    seed: Seed = 0,
+) -> None:
+    """Home, move, record, calibrate, judge and correct a simulated RAVEN-II.
+
+    Writes trajectories, recordings, the model and the report, and overwrites those of an
+    earlier demo.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    say("1. Compiling the simulated RAVEN-II (once) and homing its left arm ...")
+    arm = simulated_arm("raven2", "left", seed=seed)
+    arm.enable()
+    arm.home()
+    say(f"   {arm.operating_state()}")
+
+    say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
+    paths = {
+        f"zigzag_{DIRECTION}_1_{n}": zigzag(arm.robot, DIRECTION, 1 / n) for n in SPARSITIES
+    }
+    motion = random_motion(arm.robot, seed=seed)
+    training = []
+    for name, path in paths.items():
+        path.save(folder / f"{name}.csv", overwrite=True)
+        recording, report = record(arm, path, label=f"   Following {name}")
+        write_parquet(recording, folder / f"{name}.parquet", overwrite=True)
+        say(f"   {len(recording)} rows; {report}")
+        training.append(recording)
+
+    say("3. Twenty minutes of random motion, which the model will never see")
+    motion.save(folder / "random.csv", overwrite=True)
+    test, report = record(arm, motion, label="   Following the random motion")
+    write_parquet(test, folder / "random.parquet", overwrite=True)
+    say(f"   {len(test)} rows; {report}")
+
+    say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")
+    model, _ = fit(training, NeuralNetwork(), seed=seed)
+    model.save(folder / "left_arm.safetensors", overwrite=True)
+
+    say("5. Judging it on the random motion")
+    with progress("   Correcting and comparing with the joint encoders"):
+        result = evaluation.evaluate({model.estimator: [model]}, [test])
+    report_evaluation(result, folder / "report.html", model, [test], training, force=True)
+    show(result)
+    out.print(
+        f"\nOpen {folder / 'report.html'} in a browser.\n"
+        f"Correct a recording in Python:\n"
+        f"  import truejoint\n"
+        f"  model = truejoint.load_calibration({str(folder / 'left_arm.safetensors')!r})\n"
+        f"  recording = truejoint.read_recording({str(folder / 'random.parquet')!r})\n"
+        f"  corrected = model.correct(recording)  # shoulder, elbow [rad], insertion [m]",
+        highlight=False,
+        markup=False,
+    )
+    if not result.verdict.passed:
+        raise typer.Exit(CHECK_FAILED)

@@ -1,0 +1,131 @@
+"""`truejoint trajectory`: make, look at and plot trajectories."""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from truejoint.cli.console import out, result_json, say
+from truejoint.cli.options import Arm, Force, Json, RobotName
+from truejoint.errors import TrajectoryError
+from truejoint.motion import DIRECTIONS, Trajectory, nominal_duration, random_motion, zigzag
+from truejoint.robots import Robot, get_robot
+from truejoint.units import display_unit
+
+app = typer.Typer(no_args_is_help=True, help="Make, look at and plot trajectories.")
+
+Output = Annotated[Path, typer.Option("--out", "-o", help="CSV file to write.")]
+Plot = Annotated[
+    Path | None, typer.Option(help="Also draw it in 3-D: a .png picture or an .html page.")
+]
+
+
+def parse_sparsity(text: str) -> float:
+    """Number of ``"1/4"`` or ``"0.25"``; raises TrajectoryError when it is neither."""
+    try:
+        value = float(Fraction(text))
+    except (ValueError, ZeroDivisionError):
+        raise TrajectoryError(
+            f"sparsity {text!r} is not a number; write it as 1/4 or 0.25"
+        ) from None
+    return value
+
+
+@app.command(
+    "zigzag",
+    epilog="Example: `truejoint trajectory zigzag --direction J2-J3 --sparsity 1/4 -o zigzag.csv`",
+)
+def make_zigzag(
+    output: Output,
+    direction: Annotated[str, typer.Option(help=f"One of {', '.join(DIRECTIONS)}.")] = "J2-J3",
+    sparsity: Annotated[str, typer.Option(help="Line spacing as a share of the range.")] = "1/4",
+    robot: RobotName = "raven2",
+    arm: Arm = "",
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make a zig-zag path that covers the calibration workspace."""
+    target = get_robot(robot, arm)
+    trajectory = zigzag(target, direction, parse_sparsity(sparsity))
+    _save(trajectory, target, output, plot, force, as_json)
+
+
+@app.command(
+    "random", epilog="Example: `truejoint trajectory random --minutes 20 --seed 7 -o random.csv`"
+)
+def make_random(
+    output: Output,
+    minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 20.0,
+    seed: Annotated[int, typer.Option(help="Same seed, same motion.")] = 0,
+    robot: RobotName = "raven2",
+    arm: Arm = "",
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make a random motion, to test a calibration on what it was not trained on."""
+    target = get_robot(robot, arm)
+    trajectory = random_motion(target, duration=60.0 * minutes, seed=seed)
+    _save(trajectory, target, output, plot, force, as_json)
+
+
+@app.command("show", epilog="Example: `truejoint trajectory show zigzag.csv --plot zigzag.html`")
+def show(
+    path: Annotated[Path, typer.Argument(help="Trajectory file.")],
+    robot: RobotName = "raven2",
+    arm: Arm = "",
+    plot: Plot = None,
+    as_json: Json = False,
+) -> None:
+    """Show the range, the length and the duration of a trajectory."""
+    trajectory = Trajectory.load(path)
+    if plot is not None:
+        trajectory.plot_3d(plot)
+    _describe(trajectory, get_robot(robot, arm), as_json)
+
+
+def _save(
+    trajectory: Trajectory,
+    robot: Robot,
+    output: Path,
+    plot: Path | None,
+    force: bool,
+    as_json: bool,
+) -> None:
+    trajectory.save(output, overwrite=force)
+    say(f"wrote {output}")
+    if plot is not None:
+        trajectory.plot_3d(plot)
+        say(f"wrote {plot}")
+    _describe(trajectory, robot, as_json)
+
+
+def _describe(trajectory: Trajectory, robot: Robot, as_json: bool) -> None:
+    lower, upper = trajectory.positions.min(axis=0), trajectory.positions.max(axis=0)
+    path_length = np.abs(np.diff(trajectory.positions, axis=0)).sum(axis=0)
+    duration = nominal_duration(trajectory, robot)
+    if as_json:
+        result_json(
+            {
+                "name": trajectory.name,
+                "joints": list(trajectory.joints),
+                "lower": lower.tolist(),
+                "upper": upper.tolist(),
+                "path_length": path_length.tolist(),
+                "duration": duration,
+            }
+        )
+        return
+    table = Table("joint", "from", "to", "path", "unit", title=trajectory.name, title_justify="left")
+    for k, name in enumerate(trajectory.joints):
+        shown = display_unit(robot.joint(name).unit)
+        row = (lower[k], upper[k], path_length[k])
+        table.add_row(name, *(f"{value * shown.scale:.2f}" for value in row), shown.name)
+    out.print(table)
+    out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}", highlight=False)
