@@ -3,6 +3,7 @@
 from truejoint.recordings.column_map import ColumnMap, MappedColumn, load_column_map
 from truejoint.recordings.formats import FORMATS, Format, detect_format, read_recording
 from truejoint.recordings.parquet import read_parquet, write_parquet
+from truejoint.recordings.recorder import Recorder
 from truejoint.recordings.recording import Provenance, Recording
 from truejoint.recordings.synchronise import Stream, synchronise
 
@@ -12,6 +13,7 @@ __all__ = [
     "Format",
     "MappedColumn",
     "Provenance",
+    "Recorder",
     "Recording",
     "Stream",
     "detect_format",

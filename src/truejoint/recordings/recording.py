@@ -15,6 +15,9 @@ from truejoint.robots import Robot, get_robot
 
 Array = NDArray[np.float64]
 
+# A stamp above this is seconds since 1970: it would be 3 years into one recording.
+_EPOCH: Final = 1e8
+
 # Quantities whose unit is that of the joint's position.
 POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth")
 
@@ -216,6 +219,25 @@ class Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
         unknown = np.isnan(self.columns("truth", joints)).any(axis=1)
         return self.rows(np.flatnonzero(~unknown))
+
+
+def since_first(t: Array) -> tuple[Array, float]:
+    """Count stamps from the first one if they count from 1970; leave others as they are.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s], n > 0.
+
+    Returns
+    -------
+    t : ndarray, shape (n,)
+        [s].
+    start : float
+        What was taken off, for `Provenance.start`; NaN if nothing was.
+    """
+    first = float(t[0])
+    return (t - first, first) if first > _EPOCH else (t, float("nan"))
 
 
 # RAVEN reports the torque at the motor's capstan, for its prismatic joint too.

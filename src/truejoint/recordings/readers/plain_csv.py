@@ -29,11 +29,10 @@ from truejoint.recordings.recording import (
     Provenance,
     Recording,
     default_unit,
+    since_first,
 )
 from truejoint.robots import Robot, get_robot
 
-# A stamp above this is seconds since 1970 (it would be 3 years of one recording).
-_EPOCH: Final = 1e8
 _JOINT_QUANTITIES: Final = (*POSITION_QUANTITIES, "velocity")
 
 
@@ -83,9 +82,7 @@ def read(
     may_miss = [use[name] for name in use if name.startswith("truth")]
     table = read_numbers(path, layout, list(use.values()), may_miss)
     columns, units = _convert(path, mapping, machine, dict(zip(use, table.values.T, strict=True)))
-    start = float(columns["t"][0])
-    if start > _EPOCH:
-        columns["t"] = columns["t"] - start
+    columns["t"], start = since_first(columns["t"])
     dropped = {"last line cut short": table.incomplete, "truth: value missing": _missing(columns)}
     provenance = Provenance(
         robot=machine.name,
@@ -95,7 +92,7 @@ def read(
         session=path.name.split(".", maxsplit=1)[0],
         rates=_rate(columns["t"]),
         dropped={reason: n for reason, n in dropped.items() if n},
-        start=start if start > _EPOCH else float("nan"),
+        start=start,
     )
     return Recording.from_columns(columns, provenance, units)
 

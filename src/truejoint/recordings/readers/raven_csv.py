@@ -27,7 +27,7 @@ from truejoint.recordings.numeric_text import (
     read_numbers,
     split_fields,
 )
-from truejoint.recordings.recording import Array, Provenance, Recording
+from truejoint.recordings.recording import Array, Provenance, Recording, since_first
 from truejoint.robots import Robot, get_robot
 
 STATE_COLUMNS: Final = 240
@@ -205,7 +205,8 @@ def _recording(
         "homing": int((~keep).sum()),
         "last line cut short": table.incomplete,
     }
-    columns: dict[str, Array] = {"t": (time - time[0])[keep]}
+    stamps, start = since_first(time)
+    columns: dict[str, Array] = {"t": stamps[keep]}
     at = 2
     for quantity, (_, factor) in BLOCKS.items():
         for channel in robot.channels:
@@ -221,7 +222,7 @@ def _recording(
         session=path.name.split(".", maxsplit=1)[0],
         rates={"state": round(1.0 / interval, 3)} if interval > 0 else {},
         dropped={reason: n for reason, n in counts.items() if n},
-        start=float(time[0]),
+        start=start,
     )
     units = {f"effort/{channel}": "Nm" for channel in robot.channels}
     return Recording.from_columns(columns, provenance, units)
