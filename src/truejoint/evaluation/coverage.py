@@ -1,0 +1,122 @@
+"""What recordings cover of a joint: its range, both directions, speeds and efforts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.evaluation.signals import direction, velocity
+from truejoint.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+
+_BINS: Final = 20
+
+
+@dataclass(frozen=True)
+class JointCoverage:
+    """What a set of recordings covers of one joint.
+
+    Attributes
+    ----------
+    joint, unit : str
+    lowest, highest : float
+        Measured position [rad or m].
+    share_of_limits : float
+        Covered range as a share of the travel between the joint's limits; NaN without limits.
+    filled : float
+        Share of 20 equal parts of the covered range that hold at least a twentieth of the rows
+        that an even coverage would put there.
+    up, down, standing : float
+        Shares of the rows by direction of motion.
+    speed_median, speed_high : float
+        Median and 95th percentile of the speed while moving [rad/s or m/s].
+    effort_low, effort_high : float
+        1st and 99th percentile of the effort; NaN where none was recorded.
+    effort_unit : str
+    truth_missing : float
+        Share of rows without truth; NaN where no truth was recorded.
+    rows : int
+    duration : float
+        Sum over recordings [s].
+    """
+
+    joint: str
+    unit: str
+    lowest: float
+    highest: float
+    share_of_limits: float
+    filled: float
+    up: float
+    down: float
+    standing: float
+    speed_median: float
+    speed_high: float
+    effort_low: float
+    effort_high: float
+    effort_unit: str
+    truth_missing: float
+    rows: int
+    duration: float
+
+
+def joint_coverage(recordings: Sequence[Recording], joint: str) -> JointCoverage:
+    """Coverage of `joint` over all recordings; raises RecordingError if one lacks it."""
+    position = [r.column(f"measured/{joint}") for r in recordings]
+    moves = np.concatenate([direction(r.t, x) for r, x in zip(recordings, position, strict=True)])
+    speed = np.concatenate(
+        [np.abs(velocity(r.t, x)) for r, x in zip(recordings, position, strict=True)]
+    )
+    moving = speed[moves != 0]
+    pooled = np.concatenate(position)
+    lowest, highest = float(pooled.min()), float(pooled.max())
+    limits = recordings[0].robot.joint(joint)
+    travel = limits.upper - limits.lower
+    effort_low, effort_high, effort_unit = _effort(recordings, joint)
+    return JointCoverage(
+        joint=joint,
+        unit=limits.unit,
+        lowest=lowest,
+        highest=highest,
+        share_of_limits=(highest - lowest) / travel if math.isfinite(travel) else math.nan,
+        filled=_filled(pooled),
+        up=float(np.mean(moves > 0)),
+        down=float(np.mean(moves < 0)),
+        standing=float(np.mean(moves == 0)),
+        speed_median=float(np.median(moving)) if len(moving) else 0.0,
+        speed_high=float(np.quantile(moving, 0.95)) if len(moving) else 0.0,
+        effort_low=effort_low,
+        effort_high=effort_high,
+        effort_unit=effort_unit,
+        truth_missing=_truth_missing(recordings, joint),
+        rows=len(pooled),
+        duration=sum(r.duration for r in recordings),
+    )
+
+
+def _filled(position: Array) -> float:
+    if position.min() == position.max():
+        return 0.0
+    counts, _ = np.histogram(position, bins=_BINS)
+    return float(np.mean(counts >= 0.05 * len(position) / _BINS))
+
+
+def _effort(recordings: Sequence[Recording], joint: str) -> tuple[float, float, str]:
+    column = f"effort/{joint}"
+    if any(column not in r.units for r in recordings):
+        return math.nan, math.nan, "1"
+    pooled = np.concatenate([r.column(column) for r in recordings])
+    low, high = np.quantile(pooled, [0.01, 0.99])
+    return float(low), float(high), recordings[0].units[column]
+
+
+def _truth_missing(recordings: Sequence[Recording], joint: str) -> float:
+    column = f"truth/{joint}"
+    if any(column not in r.units for r in recordings):
+        return math.nan
+    return float(np.mean(np.isnan(np.concatenate([r.column(column) for r in recordings]))))

@@ -1,0 +1,217 @@
+"""Defects of one recording: gaps, jumps, wraps, frozen signals, truth that is missing."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.evaluation.signals import GAP_STEPS, gaps, longest_run
+from truejoint.recordings.recording import Recording
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Observation:
+    """One defect of one signal in one recording.
+
+    `kind` and `subject` (the signal, or empty) tell which observations of several recordings
+    are the same; `size` orders them.
+    """
+
+    kind: str
+    level: Literal["fail", "warn", "info"]
+    subject: str
+    size: float
+    what: str
+    advice: str
+    recording: str
+
+
+def observe_defects(
+    recording: Recording, joints: Sequence[str], signals: Sequence[str]
+) -> list[Observation]:
+    """Everything about one recording that would mislead a calibration or a test.
+
+    Parameters
+    ----------
+    recording : Recording
+    joints : sequence of str
+        Joints whose measured and true positions are examined.
+    signals : sequence of str
+        Columns that a model reads.
+
+    Raises
+    ------
+    RecordingError
+        If the recording lacks a column.
+    """
+    found = [*_clock(recording), *_dropped(recording), *_constant(recording, signals)]
+    for joint in joints:
+        measured = recording.column(f"measured/{joint}")
+        found += _jumps(recording, f"measured/{joint}", recording.t, measured)
+        if f"truth/{joint}" in recording.units:
+            truth = recording.column(f"truth/{joint}")
+            known = np.isfinite(truth)
+            found += _missing_truth(recording, joint, known)
+            if known.sum() >= 2:
+                t = recording.t[known]
+                found += _jumps(recording, f"truth/{joint}", t, truth[known])
+                found += _frozen(recording, joint, t, truth[known], measured[known])
+    return found
+
+
+def _clock(recording: Recording) -> Iterable[Observation]:
+    source = recording.provenance.source
+    t = recording.t
+    step = np.diff(t)
+    usual = float(np.median(step))
+    after = gaps(t)
+    if len(after):
+        longest = float(step.max())
+        lost = float(step[after].sum() / (t[-1] - t[0]))
+        yield Observation(
+            "gaps",
+            "warn",
+            "time stamps",
+            longest,
+            f"{_count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, at most {longest:.3g} s, "
+            f"{100 * lost:.2g} % of the time",
+            "a model with history starts anew after each; look for lost messages or a clock jump",
+            source,
+        )
+    irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
+    if irregular > 0.05:
+        yield Observation(
+            "irregular",
+            "info" if irregular < 0.2 else "warn",
+            "time stamps",
+            irregular,
+            f"{100 * irregular:.0f} % of the steps are more than half off the median of "
+            f"{1e3 * usual:.4g} ms",
+            "record stamps of the sensor rather than of arrival",
+            source,
+        )
+
+
+def _dropped(recording: Recording) -> Iterable[Observation]:
+    dropped = {reason: n for reason, n in recording.provenance.dropped.items() if n}
+    total = sum(dropped.values())
+    share = total / (total + len(recording))
+    if total:
+        reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
+        yield Observation(
+            "dropped",
+            "warn" if share > 0.05 else "info",
+            "rows",
+            share,
+            f"{total} rows ({100 * share:.2g} %) were dropped when the file was read: {reasons}",
+            "look at the streams if the share is not what you expect",
+            recording.provenance.source,
+        )
+
+
+def _constant(recording: Recording, signals: Sequence[str]) -> Iterable[Observation]:
+    unused = recording.robot.unused_channels
+    for name in signals:
+        values = recording.column(name)
+        if values.min() == values.max() and name.partition("/")[2] not in unused:
+            yield Observation(
+                "constant",
+                "warn",
+                name,
+                1.0,
+                f"the signal is {values[0]:.4g} in every row",
+                "a model learns nothing from it; is the sensor connected?",
+                recording.provenance.source,
+            )
+
+
+def _missing_truth(recording: Recording, joint: str, known: Mask) -> Iterable[Observation]:
+    share = 1.0 - float(known.mean())
+    source = recording.provenance.source
+    if share > 0.05:
+        yield Observation(
+            "missing truth",
+            "fail" if share > 0.5 else "warn",
+            f"truth/{joint}",
+            share,
+            f"{100 * share:.0f} % of the rows have no true position",
+            "only rows with truth are used; check the joint sensor and its clock",
+            source,
+        )
+    if known.any():
+        last = recording.t[np.flatnonzero(known)[-1]]
+        silent = float(recording.t[-1] - last)
+        if silent > 0.1 * recording.duration:
+            yield Observation(
+                "truth stops",
+                "warn",
+                f"truth/{joint}",
+                silent,
+                f"the truth stops {silent:.1f} s before the end",
+                "the joint sensor stopped; what follows is not used",
+                source,
+            )
+
+
+def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable[Observation]:
+    """Find steps far beyond what the joint does otherwise; whole turns are encoder wraps."""
+    step = np.diff(values)
+    size = np.abs(step)
+    size[gaps(t)] = 0.0
+    span = float(values.max() - values.min())
+    far = (size > 6.0 * np.quantile(size, 0.99)) & (size > 0.1 * span)
+    if not far.any():
+        return
+    row = int(np.argmax(size))
+    turns = size[far] / (2.0 * math.pi)
+    wrapped = recording.units[name] == "rad" and bool(
+        np.all((np.abs(turns - np.round(turns)) < 0.02) & (np.round(turns) >= 1))
+    )
+    yield Observation(
+        "wrap" if wrapped else "jump",
+        "fail" if wrapped else "warn",
+        name,
+        float(size.max()),
+        f"{_count(int(far.sum()), 'whole turn' if wrapped else 'sudden jump')}, the first "
+        f"at {t[int(np.argmax(far)) + 1]:.3f} s, the largest {size[row]:.3g} "
+        f"{recording.units[name]}",
+        "unwrap the encoder before use" if wrapped else "cut the rows out or record again",
+        recording.provenance.source,
+    )
+
+
+def _frozen(
+    recording: Recording, joint: str, t: Array, truth: Array, measured: Array
+) -> Iterable[Observation]:
+    """Find a sensor that repeats one value while the other end of the cable moves far.
+
+    Far is a quarter of the covered range: less may be honest backlash.
+    """
+    for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
+        first, length = longest_run(np.diff(still) == 0.0)
+        rows = slice(first, first + length + 1)
+        moved, span = np.ptp(other[rows]) if length else 0.0, np.ptp(other)
+        if span > 0.0 and moved > 0.25 * span:
+            seconds = float(t[rows][-1] - t[rows][0])
+            yield Observation(
+                "frozen",
+                "fail",
+                f"{name}/{joint}",
+                seconds,
+                f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
+                "the joint moves",
+                "check the sensor; cut the stretch out before fitting or judging",
+                recording.provenance.source,
+            )
+
+
+def _count(number: int, thing: str) -> str:
+    return f"{number} {thing}" + ("" if number == 1 else "s")

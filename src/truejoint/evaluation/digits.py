@@ -1,0 +1,41 @@
+"""How many digits a number deserves where a person reads it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+
+def decimals_for(values: Iterable[float], most: int = 3) -> int:
+    """Decimals that show the smallest of `values` with three digits, or two beyond `most`.
+
+    Values beside each other share their decimals, so that a column can be compared at a glance;
+    values that are zero or not finite do not count.
+    """
+    sizes = [abs(v) for v in values if math.isfinite(v) and v != 0.0]
+    if not sizes:
+        return 2
+    exponent = math.floor(math.log10(min(sizes)))
+    return min(max(2 - exponent, 0), max(most, 1 - exponent), 9)
+
+
+def shown(values: Iterable[float], most: int = 3) -> list[str]:
+    """Numbers as text with shared decimals; a dash where there is none."""
+    numbers = list(values)
+    decimals = decimals_for(numbers, most)
+    return [fixed(v, decimals) for v in numbers]
+
+
+def fixed(value: float, decimals: int) -> str:
+    """`value` with `decimals` decimals, an en dash for NaN, never a negative zero."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text.replace("-", "\N{MINUS SIGN}")
+
+
+def percent_text(value: float) -> str:
+    """Percentage for a person; beyond 9999 the number says no more, and NaN is a dash."""
+    if not math.isfinite(value):
+        return "\N{EN DASH}"
+    return "> 9999 %" if value > 9999 else f"{value:.0f} %"

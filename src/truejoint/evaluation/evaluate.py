@@ -1,0 +1,322 @@
+"""Evaluate calibrations on recordings that they never saw, always beside the baselines."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import CalibrationError, RecordingError
+from truejoint.evaluation.heldout import other_homings, seen_in_training
+from truejoint.evaluation.metrics import tool_error, tool_positions
+from truejoint.evaluation.results import (
+    BASELINES,
+    OFFSET,
+    RAW,
+    Evaluation,
+    Trace,
+    json_values,
+)
+from truejoint.evaluation.scoring import (
+    JudgedRecording,
+    cartesian_scores,
+    joint_scores,
+    recording_scores,
+)
+from truejoint.evaluation.signals import direction, velocity
+from truejoint.evaluation.stretches import worst_stretches
+from truejoint.evaluation.verdict import judge
+from truejoint.recordings.recording import Recording
+from truejoint.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+class Corrects(Protocol):
+    """Anything that turns a recording into corrected joint positions."""
+
+    def correct(self, recording: Recording) -> Array:
+        """Corrected positions (n, n_joints) [rad or m] of every row."""
+        ...
+
+
+class JointCalibration(Corrects, Protocol):
+    """What an evaluation needs of a fitted calibration."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Joints that it corrects."""
+        ...
+
+    @property
+    def baselines(self) -> Mapping[str, Corrects]:
+        """Fixed offset, and what else could be fitted of `BASELINES`, on the same rows."""
+        ...
+
+    @property
+    def metadata(self) -> Mapping[str, Any]:
+        """What it says about itself: JSON values."""
+        ...
+
+
+def evaluate(
+    calibrations: Mapping[str, Sequence[JointCalibration]],
+    recordings: Sequence[Recording],
+    *,
+    chosen: str | None = None,
+    tolerance: Mapping[str, float] | None = None,
+    window: float = 10.0,
+) -> Evaluation:
+    """Accuracy of calibrations on test recordings, per joint, per recording and of the tool.
+
+    Raw positions, the fixed offset, the linear and the polynomial model are always in the
+    table, the latter three as fitted on the training rows of the chosen calibration. Models see
+    whole recordings, so their history is right; only rows with truth are judged.
+
+    Parameters
+    ----------
+    calibrations : mapping of str to sequence of calibrations
+        Models by estimator; several of one estimator are seeds of it and must correct the same
+        joints. Curves and stretches show the first seed.
+    recordings : sequence of Recording
+        With ``truth/<joint>`` of every calibrated joint.
+    chosen : str, optional
+        Estimator that the verdict is about; the first of `calibrations` by default.
+    tolerance : mapping of str to float, optional
+        Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
+    window : float
+        Length [s] of the worst stretches.
+
+    Returns
+    -------
+    Evaluation
+
+    Raises
+    ------
+    CalibrationError
+        If there is nothing to evaluate, calibrations differ in joints, or a tolerance is wrong.
+    RecordingError
+        If a recording lacks truth, or is of another arm than the first.
+    """
+    chosen, joints = _checked_models(calibrations, chosen)
+    robot = _checked_robot(recordings)
+    if not (window > 0.0 and np.isfinite(window)):
+        raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
+    units = tuple(robot.joint(joint).unit for joint in joints)
+    models = _models(calibrations, chosen)
+    note = _why_no_cartesian(robot, joints, recordings)
+    names = unique_names([recording.provenance.source for recording in recordings])
+    tested = [
+        _test(recording, name, models, joints, robot if not note else None, chosen)
+        for recording, name in zip(recordings, names, strict=True)
+    ]
+    scores = joint_scores(tested, joints, units)
+    metadata = calibrations[chosen][0].metadata
+    verdict = judge(
+        scores,
+        chosen,
+        tolerance=tolerance,
+        objections=seen_in_training(metadata, recordings),
+        remarks=other_homings(metadata, recordings),
+    )
+    traces = tuple(test.trace for test in tested)
+    limits = [joint.limit for joint in verdict.joints]
+    return Evaluation(
+        robot=robot.name,
+        arm=robot.arm,
+        title=robot.title,
+        joints=joints,
+        units=units,
+        chosen=chosen,
+        estimators=tuple(models),
+        baseline_notes=dict(metadata.get("baseline_notes", {})),
+        scores=scores,
+        recording_scores=recording_scores(tested, joints, units),
+        cartesian=cartesian_scores(tested),
+        cartesian_note=note,
+        worst=worst_stretches(traces, chosen, joints, units, limits, window=window),
+        window=window,
+        verdict=verdict,
+        training=json_values(metadata),
+        traces=traces,
+    )
+
+
+class _Uncorrected:
+    """Positions as the robot reports them."""
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self.joints = joints
+
+    def correct(self, recording: Recording) -> Array:
+        """Measured positions (n, n_joints) [rad or m]."""
+        return recording.columns("measured", self.joints)
+
+
+def _checked_models(
+    calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str | None
+) -> tuple[str, tuple[str, ...]]:
+    if not calibrations or not all(calibrations.values()):
+        raise CalibrationError("there is no calibration to evaluate; give at least one")
+    chosen = chosen or next(iter(calibrations))
+    if chosen not in calibrations:
+        raise CalibrationError(
+            f"the verdict is asked of {chosen!r}, which is not among the calibrations "
+            f"{', '.join(calibrations)}"
+        )
+    joints = tuple(calibrations[chosen][0].joints)
+    for name, seeds in calibrations.items():
+        for seed in seeds:
+            if tuple(seed.joints) != joints:
+                raise CalibrationError(
+                    f"{name} corrects {', '.join(seed.joints)} but {chosen} corrects "
+                    f"{', '.join(joints)}; compare calibrations of the same joints"
+                )
+    return chosen, joints
+
+
+def _checked_robot(recordings: Sequence[Recording]) -> Robot:
+    if not recordings:
+        raise RecordingError("there is no recording to evaluate on; give at least one")
+    first = recordings[0].provenance
+    for other in (recording.provenance for recording in recordings):
+        if (other.robot, other.arm) != (first.robot, first.arm):
+            raise RecordingError(
+                f"{other.source or 'recording'} is of {other.robot} {other.arm} but "
+                f"{first.source or 'the first'} is of {first.robot} {first.arm}; evaluate one "
+                "arm at a time"
+            )
+    return recordings[0].robot
+
+
+def _models(
+    calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
+) -> dict[str, list[Corrects]]:
+    """Models by estimator, baselines first; a calibration given replaces its baseline."""
+    first = calibrations[chosen][0]
+    models: dict[str, list[Corrects]] = {RAW: [_Uncorrected(tuple(first.joints))]}
+    for name in BASELINES:
+        if name in calibrations:
+            models[name] = list(calibrations[name])
+        elif name in first.baselines:
+            models[name] = [first.baselines[name]]
+    models.update({name: list(seeds) for name, seeds in calibrations.items()})
+    if OFFSET not in models:
+        raise CalibrationError(
+            f"the calibration {chosen} carries no fixed offset, the yardstick; calibrate it again"
+        )
+    return models
+
+
+def _why_no_cartesian(
+    robot: Robot, joints: tuple[str, ...], recordings: Sequence[Recording]
+) -> str:
+    """Empty when the tool position can be computed; otherwise the reason."""
+    if robot.kinematics is None:
+        return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
+    for recording in recordings:
+        missing = set(robot.joint_names) - set(recording.joints_of("measured"))
+        if missing - set(joints):
+            return (
+                f"{PurePath(recording.provenance.source).name or 'A recording'} lacks the "
+                f"measured position of {', '.join(sorted(missing))}, which the forward "
+                "kinematics need."
+            )
+    return ""
+
+
+def _test(
+    recording: Recording,
+    name: str,
+    models: Mapping[str, Sequence[Corrects]],
+    joints: tuple[str, ...],
+    robot: Robot | None,
+    chosen: str,
+) -> JudgedRecording:
+    truth = recording.columns("truth", joints)
+    known = np.asarray(np.isfinite(truth).all(axis=1))
+    if known.sum() < 2:
+        raise RecordingError(
+            f"{recording.provenance.source or 'recording'}: {int(known.sum())} rows have the "
+            f"truth of {', '.join(joints)}; a test needs at least 2"
+        )
+    estimates = {
+        estimator: [_finite(seed.correct(recording), estimator, name)[known] for seed in seeds]
+        for estimator, seeds in models.items()
+    }
+    truth = truth[known]
+    errors = {key: [value - truth for value in seeds] for key, seeds in estimates.items()}
+    tool: dict[str, Array] = {}
+    tool_errors: dict[str, list[Array]] = {}
+    if robot is not None and robot.kinematics is not None:
+        measured = recording.columns("measured", robot.joint_names)[known]
+        columns = robot.index(list(joints))
+        true_pose = _replaced(measured, columns, truth)
+        for key, seeds in estimates.items():
+            poses = [_replaced(measured, columns, value) for value in seeds]
+            tool_errors[key] = [tool_error(robot.kinematics, q, true_pose) for q in poses]
+        tool = {"truth": tool_positions(robot.kinematics, true_pose)}
+        for key in (OFFSET, chosen):
+            tool[key] = tool["truth"] + tool_errors[key][0]
+    trace = _trace(recording, name, joints, known, {k: v[0] for k, v in estimates.items()}, tool)
+    return JudgedRecording(trace, errors, tool_errors)
+
+
+def _finite(positions: Array, estimator: str, name: str) -> Array:
+    bad = ~np.isfinite(positions).all(axis=1)
+    if bad.any():
+        raise CalibrationError(
+            f"{estimator} gives no number for row {int(np.argmax(bad))} of {name}; the model "
+            "does not apply to this recording"
+        )
+    return positions
+
+
+def _replaced(base: Array, columns: list[int], values: Array) -> Array:
+    changed = base.copy()
+    changed[:, columns] = values
+    return changed
+
+
+def _trace(
+    recording: Recording,
+    name: str,
+    joints: tuple[str, ...],
+    known: NDArray[np.bool_],
+    estimates: Mapping[str, Array],
+    tool: Mapping[str, Array],
+) -> Trace:
+    measured = recording.columns("measured", joints)
+    efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
+    return Trace(
+        name=name,
+        provenance=recording.provenance.to_dict(),
+        rows_total=len(recording),
+        t=recording.t[known],
+        truth=recording.columns("truth", joints)[known],
+        measured=measured[known],
+        velocity=velocity(recording.t, measured)[known],
+        direction=direction(recording.t, measured)[known],
+        effort={joint: recording.column(f"effort/{joint}")[known] for joint in efforts},
+        effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
+        estimates=estimates,
+        tool=tool,
+    )
+
+
+def unique_names(sources: Sequence[str]) -> list[str]:
+    """Short names of recordings: the file's name, with its folder where two are the same."""
+    short = [PurePath(source).name or "recording" for source in sources]
+    longer = [
+        "/".join(PurePath(source).parts[-2:]) if short.count(name) > 1 and source else name
+        for source, name in zip(sources, short, strict=True)
+    ]
+    seen: dict[str, int] = {}
+    names = []
+    for name in longer:
+        seen[name] = seen.get(name, 0) + 1
+        names.append(name if longer.count(name) == 1 else f"{name} #{seen[name]}")
+    return names

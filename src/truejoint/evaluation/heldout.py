@@ -1,0 +1,60 @@
+"""Was the test really held out? What training says about itself, against the recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import PurePath
+from typing import Any
+
+from truejoint.recordings.recording import Recording
+
+
+def seen_in_training(
+    metadata: Mapping[str, Any], recordings: Sequence[Recording]
+) -> tuple[str, ...]:
+    """Find test recordings whose rows were in the training.
+
+    Two recordings are of the same file when their hashes are equal, or, where there is no hash,
+    source and session. Parts of one file count as seen when their times overlap.
+
+    Parameters
+    ----------
+    metadata : mapping
+        Of the calibration; ``sessions`` lists the training recordings with ``source``,
+        ``sha256``, ``session`` and the time stamps ``first`` and ``last`` [s].
+    recordings : sequence of Recording
+        Of the test.
+
+    Returns
+    -------
+    tuple of str
+        One objection for each recording that was seen; empty when the test was held out.
+    """
+    found = []
+    for recording in recordings:
+        own = recording.provenance
+        for session in metadata.get("sessions", ()):
+            if own.sha256 or session["sha256"]:
+                same = own.sha256 == session["sha256"]
+            else:
+                same = (own.source, own.session) == (session["source"], session["session"])
+            if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
+                name = PurePath(own.source).name or "a recording"
+                found.append(f"the model was trained on rows of {name}, which it is tested on")
+                break
+    return tuple(found)
+
+
+def other_homings(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Tell when the test was recorded after another homing than any of the training.
+
+    Parameters and result as in `seen_in_training`; ``homing_ids`` lists the training's homings.
+    """
+    known = set(metadata.get("homing_ids", ()))
+    other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
+    if not known or not other:
+        return ()
+    return (
+        f"The test has homings that training has not seen ({', '.join(other[:4])}); positions of "
+        "two homings differ by an offset that no model knows.",
+    )

@@ -1,0 +1,102 @@
+"""How far off positions are: the numbers that every table and verdict is made of.
+
+An error is the estimated position minus the true one, in the joint's SI unit (rad or m).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import CalibrationError
+from truejoint.robots import Kinematics
+
+Array = NDArray[np.float64]
+
+
+def rmse(error: ArrayLike) -> Array:
+    """Root mean square of errors over time.
+
+    Parameters
+    ----------
+    error : array_like, shape (n,) or (n, n_joints)
+        Estimated minus true position [rad or m].
+
+    Returns
+    -------
+    ndarray, shape () or (n_joints,)
+        ``sqrt(mean(error**2))`` in the same unit.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no row, or a value that is not finite.
+    """
+    return np.asarray(np.sqrt(np.mean(np.square(_checked(error)), axis=0)))
+
+
+def max_abs(error: ArrayLike) -> Array:
+    """Largest absolute error over time, shape () or (n_joints,); see `rmse`."""
+    return np.asarray(np.abs(_checked(error)).max(axis=0))
+
+
+def mean_error(error: ArrayLike) -> Array:
+    """Mean error over time (bias), shape () or (n_joints,); see `rmse`."""
+    return np.asarray(np.mean(_checked(error), axis=0))
+
+
+def percent_of(value: ArrayLike, reference: ArrayLike) -> Array:
+    """`value` as a percentage of `reference`, as peng2024, Table I, states it.
+
+    Parameters
+    ----------
+    value, reference : array_like, same shape
+        RMSE of an estimator and of the fixed offset, in one unit.
+
+    Returns
+    -------
+    ndarray
+        ``100 * value / reference``; NaN where the reference is zero.
+    """
+    value, reference = np.asarray(value, dtype=float), np.asarray(reference, dtype=float)
+    safe = np.where(reference > 0.0, reference, np.nan)
+    return 100.0 * value / safe
+
+
+def tool_positions(kinematics: Kinematics, joint: ArrayLike) -> Array:
+    """Tool positions (n, 3) [m] in the base frame, of joint positions (n, n_joints) [rad, m]."""
+    return kinematics.forward(joint)[..., :3, 3]
+
+
+def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) -> Array:
+    """Cartesian error of the tool position caused by errors of the joints.
+
+    Both joint vectors go through the same forward kinematics, so errors of the geometry itself
+    cancel, as in peng2024, Table IV.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+    estimated, true : array_like, shape (n, n_joints)
+        Joint positions [rad or m] of all joints of the robot; joints without truth hold the
+        same value in both.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        Estimated minus true tool position, x, y, z in the base frame [m].
+    """
+    return tool_positions(kinematics, estimated) - tool_positions(kinematics, true)
+
+
+def _checked(error: ArrayLike) -> Array:
+    values = np.asarray(error, dtype=float)
+    if values.shape[:1] in ((), (0,)):
+        raise CalibrationError(
+            "no row has both an estimate and a true position; evaluate on recordings with truth"
+        )
+    if not np.isfinite(values).all():
+        raise CalibrationError(
+            "an error is not finite; select the rows with truth before computing metrics"
+        )
+    return values

@@ -1,0 +1,323 @@
+"""What an evaluation found, as values: scores, worst stretches, verdict, and the curves."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+RAW: Final = "raw"
+OFFSET: Final = "offset"
+# Always in the table, in this order; what was chosen stands after them.
+BASELINES: Final = (RAW, OFFSET, "linear", "poly2")
+
+_TITLES: Final = {
+    RAW: "Raw",
+    OFFSET: "Fixed offset",
+    "linear": "Linear",
+    "poly2": "2nd-order polynomial",
+    "dnn": "Neural network",
+}
+
+
+_PHRASES: Final = {
+    RAW: "the raw position",
+    OFFSET: "the fixed offset",
+    "linear": "the linear model",
+    "poly2": "the 2nd-order polynomial",
+    "dnn": "the neural network",
+}
+
+
+def estimator_phrase(name: str) -> str:
+    """Name of an estimator within a sentence, such as ``"the neural network"``."""
+    return _PHRASES.get(name, f"the model {name}")
+
+
+def estimator_title(name: str) -> str:
+    """Name of an estimator for a person; unknown names are shown as they are."""
+    return _TITLES.get(name, name)
+
+
+@dataclass(frozen=True)
+class Score:
+    """Accuracy of one estimator in one joint, over all rows of all test recordings.
+
+    Attributes
+    ----------
+    estimator, joint : str
+    unit : str
+        SI unit of the errors, ``"rad"`` or ``"m"``.
+    rmse : float
+        Root mean square error; the mean over seeds.
+    max_abs : float
+        Largest absolute error of any seed.
+    mean : float
+        Mean error (bias); the mean over seeds.
+    percent_of_offset : float
+        `rmse` as a percentage of that of the fixed offset.
+    spread : float
+        Sample standard deviation of the seeds' RMSE; NaN with fewer than two seeds.
+    seeds : int
+        How many trained models the row is made of.
+    """
+
+    estimator: str
+    joint: str
+    unit: str
+    rmse: float
+    max_abs: float
+    mean: float
+    percent_of_offset: float
+    spread: float = math.nan
+    seeds: int = 1
+
+
+@dataclass(frozen=True)
+class CartesianScore:
+    """Accuracy of the tool position through forward kinematics, all lengths in m.
+
+    `rmse` and `max_abs` are of the distance between estimated and true tool position, `x`, `y`
+    and `z` the RMSE along each axis of the base frame; over seeds as in `Score`.
+    """
+
+    estimator: str
+    rmse: float
+    max_abs: float
+    x: float
+    y: float
+    z: float
+    percent_of_offset: float
+    spread: float = math.nan
+    seeds: int = 1
+
+
+@dataclass(frozen=True)
+class RecordingScore:
+    """Accuracy of one estimator in one joint on one test recording; SI, as in `Score`."""
+
+    recording: str
+    estimator: str
+    joint: str
+    unit: str
+    rmse: float
+    max_abs: float
+    mean: float
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A window of one test recording in which the chosen model was at its worst.
+
+    Attributes
+    ----------
+    joint, unit : str
+    recording : int
+        Index into `Evaluation.traces`.
+    start, end : float
+        Time stamps [s] of its first and last row.
+    rmse, max_abs : float
+        Error of the chosen model's first seed within the window [rad or m].
+    """
+
+    joint: str
+    unit: str
+    recording: int
+    start: float
+    end: float
+    rmse: float
+    max_abs: float
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """One joint's RMSE [rad or m] beside the limit that it was held to.
+
+    `stated` tells whether the user stated the limit; if not, it is the fixed offset's RMSE.
+    """
+
+    joint: str
+    unit: str
+    rmse: float
+    limit: float
+    stated: bool
+    passed: bool
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether the chosen model is good enough, in one sentence and joint by joint.
+
+    Attributes
+    ----------
+    passed : bool
+        True when every joint is within its limit and nothing in `objections` forbids a verdict.
+    text : str
+        The sentence for a person.
+    rule : str
+        What was asked of each joint.
+    joints : tuple of JointVerdict
+    objections : tuple of str
+        Why the test itself cannot be believed, for instance rows seen in training.
+    remarks : tuple of str
+        What a reader should know though it changes nothing, for instance a simpler model that
+        does better in a joint.
+    """
+
+    passed: bool
+    text: str
+    rule: str
+    joints: tuple[JointVerdict, ...]
+    objections: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """Curves of one test recording, rows with truth only.
+
+    Attributes
+    ----------
+    name : str
+        File name of the recording, made unique within the evaluation.
+    provenance : mapping
+        `Provenance.to_dict` of the recording.
+    rows_total : int
+        Rows of the recording, those without truth included.
+    t : ndarray, shape (n,)
+        Time stamps [s].
+    truth, measured : ndarray, shape (n, n_joints)
+        Positions [rad or m].
+    velocity : ndarray, shape (n, n_joints)
+        Of the measured position, smoothed over 0.1 s [rad/s or m/s].
+    direction : ndarray, shape (n, n_joints)
+        Direction of motion: -1, 0 (standing) or 1.
+    effort : mapping of str to ndarray (n,)
+        Effort per joint that has one, in `effort_unit`.
+    effort_unit : mapping of str to str
+    estimates : mapping of str to ndarray (n, n_joints)
+        Corrected positions [rad or m] by estimator; of its first seed.
+    tool : mapping of str to ndarray (n, 3)
+        Tool positions [m] of ``"truth"`` and of each estimator; empty without kinematics.
+    """
+
+    name: str
+    provenance: Mapping[str, Any]
+    rows_total: int
+    t: Array
+    truth: Array
+    measured: Array
+    velocity: Array
+    direction: Array
+    effort: Mapping[str, Array]
+    effort_unit: Mapping[str, str]
+    estimates: Mapping[str, Array]
+    tool: Mapping[str, Array]
+
+
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """What is known about the accuracy of a calibration on recordings that it never saw.
+
+    Attributes
+    ----------
+    robot, arm : str
+    title : str
+        Robot and arm for a person.
+    joints, units : tuple of str
+        Calibrated joints and the SI unit of each.
+    chosen : str
+        Estimator that the verdict is about.
+    estimators : tuple of str
+        All in the table: raw, offset, linear, poly2, then the others; the order of `scores`.
+    baseline_notes : mapping of str to str
+        What is to be known about a baseline that is missing or weak.
+    scores : tuple of Score
+        One row per estimator and joint.
+    recording_scores : tuple of RecordingScore
+        One row per test recording, estimator and joint.
+    cartesian : tuple of CartesianScore
+        One row per estimator; empty when `cartesian_note` says why.
+    cartesian_note : str
+    worst : tuple of Stretch
+        Worst first.
+    window : float
+        Length [s] of the stretches.
+    verdict : Verdict
+    training : mapping
+        What the chosen model says about its training; JSON values.
+    traces : tuple of Trace
+        Curves for the report; not part of `to_dict`.
+    """
+
+    robot: str
+    arm: str
+    title: str
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    chosen: str
+    estimators: tuple[str, ...]
+    baseline_notes: Mapping[str, str]
+    scores: tuple[Score, ...]
+    recording_scores: tuple[RecordingScore, ...]
+    cartesian: tuple[CartesianScore, ...]
+    cartesian_note: str
+    worst: tuple[Stretch, ...]
+    window: float
+    verdict: Verdict
+    training: Mapping[str, Any]
+    traces: tuple[Trace, ...] = field(repr=False)
+
+    def score(self, estimator: str, joint: str) -> Score:
+        """Return the row of an estimator and a joint; raises KeyError when there is none."""
+        for row in self.scores:
+            if row.estimator == estimator and row.joint == joint:
+                return row
+        raise KeyError(f"no score of {estimator!r} in joint {joint!r}")
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the curves, as values for JSON; SI units, NaN becomes None."""
+        values: dict[str, Any] = {
+            "robot": self.robot,
+            "arm": self.arm,
+            "joints": list(self.joints),
+            "units": dict(zip(self.joints, self.units, strict=True)),
+            "chosen": self.chosen,
+            "estimators": list(self.estimators),
+            "baseline_notes": dict(self.baseline_notes),
+            "verdict": asdict(self.verdict),
+            "scores": [asdict(row) for row in self.scores],
+            "cartesian": [asdict(row) for row in self.cartesian],
+            "cartesian_note": self.cartesian_note,
+            "recordings": [asdict(row) for row in self.recording_scores],
+            "worst": [
+                {**asdict(row), "recording": self.traces[row.recording].name} for row in self.worst
+            ],
+            "window": self.window,
+            "test": [
+                {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
+                for t in self.traces
+            ],
+            "training": dict(self.training),
+        }
+        clean: dict[str, Any] = json_values(values)
+        return clean
+
+
+def json_values(value: Any) -> Any:
+    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists."""
+    if isinstance(value, Mapping):
+        return {str(key): json_values(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_values(item) for item in value]
+    if isinstance(value, np.generic | np.ndarray):
+        return json_values(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,70 @@
+"""Small questions about a signal over time: which way it moves, where it stands still, its gaps."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+# Below this share of its brisk speed (99th percentile) a joint counts as standing.
+STANDING: float = 0.02
+# A step in time longer than this many median steps is a gap.
+GAP_STEPS: float = 5.0
+
+
+def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
+    """Velocity by central differences over about `window`, so that encoder steps do not show.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Increasing time stamps [s]; n at least 2.
+    position : ndarray, shape (n,) or (n, k)
+        Positions [rad or m].
+    window : float
+        Time [s] between the two samples that are subtracted; at least one sample to each side.
+
+    Returns
+    -------
+    ndarray, shape of `position`
+        Velocity [rad/s or m/s]; one-sided at both ends.
+    """
+    n = len(t)
+    reach = max(1, round(0.5 * window / float(np.median(np.diff(t)))))
+    before = np.maximum(np.arange(n) - reach, 0)
+    after = np.minimum(np.arange(n) + reach, n - 1)
+    elapsed = t[after] - t[before]
+    if position.ndim > 1:
+        elapsed = elapsed[:, None]
+    rate: Array = (position[after] - position[before]) / elapsed
+    return rate
+
+
+def direction(t: Array, position: Array) -> Array:
+    """Direction of motion, shape of `position`: 1 up, -1 down, 0 standing.
+
+    Standing is slower than `STANDING` times the 99th percentile of the speed.
+    """
+    rate = velocity(t, position)
+    brisk = np.quantile(np.abs(rate), 0.99, axis=0)
+    moving = np.abs(rate) > STANDING * brisk
+    return np.where(moving, np.sign(rate), 0.0)
+
+
+def gaps(t: Array) -> NDArray[np.int64]:
+    """Rows (m,) after which the next time stamp is more than `GAP_STEPS` median steps away."""
+    step = np.diff(t)
+    rows: NDArray[np.int64] = np.flatnonzero(step > GAP_STEPS * np.median(step))
+    return rows
+
+
+def longest_run(same: Mask) -> tuple[int, int]:
+    """First row and length of the longest run of True; length 0 when there is none."""
+    edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
+    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+    if not len(starts):
+        return 0, 0
+    longest = int(np.argmax(ends - starts))
+    return int(starts[longest]), int(ends[longest] - starts[longest])

@@ -1,0 +1,146 @@
+"""Held-out splits: whole recordings, or blocks of time with a gap; never shuffled samples.
+
+Neighbouring samples of a motion are almost copies of each other. A split that shuffles them
+puts the copies on both sides and measures memory rather than accuracy.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fnmatch import fnmatch
+from pathlib import PurePath
+
+import numpy as np
+
+from truejoint.errors import RecordingError
+from truejoint.recordings.recording import Recording
+
+
+def split_by_time(
+    recording: Recording, fraction: float = 0.7, gap: float = 1.0
+) -> tuple[Recording, Recording]:
+    """First part of a recording for training and the last part for testing.
+
+    Parameters
+    ----------
+    recording : Recording
+    fraction : float
+        Share of the duration, in (0, 1), that the training part covers.
+    gap : float
+        Time [s] left out between the two parts, so that no sample of the test has a
+        neighbour in training.
+
+    Returns
+    -------
+    train, test : Recording
+
+    Raises
+    ------
+    RecordingError
+        If `fraction` or `gap` is out of range, or a part would hold fewer than 2 rows.
+    """
+    name = recording.provenance.source or "recording"
+    if not 0.0 < fraction < 1.0:
+        raise RecordingError(f"{name}: split fraction is {fraction:g}; it must be between 0 and 1")
+    if not (gap >= 0.0 and np.isfinite(gap)):
+        raise RecordingError(f"{name}: split gap is {gap:g} s; it must be 0 s or more")
+    boundary = recording.t[0] + fraction * recording.duration
+    train = recording.t < boundary
+    test = recording.t >= boundary + gap
+    for part, rows in (("training", train), ("test", test)):
+        if rows.sum() < 2:
+            raise RecordingError(
+                f"{name}: splitting {recording.duration:.1f} s at {100 * fraction:.0f} % with a "
+                f"gap of {gap:g} s leaves {int(rows.sum())} rows for the {part} part; choose "
+                "another fraction or a shorter gap, or record more"
+            )
+    return recording.rows(train), recording.rows(test)
+
+
+def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
+    """Part of a recording between two fractions of its duration.
+
+    Parameters
+    ----------
+    recording : Recording
+    begin, end : float
+        Fractions with ``0 <= begin < end <= 1``; a row at `begin` belongs to the part, a row at
+        `end` only if `end` is 1, so that parts that meet share no row.
+
+    Raises
+    ------
+    RecordingError
+        If the fractions are out of range or the part would hold fewer than 2 rows.
+    """
+    name = recording.provenance.source or "recording"
+    if not 0.0 <= begin < end <= 1.0:
+        raise RecordingError(
+            f"{name}: part {begin:g} to {end:g} is not within 0 to 1, in this order; choose other "
+            "fractions of the duration"
+        )
+    done = (recording.t - recording.t[0]) / recording.duration
+    rows = (done >= begin) & ((done < end) if end < 1.0 else True)
+    if rows.sum() < 2:
+        raise RecordingError(
+            f"{name}: the part from {begin:g} to {end:g} of {recording.duration:.1f} s holds "
+            f"{int(rows.sum())} rows; choose a longer part"
+        )
+    return recording.rows(rows)
+
+
+def split_by_file(
+    recordings: Sequence[Recording], held_out: str | Sequence[str]
+) -> tuple[list[Recording], list[Recording]]:
+    """Whole recordings for training and whole recordings for testing.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    held_out : str or sequence of str
+        Shell patterns, such as ``"3*.TXT"``, for the file names (or the whole source) of the
+        recordings that go to the test.
+
+    Returns
+    -------
+    train, test : list of Recording
+
+    Raises
+    ------
+    RecordingError
+        If a pattern matches nothing, a part would be empty, or the same file stands on both
+        sides.
+    """
+    patterns = [held_out] if isinstance(held_out, str) else list(held_out)
+    sources = [recording.provenance.source for recording in recordings]
+    for pattern in patterns:
+        if not any(_matches(source, pattern) for source in sources):
+            raise RecordingError(f"no recording matches {pattern!r}; there are {_listed(sources)}")
+    is_test = [any(_matches(source, pattern) for pattern in patterns) for source in sources]
+    train = [r for r, test in zip(recordings, is_test, strict=True) if not test]
+    test = [r for r, test in zip(recordings, is_test, strict=True) if test]
+    if not train or not test:
+        raise RecordingError(
+            f"holding out {', '.join(patterns) or 'nothing'} leaves {len(train)} recordings for "
+            f"training and {len(test)} for the test; both need at least 1"
+        )
+    same = _hashes(train) & _hashes(test)
+    if same:
+        twice = next(r for r in test if r.provenance.sha256 in same)
+        raise RecordingError(
+            f"{twice.provenance.source}: the same content stands in training and test under two "
+            "names; remove one of them"
+        )
+    return train, test
+
+
+def _matches(source: str, pattern: str) -> bool:
+    return fnmatch(source, pattern) or fnmatch(PurePath(source).name, pattern)
+
+
+def _hashes(recordings: Sequence[Recording]) -> set[str]:
+    return {r.provenance.sha256 for r in recordings if r.provenance.sha256}
+
+
+def _listed(names: Sequence[str], limit: int = 8) -> str:
+    shown = ", ".join(PurePath(name).name or "(unnamed)" for name in names[:limit])
+    return shown + (f" and {len(names) - limit} more" if len(names) > limit else "")

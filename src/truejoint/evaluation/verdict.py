@@ -1,0 +1,143 @@
+"""The verdict: is the chosen model good enough, and may the test be believed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from truejoint.errors import CalibrationError
+from truejoint.evaluation.digits import shown
+from truejoint.evaluation.results import (
+    OFFSET,
+    JointVerdict,
+    Score,
+    Verdict,
+    estimator_phrase,
+)
+from truejoint.units import display_unit
+
+
+def judge(
+    scores: Sequence[Score],
+    chosen: str,
+    *,
+    tolerance: Mapping[str, float] | None = None,
+    objections: Sequence[str] = (),
+    remarks: Sequence[str] = (),
+) -> Verdict:
+    """Verdict on the RMSE of the chosen model in every joint.
+
+    Parameters
+    ----------
+    scores : sequence of Score
+        Rows of all estimators; those of `chosen` and of the fixed offset are needed.
+    chosen : str
+    tolerance : mapping of str to float, optional
+        Largest RMSE [rad or m] that the user accepts, by joint. A joint without one must beat
+        the fixed offset.
+    objections : sequence of str
+        Reasons not to believe the test; any of them fails the verdict.
+    remarks : sequence of str
+        What else a reader should know.
+
+    Raises
+    ------
+    CalibrationError
+        If a tolerance names no calibrated joint or is not a positive number.
+    """
+    rows = {(row.estimator, row.joint): row for row in scores}
+    joints = list(dict.fromkeys(row.joint for row in scores))
+    limits = _checked_tolerance(tolerance or {}, joints)
+    verdicts = []
+    for joint in joints:
+        row = rows[chosen, joint]
+        stated = joint in limits
+        limit = limits[joint] if stated else rows[OFFSET, joint].rmse
+        passed = row.rmse <= limit if stated else row.rmse < limit
+        verdicts.append(JointVerdict(joint, row.unit, row.rmse, limit, stated, passed))
+    passed = all(v.passed for v in verdicts) and not objections
+    return Verdict(
+        passed=passed,
+        text=_text(chosen, verdicts, objections),
+        rule=_rule(verdicts),
+        joints=tuple(verdicts),
+        objections=tuple(objections),
+        remarks=(*remarks, *_better_models(scores, chosen)),
+    )
+
+
+def _checked_tolerance(tolerance: Mapping[str, float], joints: Sequence[str]) -> dict[str, float]:
+    for joint, value in tolerance.items():
+        if joint not in joints:
+            raise CalibrationError(
+                f"a tolerance is stated for {joint!r}, which is not calibrated; calibrated "
+                f"joints are {', '.join(joints)}"
+            )
+        if not (value > 0.0 and math.isfinite(value)):
+            raise CalibrationError(
+                f"the tolerance of {joint} is {value:g}; state a positive number"
+            )
+    return dict(tolerance)
+
+
+def _rule(verdicts: Sequence[JointVerdict]) -> str:
+    stated = [v for v in verdicts if v.stated]
+    if not stated:
+        return (
+            "No tolerance was stated, so a joint passes when its RMSE is below that of the fixed "
+            "offset."
+        )
+    rule = "A joint passes when its RMSE is within the tolerance stated for it."
+    others = [v.joint for v in verdicts if not v.stated]
+    if others:
+        rule += f" No tolerance was stated for {_and(others)}: below the fixed offset passes."
+    return rule
+
+
+def _text(chosen: str, verdicts: Sequence[JointVerdict], objections: Sequence[str]) -> str:
+    if objections:
+        return f"This test cannot be believed: {objections[0]}."
+    title = _capital(estimator_phrase(chosen))
+    bad = [v for v in verdicts if not v.passed]
+    if bad:
+        parts = [_beside(v) for v in bad]
+        count = f"{len(bad)} of {len(verdicts)} joints" if len(verdicts) > 1 else "the joint"
+        return f"{title} is not good enough in {count}: {_and(parts)}."
+    subject = "the joint" if len(verdicts) == 1 else f"all {len(verdicts)} joints"
+    if not any(v.stated for v in verdicts):
+        return f"{title} is closer to the truth than a fixed offset in {subject}."
+    if all(v.stated for v in verdicts):
+        return f"{title} is within the stated tolerance in {subject}."
+    return f"{title} is within tolerance, or below the fixed offset where none is stated."
+
+
+def _beside(verdict: JointVerdict) -> str:
+    unit = display_unit(verdict.unit)
+    value, limit = shown([verdict.rmse * unit.scale, verdict.limit * unit.scale])
+    against = "tolerance" if verdict.stated else "fixed offset"
+    return f"{verdict.joint} {value} {unit.name} against a {against} of {limit} {unit.name}"
+
+
+def _better_models(scores: Sequence[Score], chosen: str) -> tuple[str, ...]:
+    """Say where another estimator of the table beats the chosen one."""
+    better = []
+    for joint in dict.fromkeys(row.joint for row in scores):
+        rows = [row for row in scores if row.joint == joint]
+        own = next(row for row in rows if row.estimator == chosen)
+        best = min(rows, key=lambda row: row.rmse)
+        if best.rmse < own.rmse:
+            unit = display_unit(own.unit)
+            value, ours = shown([best.rmse * unit.scale, own.rmse * unit.scale])
+            better.append(
+                f"{estimator_phrase(best.estimator)} in {joint} ({value} against {ours} "
+                f"{unit.name})"
+            )
+    return (f"Closer still: {_and(better)}.",) if better else ()
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _and(parts: Sequence[str]) -> str:
+    return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
