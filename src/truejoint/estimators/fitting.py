@@ -337,6 +337,8 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
                 "rows": count,
                 "rows_without_truth": len(recording) - count,
                 "duration": recording.duration,
+                "first": float(recording.t[0]),
+                "last": float(recording.t[-1]),
             }
         )
     total = sum(len(recording) for recording in recordings)
