@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -11,6 +12,7 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 
+from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
 
@@ -151,27 +153,32 @@ def _read_lab(path: Path, first: str) -> Trajectory:
         raise TrajectoryError(f"{path}: {error}") from None
 
 
-def _read_numbers(path: Path, columns: int, *, skip: int) -> np.ndarray[Any, np.dtype[np.float64]]:
+def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
     """Numbers (n, columns) after `skip` lines."""
     try:
-        table = pd.read_csv(
-            path,
-            header=None,
-            names=list(range(columns)),
-            index_col=False,
-            skiprows=skip,
-            nrows=_MAX_ROWS + 1,
-            dtype=float,
-            float_precision="round_trip",
-            on_bad_lines="error",
-        )
-    except pd.errors.EmptyDataError:
-        raise TrajectoryError(f"{path}: has no rows") from None
+        with warnings.catch_warnings():
+            # No rows is a warning of numpy's and an error of ours, below.
+            warnings.simplefilter("ignore", UserWarning)
+            values = np.loadtxt(
+                path,
+                delimiter=",",
+                skiprows=skip,
+                max_rows=_MAX_ROWS + 1,
+                ndmin=2,
+                comments=None,
+                encoding="utf-8",
+            )
     except (ValueError, UnicodeDecodeError) as error:
         reason = str(error).splitlines()[0]
         raise TrajectoryError(
             f"{path}: a row is not {columns} numbers ({reason}); get the file again"
         ) from None
-    if len(table) > _MAX_ROWS:
+    if values.size == 0:
+        raise TrajectoryError(f"{path}: has no rows")
+    if values.shape[1] != columns:
+        raise TrajectoryError(
+            f"{path}: rows have {values.shape[1]} numbers, want {columns}; get the file again"
+        )
+    if len(values) > _MAX_ROWS:
         raise TrajectoryError(f"{path}: more than {_MAX_ROWS} rows; split it")
-    return table.to_numpy()
+    return values

@@ -1,0 +1,111 @@
+"""Tests of truejoint.crtk.simulated."""
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
+from truejoint.errors import CommandRefused, RobotError
+from truejoint.simulation import Raven2Twin
+
+
+@pytest.fixture
+def backend() -> SimulatedBackend:
+    return SimulatedBackend(Raven2Twin(arm="left", seed=1))
+
+
+def record(arm):
+    states: list[StateBlock] = []
+    truths: list[TruthBlock] = []
+    arm.subscribe(lambda b: (states if isinstance(b, StateBlock) else truths).append(b))
+    return states, truths
+
+
+def test_arm_reports_only_what_means_something(backend):
+    typed: Backend = backend  # the type checker sees that it fits
+    arm = simulated_arm("RAVEN2", "gold", seed=1)
+    states, truths = record(arm)
+    assert typed.robot.title == arm.robot.title == "raven2 (left arm)"
+    arm.enable()
+    arm.home()
+    # Rows before the registration of the encoders are not positions.
+    assert [len(block.t) for block in states] == [1]
+    assert truths == []
+    assert arm.measured_js().position[:3] == pytest.approx(arm.robot.home[:3], abs=0.02)
+    assert arm.setpoint_js().position == pytest.approx(arm.robot.home)
+
+
+def test_streams_agree_with_the_twin_itself(backend):
+    arm = simulated_arm(seed=1)
+    twin = backend.twin
+    arm.enable()
+    arm.home()
+    twin.home()
+    states, truths = record(arm)
+    path = arm.robot.home + np.linspace(0, 0.02, 500)[:, None] * np.array([1, 1, 0.1, 0, 0, 0, 0])
+    arm.servo_jp_stream(path)
+    output = twin.run(path)
+    assert len(states) == len(truths) == 1
+    for name in ("t", "measured", "velocity", "effort", "setpoint", "motor", "motor_velocity"):
+        assert np.array_equal(getattr(states[0], name), getattr(output, name))
+    assert np.array_equal(truths[0].t, output.truth_t)
+    assert np.array_equal(truths[0].position, output.truth)
+    assert arm.time == twin.time
+
+
+def test_time_goes_on_over_blocks_moves_and_brakes():
+    arm = simulated_arm(seed=2)
+    arm.enable()
+    arm.home()
+    states, truths = record(arm)
+    arm.move_jp(arm.robot.home + 0.01)
+    arm.pause()
+    arm.wait(3600.0)
+    arm.resume()
+    arm.wait(0.5)
+    for t in (np.concatenate([b.t for b in states]), np.concatenate([b.t for b in truths])):
+        assert (np.diff(t) > 0.0).all()
+        assert np.diff(t).max() == pytest.approx(3600.0, abs=0.05)
+
+
+def test_homing_again_registers_anew():
+    arm = simulated_arm(seed=3)
+    arm.enable()
+    errors = []
+    for _ in range(2):
+        arm.home()
+        _, truths = record(arm)
+        arm.wait(0.2)
+        errors.append(truths[-1].position[-1] - arm.measured_js().position[:3])
+    assert np.abs(errors[0] - errors[1]).max() > 1e-4
+
+
+def test_each_arm_has_its_own_random_numbers():
+    positions = []
+    for seed in (4, 4, 5):
+        arm = simulated_arm(seed=seed)
+        arm.enable()
+        arm.home()
+        arm.wait(0.1)
+        positions.append(arm.measured_js().position)
+    assert np.array_equal(positions[0], positions[1])
+    assert not np.array_equal(positions[0], positions[2])
+
+
+def test_load_reaches_the_twin():
+    efforts = []
+    for load in (0.0, 0.5):
+        arm = simulated_arm(seed=6, load=load)
+        arm.enable()
+        arm.home()
+        arm.wait(0.5)
+        efforts.append(arm.measured_js().effort[:3])
+    assert np.abs(efforts[0] - efforts[1]).max() > 1e-3
+
+
+def test_refusals():
+    with pytest.raises(RobotError, match="no digital twin of 'dvrk_psm'; there is one of 'raven2'"):
+        simulated_arm("dvrk_psm")
+    with pytest.raises(RobotError, match="arm"):
+        simulated_arm("raven2", "middle")
+    with pytest.raises(CommandRefused, match="'resume' refused"):
+        simulated_arm().resume()

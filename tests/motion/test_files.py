@@ -1,0 +1,188 @@
+"""Tests of truejoint.motion.files."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import TrajectoryError
+from truejoint.motion import Trajectory, files, random_motion, zigzag
+from truejoint.robots import get_robot
+
+ROBOT = get_robot("raven2", "left")
+
+names = st.from_regex(r"[A-Za-z_][A-Za-z0-9_]{0,8}", fullmatch=True).filter(lambda n: n != "t")
+plain = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_nan=False, allow_infinity=False)
+    | st.text(),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3),
+    max_leaves=5,
+)
+
+
+@st.composite
+def trajectories(draw):
+    joints = tuple(draw(st.lists(names, min_size=1, max_size=5, unique=True)))
+    rows = draw(st.integers(2, 8))
+    value = st.floats(allow_nan=False, allow_infinity=False)
+    row = st.lists(value, min_size=len(joints), max_size=len(joints))
+    positions = np.array(draw(st.lists(row, min_size=rows, max_size=rows)))
+    times = None
+    if draw(st.booleans()):
+        stamps = st.floats(-1e9, 1e9)
+        times = np.sort(draw(st.lists(stamps, min_size=rows, max_size=rows, unique=True)))
+    units = tuple(draw(st.sampled_from(("rad", "m"))) for _ in joints)
+    meta = draw(st.dictionaries(st.text(), plain, max_size=3))
+    return Trajectory(joints, units, positions, times, draw(st.text(max_size=20)), meta)
+
+
+@settings(max_examples=80, deadline=None)
+@given(trajectories())
+def test_round_trip_is_bit_for_bit(tmp_path_factory, trajectory):
+    path = tmp_path_factory.mktemp("csv") / "t.csv"
+    trajectory.save(path)
+    again = Trajectory.load(path)
+    assert (again.joints, again.units, again.name) == (
+        trajectory.joints,
+        trajectory.units,
+        trajectory.name,
+    )
+    assert again.meta == trajectory.meta
+    assert np.array_equal(again.positions, trajectory.positions)
+    assert (again.times is None) == (trajectory.times is None)
+    if trajectory.times is not None:
+        assert np.array_equal(again.times, trajectory.times)
+
+
+def test_header_can_be_read_by_a_person(tmp_path):
+    path = tmp_path / "random.csv"
+    random_motion(ROBOT, 2.0, seed=4).save(path)
+    first, second, third = path.read_text().splitlines()[:3]
+    provenance = json.loads(first.removeprefix("# truejoint trajectory "))
+    assert provenance["units"] == {"shoulder": "rad", "elbow": "rad", "insertion": "m"}
+    assert provenance["meta"]["seed"] == 4
+    assert second == "t,shoulder,elbow,insertion"
+    assert third.startswith("0.0,0.69")
+
+
+def test_nothing_is_overwritten_unasked(tmp_path):
+    path = tmp_path / "t.csv"
+    zigzag(ROBOT, "J1").save(path)
+    before = path.read_bytes()
+    for save in (zigzag(ROBOT, "J2").save, zigzag(ROBOT, "J2").save_lab):
+        with pytest.raises(TrajectoryError, match=r"t\.csv: exists"):
+            save(path)
+    assert path.read_bytes() == before
+    zigzag(ROBOT, "J2").save(path, overwrite=True)
+    assert Trajectory.load(path).name == "zigzag J2 1/4"
+    assert [p.name for p in tmp_path.iterdir()] == ["t.csv"]
+
+
+def test_a_failed_save_leaves_no_trace(tmp_path):
+    path = tmp_path / "t.csv"
+    odd = Trajectory(("a",), ("rad",), np.zeros((2, 1)), meta={"x": object()})
+    with pytest.raises(TrajectoryError, match="cannot be written as JSON"):
+        odd.save(path)
+    large = Trajectory(("a",), ("rad",), np.zeros((2, 1)), meta={"x": "y" * 70000})
+    with pytest.raises(TrajectoryError, match="below 64 kB"):
+        large.save(path)
+    with pytest.raises(TrajectoryError, match="cannot be written: No such file"):
+        zigzag(ROBOT).save(tmp_path / "no" / "t.csv")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_laboratorys_layout_both_ways(tmp_path):
+    path = tmp_path / "zigzag_traj_dir_yz_0.25.csv"
+    original = zigzag(ROBOT, "J2-J3", 1 / 4)
+    original.save_lab(path)
+    assert np.loadtxt(path, delimiter=",").shape[1] == 3
+    loaded = Trajectory.load(path)
+    assert loaded.name == "zigzag_traj_dir_yz_0.25"
+    assert loaded.joints == original.joints
+    assert loaded.units == original.units
+    assert np.array_equal(loaded.positions, original.densified(1e-3).positions)
+
+
+def test_the_laboratorys_number_format_is_read(tmp_path):
+    path = tmp_path / "lab.csv"
+    values = zigzag(ROBOT, "J3").densified(0.01).positions
+    np.savetxt(path, values, delimiter=",")  # %.18e, as numpy writes by default
+    assert np.array_equal(Trajectory.load(path).positions, values)
+
+
+def test_the_laboratorys_layout_holds_its_three_joints_only(tmp_path):
+    other = Trajectory(("a", "b", "c"), ("rad", "rad", "m"), np.zeros((2, 3)))
+    with pytest.raises(TrajectoryError, match="hold shoulder, elbow, insertion"):
+        other.save_lab(tmp_path / "t.csv")
+    with pytest.raises(TrajectoryError, match="has times"):
+        random_motion(ROBOT, 2.0).save_lab(tmp_path / "t.csv")
+
+
+GOOD = '# truejoint trajectory {"format": 1, "name": "x", "units": {"a": "rad"}, "meta": {}}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "match"),
+    [
+        ("", "starts with ''"),
+        ("x,y,z\n1,2,3\n", "starts with 'x,y,z'"),
+        ("1,2\n3,4\n", "2 columns without a header"),
+        ("1,2,3\n4,5\n", "a row is not 3 numbers"),
+        ("1,2,3\n4,5,6,7\n", "a row is not 3 numbers"),
+        ("1,2,3\n4,x,6\n", "a row is not 3 numbers"),
+        ("1,2,3\n", "at least 2 rows"),
+        ("0.1,nan,0.3\n0.1,0.2,0.3\n", "elbow is nan in row 0"),
+        ("# truejoint trajectory {\n", "first line is damaged"),
+        ("# truejoint trajectory []\n", "first line must hold"),
+        ("# truejoint trajectory {}\n", "first line must hold format, name, units, meta"),
+        (GOOD.replace('"format": 1', '"format": 2'), "newer than 1; update truejoint"),
+        (GOOD.replace("rad", "deg") + "a\n1\n2\n", "must be 'rad' or 'm'"),
+        (GOOD + "b\n1\n2\n", "do not match the joints"),
+        (GOOD, "do not match the joints"),
+        (GOOD + "a\n", "has no rows"),
+        (GOOD + "t,a\n0,1\n0,2\n", "times must increase"),
+        (GOOD + "a\n1\n2,3\n", "a row is not 1 numbers"),
+        (GOOD + "a\n1,2\n3,4\n", "rows have 2 numbers, want 1"),
+        (GOOD.replace("[", "") + ",".join("a" * 70) + "\n", "70 columns; at most 65"),
+    ],
+)
+def test_damaged_files_are_refused_in_one_line(tmp_path, text, match):
+    path = tmp_path / "bad.csv"
+    path.write_text(text)
+    with pytest.raises(TrajectoryError, match=match) as refusal:
+        Trajectory.load(path)
+    assert "bad.csv" in str(refusal.value)
+    assert "\n" not in str(refusal.value)
+
+
+def test_missing_binary_and_oversized_files_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(TrajectoryError, match=r"none\.csv: cannot be read: No such file"):
+        Trajectory.load(tmp_path / "none.csv")
+    (tmp_path / "b.csv").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(TrajectoryError, match="is not text"):
+        Trajectory.load(tmp_path / "b.csv")
+    zigzag(ROBOT).save(tmp_path / "z.csv")
+    monkeypatch.setattr(files, "_MAX_ROWS", 10)
+    with pytest.raises(TrajectoryError, match="more than 10 rows"):
+        Trajectory.load(tmp_path / "z.csv")
+    monkeypatch.setattr(files, "_MAX_BYTES", 100)
+    with pytest.raises(TrajectoryError, match="more than a trajectory may have"):
+        Trajectory.load(tmp_path / "z.csv")
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.binary(max_size=200), st.booleans())
+def test_garbage_is_refused_and_never_crashes(tmp_path_factory, garbage, with_mark):
+    path = tmp_path_factory.mktemp("fuzz") / "f.csv"
+    path.write_bytes((b"# truejoint trajectory " if with_mark else b"") + garbage)
+    refusal = ""
+    try:
+        Trajectory.load(path)
+    except TrajectoryError as error:
+        refusal = str(error)
+    assert "\n" not in refusal

@@ -1,0 +1,208 @@
+"""Tests of truejoint.motion.follow: against a known lag, and on the digital twin."""
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import StateBlock, simulated_arm
+from truejoint.errors import CommandRefused, RobotError, TrajectoryError
+from truejoint.motion import (
+    Trajectory,
+    follow,
+    nominal_duration,
+    random_motion,
+    workspace_of,
+    zigzag,
+)
+from truejoint.robots import get_robot
+
+JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
+LAG = 0.02  # of the lagging arm [s]
+SPACE = workspace_of(get_robot("raven2"))
+
+
+def line(*points):
+    return Trajectory(JOINTS, UNITS, np.array(points, dtype=float))
+
+
+CENTRE = SPACE.centre
+STROKE = line(CENTRE, CENTRE + np.array([0.1, 0.0, 0.0]))
+
+
+def at_rest_at(arm, point):
+    arm.move_jp([*point, *arm.setpoint_js().position[3:]])
+    arm.wait(1.0)
+
+
+def test_tracking_error_of_a_known_lag(lagging_arm):
+    at_rest_at(lagging_arm, CENTRE)
+    report = follow(lagging_arm, STROKE)
+    cap = SPACE.speed[0]
+    # Sampled: the error of a first-order lag at constant speed is v dt / (exp(dt / lag) - 1).
+    expected = cap * 1e-3 / np.expm1(1e-3 / LAG)
+    assert report.max[0] == pytest.approx(expected, rel=1e-3)
+    assert report.max[1:] == pytest.approx([0.0, 0.0], abs=1e-12)
+    assert 0.9 * expected < report.rms[0] < expected
+    assert report.max_speed[0] == pytest.approx(cap, rel=1e-6)
+    assert report.duration == pytest.approx(0.1 / cap + 0.25)
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_set_points_keep_caps_and_acceleration(lagging_arm, lagging_backend, scale):
+    path = zigzag(lagging_arm.robot, "J1-J2-J3", 1.0)
+    at_rest_at(lagging_arm, path.positions[0])
+    sent = len(lagging_backend.sent)
+    report = follow(lagging_arm, path, speed_scale=scale)
+    rows = np.vstack(lagging_backend.sent[sent:])[:, :3]
+    speed = np.diff(rows, axis=0) * 1e3
+    caps = SPACE.speed * scale
+    assert (np.abs(speed) <= caps + 1e-8).all()
+    assert (np.abs(np.diff(speed, axis=0)) * 1e3 <= 8 * caps + 1e-4).all()
+    assert report.kept_caps
+    assert report.speed_caps == pytest.approx(caps)
+    assert report.setpoint_speed == pytest.approx(np.abs(speed).max(axis=0), rel=1e-6)
+    assert report.setpoint_speed.max() <= (caps * (1 + 1e-6)).max()
+    assert report.duration == pytest.approx(nominal_duration(path, lagging_arm.robot, scale))
+
+
+def test_kept_caps_tells_when_they_were_not(lagging_arm):
+    report = follow(lagging_arm, STROKE)
+    values = {name: getattr(report, name) for name in report.__dataclass_fields__}
+    faster = type(report)(**values | {"setpoint_speed": report.speed_caps * 1.01})
+    assert report.kept_caps
+    assert not faster.kept_caps
+    assert faster.to_dict()["kept_caps"] is False
+
+
+def test_the_path_is_passed_from_end_to_end(lagging_arm, lagging_backend):
+    path = zigzag(lagging_arm.robot, "J2", 1.0)
+    follow(lagging_arm, path)
+    rows = np.vstack(lagging_backend.sent)[:, :3]
+    cut = SPACE.speed * 0.25 / 4
+    for corner in path.positions:
+        assert (np.abs(rows - corner) <= cut + 1e-9).all(axis=1).any()
+    assert rows[-1] == pytest.approx(path.positions[-1], abs=1e-12)
+
+
+def test_other_joints_hold_still(lagging_arm, lagging_backend):
+    tool = lagging_arm.setpoint_js().position[3:].copy()
+    follow(lagging_arm, STROKE)
+    rows = np.vstack(lagging_backend.sent)[:, 3:]
+    assert np.array_equal(rows, np.tile(tool, (len(rows), 1)))
+
+
+def test_a_dense_path_takes_as_long_as_its_corners(lagging_arm):
+    path = zigzag(lagging_arm.robot, "J3", 0.5)
+    dense = path.densified(1e-3)
+    duration = nominal_duration(path, lagging_arm.robot)
+    assert nominal_duration(dense, lagging_arm.robot) == pytest.approx(duration, rel=1e-9)
+
+
+def test_times_are_kept(lagging_arm, lagging_backend):
+    motion = random_motion(lagging_arm.robot, 15.0, seed=1)
+    report = follow(lagging_arm, motion)
+    rows = np.vstack(lagging_backend.sent)[-round(report.duration * 1000) :, :3]
+    # The blend delays by half its length.
+    t = np.arange(2.0, 14.0, 0.5)
+    wanted = np.column_stack([np.interp(t, motion.times, q) for q in motion.positions.T])
+    assert rows[np.round((t + 0.125) * 1000).astype(int) - 1] == pytest.approx(wanted, abs=2e-4)
+    assert report.duration == pytest.approx(15.25)
+    slow = follow(lagging_arm, motion, speed_scale=0.5)
+    assert slow.duration == pytest.approx(30.25)
+    assert slow.speed_caps == pytest.approx(report.speed_caps / 2)
+
+
+def test_progress_rises_to_one_and_blocks_stay_small(lagging_arm, lagging_backend):
+    shares, longest = [], []
+    lagging_arm.subscribe(
+        lambda block: longest.append(len(block.t)) if isinstance(block, StateBlock) else None
+    )
+    follow(lagging_arm, STROKE, speed_scale=0.1, progress=shares.append)
+    assert len(shares) == 3
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert max(longest) == 10000
+
+
+@pytest.mark.parametrize(
+    ("trajectory", "options", "match"),
+    [
+        (line(CENTRE, [2.0, 1.4, 0.4]), {}, r"shoulder spans .* outside the range \[0, 90\] deg"),
+        (line(CENTRE, CENTRE + np.array([0, 0, 1.0])), {}, "insertion spans"),
+        (STROKE, {"speed_scale": 0.0}, r"speed scale 0.0 must be in \(0, 1\]"),
+        (STROKE, {"speed_scale": 1.5}, "speed scale"),
+        (STROKE, {"speed_scale": np.nan}, "speed scale"),
+        (STROKE, {"speed": [0.1, 0.1]}, "must be 3 positive values"),
+        (STROKE, {"speed": [0.1, -0.1, 0.1]}, "must be 3 positive values"),
+        (STROKE, {"speed": [0.1, np.nan, 0.01]}, "must be 3 positive values"),
+        (STROKE, {"speed": [0.1, 0.1, 0.06]}, "insertion would move at 60 mm/s, above 50"),
+        (
+            Trajectory(("roll",), ("rad",), np.array([[0.0], [0.1]])),
+            {},
+            "no speed cap is known for roll",
+        ),
+        (
+            Trajectory(JOINTS, UNITS, np.array([CENTRE, CENTRE + 0.05]), np.array([0.0, 0.01])),
+            {},
+            "shoulder would move at",
+        ),
+        (
+            Trajectory(JOINTS, UNITS, np.array([CENTRE, CENTRE + 0.01]), np.array([0.0, 9.0])),
+            {"speed": [0.1, 0.1, 0.01]},
+            "has times",
+        ),
+    ],
+)
+def test_what_cannot_be_followed_is_refused_before_moving(
+    lagging_arm, lagging_backend, trajectory, options, match
+):
+    with pytest.raises(TrajectoryError, match=match):
+        follow(lagging_arm, trajectory, **options)
+    assert lagging_backend.sent == []
+
+
+def test_unknown_joints_and_unready_arms_are_refused(lagging_arm, lagging_backend):
+    strange = Trajectory(("knee",), ("rad",), np.array([[0.0], [0.1]]))
+    with pytest.raises(RobotError, match="no joint 'knee'"):
+        follow(lagging_arm, strange)
+    lagging_arm.pause()
+    with pytest.raises(CommandRefused, match="follow refused: the arm is PAUSED"):
+        follow(lagging_arm, STROKE)
+    assert lagging_backend.sent == []
+
+
+def test_an_interrupted_run_leaves_no_subscriber(lagging_arm, lagging_backend):
+    def stop(share):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        follow(lagging_arm, STROKE, progress=stop)
+    assert lagging_arm._listeners == []
+    follow(lagging_arm, STROKE)
+
+
+def test_report_reads_well(lagging_arm):
+    at_rest_at(lagging_arm, CENTRE)
+    report = follow(lagging_arm, STROKE)
+    assert "\n" not in str(report)
+    assert "shoulder 0.04" in str(report)
+    assert "deg RMS" in str(report)
+    assert "insertion 0.000 mm RMS" in str(report)
+    values = report.to_dict()
+    assert values["rms"] == report.rms.tolist()
+    assert values["units"] == ["rad", "rad", "m"]
+
+
+def test_on_the_twin_the_same_seed_gives_the_same_report():
+    reports = []
+    for _ in range(2):
+        arm = simulated_arm("raven2", "left", seed=7)
+        arm.enable()
+        arm.home()
+        reports.append(follow(arm, line(CENTRE, CENTRE + np.array([0.1, 0.1, 0.005]))))
+    first, second = reports
+    assert first.to_dict() == second.to_dict()
+    # It follows within a degree and a millimetre, as a PD loop at these speeds does.
+    assert (first.max < [np.deg2rad(1.0), np.deg2rad(1.0), 1e-3]).all()
+    assert (first.rms > 0.0).all()
+    assert first.kept_caps
+    assert (first.max_speed <= first.speed_caps * 1.3).all()

@@ -1,0 +1,77 @@
+"""Tests of truejoint.motion.random_motion."""
+
+import numpy as np
+import pytest
+
+from truejoint.errors import TrajectoryError
+from truejoint.motion import random_motion, workspace_of
+from truejoint.robots import get_robot
+
+ROBOT = get_robot("raven2", "left")
+SPACE = workspace_of(ROBOT)
+# uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py
+SHRINK = np.array([np.deg2rad(5), np.deg2rad(10), 0.02])
+SLOWEST = np.array([np.deg2rad(1.091), np.deg2rad(1.5), 0.0025])
+FASTEST = np.array([np.deg2rad(3), np.deg2rad(4), 0.007])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_turns_and_speeds_are_in_the_ranges(seed):
+    motion = random_motion(ROBOT, 1200.0, seed)
+    for k, path in enumerate(motion.positions.T):
+        speed = np.diff(path) / np.diff(motion.times)
+        turns = np.flatnonzero(np.sign(speed[1:]) != np.sign(speed[:-1])) + 1
+        assert len(turns) > 10
+        turning = path[turns]
+        to_edge = np.minimum(turning - SPACE.lower[k], SPACE.upper[k] - turning)
+        assert (to_edge >= 0.0).all()
+        assert (to_edge <= SHRINK[k] * (1 + 1e-3)).all()
+        peaks = [np.abs(part).max() for part in np.split(speed, turns)[1:-1]]
+        assert min(peaks) >= SLOWEST[k] * 0.99
+        assert max(peaks) <= FASTEST[k]
+        # Draws fill their ranges, and turning points are spread as well.
+        assert np.ptp(peaks) > 0.5 * (FASTEST[k] - SLOWEST[k])
+        assert np.ptp(to_edge) > 0.5 * SHRINK[k]
+
+
+def test_reversals_are_smooth():
+    motion = random_motion(ROBOT, 600.0, 1, rate=100.0)
+    acceleration = np.diff(motion.positions, n=2, axis=0) * 100.0**2
+    # Half a cosine of width d and peak speed v accelerates by at most 2 v^2 / d.
+    shortest = SPACE.extent / 2 - SHRINK
+    bound = 2 * FASTEST**2 / shortest
+    assert (np.abs(acceleration) <= bound * 1.1).all()
+
+
+def test_same_seed_same_motion_and_a_longer_one_goes_on():
+    short, long = random_motion(ROBOT, 100.0, 5), random_motion(ROBOT, 300.0, 5)
+    assert np.array_equal(short.positions, random_motion(ROBOT, 100.0, 5).positions)
+    assert np.array_equal(short.positions, long.positions[: len(short)])
+    assert not np.array_equal(short.positions, random_motion(ROBOT, 100.0, 6).positions)
+
+
+def test_starts_at_the_centre_and_ends_inside_the_limits():
+    motion = random_motion(ROBOT, 60.0, 2)
+    assert motion.positions[0] == pytest.approx(SPACE.centre)
+    motion.check_within(ROBOT)
+    assert (motion.positions[-1] >= SPACE.lower).all()
+    assert (motion.positions[-1] <= SPACE.upper).all()
+    assert motion.times[[0, -1]] == pytest.approx([0.0, 60.0])
+
+
+def test_lines_between_points_are_close_to_the_curve():
+    coarse, fine = random_motion(ROBOT, 60.0, 3), random_motion(ROBOT, 60.0, 3, rate=1000.0)
+    for k in range(3):
+        drawn = np.interp(fine.times, coarse.times, coarse.positions[:, k])
+        assert np.abs(drawn - fine.positions[:, k]).max() < (1e-6 if k == 2 else np.deg2rad(1e-3))
+
+
+@pytest.mark.parametrize(("duration", "rate"), [(0.0, 20), (np.nan, 20), (1e6, 20), (60, 0.5)])
+def test_out_of_range_is_refused(duration, rate):
+    with pytest.raises(TrajectoryError, match="must be within"):
+        random_motion(ROBOT, duration, rate=rate)
+
+
+def test_unknown_ranges_are_refused():
+    with pytest.raises(TrajectoryError, match="dvrk_psm"):
+        random_motion(get_robot("dvrk_psm"))

@@ -1,0 +1,148 @@
+"""Tests of truejoint.motion.zigzag, in all directions and at all sparsities."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import TrajectoryError
+from truejoint.motion import DIRECTIONS, Workspace, nominal_duration, workspace_of, zigzag
+from truejoint.motion.zigzag import zigzag_box
+from truejoint.robots import get_robot
+
+ROBOT = get_robot("raven2", "left")
+SPACE = workspace_of(ROBOT)
+SPARSITIES = (1 / 2, 1 / 3, 1 / 4, 1 / 5, 1 / 6)
+NOMINAL_MINUTES = list(zip(SPARSITIES, (2.3, 3.7, 5.5, 7.6, 10.1), strict=True))
+PUBLISHED_POINTS = list(zip(SPARSITIES, (13052, 21060, 31052, 43052, 57066), strict=True))
+every_path = pytest.mark.parametrize("sparsity", SPARSITIES)
+every_direction = pytest.mark.parametrize("direction", DIRECTIONS)
+
+# Range of a joint as a share of the workspace's, by how many joints move (peng2024 II-B).
+SHARE = {1: 1 / np.sqrt(3), 2: np.sqrt(2 / 3), 3: 1.0}
+
+
+def lattice(path, direction):
+    """Corners in coordinates of the box, 0 to 1 along stroke, row and layer."""
+    shares = (path.positions - SPACE.centre) / SPACE.extent
+    return np.linalg.solve(zigzag_box(direction), shares.T).T + 0.5
+
+
+def moving(direction):
+    return [int(part[1]) - 1 for part in direction.split("-")]
+
+
+@every_path
+@every_direction
+def test_bounds_are_exact_and_centred(direction, sparsity):
+    path = zigzag(ROBOT, direction, sparsity)
+    low, high = path.positions.min(axis=0), path.positions.max(axis=0)
+    share = np.full(3, SHARE[1])
+    share[moving(direction)] = SHARE[len(moving(direction))]
+    assert (low + high) / 2 == pytest.approx(SPACE.centre, rel=1e-14)
+    assert high - low == pytest.approx(SPACE.extent * share, rel=1e-13)
+
+
+@every_direction
+def test_every_direction_covers_the_same_volume(direction):
+    assert abs(np.linalg.det(zigzag_box(direction))) == pytest.approx(27**-0.5, rel=1e-13)
+
+
+@every_direction
+def test_the_stroke_moves_exactly_the_named_joints(direction):
+    stroke = zigzag_box(direction)[:, 0]
+    assert set(np.flatnonzero(stroke)) == set(moving(direction))
+    assert (stroke >= 0).all()
+
+
+@pytest.mark.parametrize("direction", DIRECTIONS[:-1])
+def test_one_and_two_joints_are_turned_cubes(direction):
+    box = zigzag_box(direction) * np.sqrt(3)
+    assert box.T @ box == pytest.approx(np.eye(3), abs=1e-14)
+
+
+def test_three_joints_are_nearly_a_turned_cube():
+    box = zigzag_box("J1-J2-J3")
+    lengths = np.linalg.norm(box, axis=0)
+    assert lengths == pytest.approx(np.full(3, 1.0133 / np.sqrt(3)), rel=1e-4)
+    cosines = (box.T @ box)[np.triu_indices(3, 1)] / lengths[0] ** 2
+    assert np.rad2deg(np.arccos(-np.abs(cosines))) == pytest.approx(98.8, abs=0.1)
+
+
+@every_path
+@every_direction
+def test_lattice_is_even_complete_and_continuous(direction, sparsity):
+    n = round(1 / sparsity)
+    path = zigzag(ROBOT, direction, sparsity)
+    corners = lattice(path, direction)
+    assert len(path) == 2 * (n + 1) ** 2
+    assert corners.min() == pytest.approx(0.0, abs=1e-13)
+    assert corners.max() == pytest.approx(1.0, abs=1e-13)
+    steps = np.diff(corners, axis=0)
+    # Every second line is a whole stroke, every line between one step along one other edge.
+    expected = np.zeros_like(steps)
+    expected[0::2, 0] = np.where(np.arange(len(steps[0::2])) % 2 == 0, 1.0, -1.0)
+    assert steps[0::2] == pytest.approx(expected[0::2], abs=1e-12)
+    across = np.abs(steps[1::2])
+    assert across.max(axis=1) == pytest.approx(np.full(len(across), 1 / n), abs=1e-12)
+    assert (np.count_nonzero(across > 1e-9, axis=1) == 1).all()
+    # Each grid line is passed once.
+    strokes = {tuple(np.rint(point[1:] * n).astype(int)) for point in corners[0::2]}
+    assert strokes == {(row, layer) for row in range(n + 1) for layer in range(n + 1)}
+    assert len(corners[0::2]) == len(strokes)
+
+
+@pytest.mark.parametrize(("sparsity", "minutes"), NOMINAL_MINUTES)
+def test_durations_at_the_nominal_caps(sparsity, minutes):
+    # Path length over speed cap for the single-direction trajectories of
+    # uw-biorobotics/raven2_CRTK_Python_controller, which has them in 13052 to 57066 points.
+    assert nominal_duration(zigzag(ROBOT, "J1", sparsity), ROBOT) / 60 == pytest.approx(
+        minutes, abs=0.06
+    )
+
+
+@pytest.mark.parametrize(("sparsity", "points"), PUBLISHED_POINTS)
+def test_point_counts_agree_with_the_published_files(sparsity, points):
+    # Those overshoot by half a layer step here and there, hence the tolerance.
+    assert len(zigzag(ROBOT, "J1", sparsity).densified(1e-3)) == pytest.approx(points, rel=0.006)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.02, 1.0), st.sampled_from(DIRECTIONS))
+def test_any_sparsity_keeps_the_bounds(sparsity, direction):
+    path = zigzag(ROBOT, direction, sparsity)
+    reference = zigzag(ROBOT, direction, 1.0)
+    assert path.positions.min(axis=0) == pytest.approx(reference.positions.min(axis=0), rel=1e-13)
+    assert path.positions.max(axis=0) == pytest.approx(reference.positions.max(axis=0), rel=1e-13)
+    assert abs(1 / path.meta["sparsity"] - 1 / sparsity) <= 0.5 + 1e-9
+
+
+@every_direction
+def test_paths_lie_inside_the_robots_limits(direction):
+    for arm in ("left", "right"):
+        robot = get_robot("raven2", arm)
+        zigzag(robot, direction).check_within(robot)
+
+
+@pytest.mark.parametrize("sparsity", [0.0, -0.25, 1.01, 0.019, np.nan, np.inf])
+def test_sparsity_out_of_range_is_refused(sparsity):
+    with pytest.raises(TrajectoryError, match=r"sparsity .* must be within"):
+        zigzag(ROBOT, "J1", sparsity)
+
+
+@pytest.mark.parametrize("direction", ["J4", "J2-J1", "shoulder", ""])
+def test_unknown_direction_is_refused_naming_the_known(direction):
+    with pytest.raises(TrajectoryError, match="choose one of J1, J2, J3, J1-J2"):
+        zigzag(ROBOT, direction)
+
+
+def test_another_robot_needs_a_workspace_of_its_own():
+    psm = get_robot("dvrk_psm")
+    with pytest.raises(TrajectoryError, match="no calibration workspace is known for dvrk_psm"):
+        zigzag(psm, "J1")
+    joints = psm.joint_names[:3]
+    space = Workspace(joints, np.array([-0.5, -0.4, 0.1]), np.array([0.5, 0.4, 0.2]), np.ones(3))
+    path = zigzag(psm, "J1-J3", 0.5, workspace=space)
+    assert path.joints == joints
+    assert path.units == ("rad", "rad", "m")
+    assert path.positions.mean(axis=0) == pytest.approx(space.centre)
