@@ -30,6 +30,7 @@ def test_html_is_self_contained_and_faithful(tmp_path):
     assert not re.findall(r"<(?:script|link|img)[^>]+(?:src|href)=", page)
     for label in ("shoulder [deg]", "elbow [deg]", "insertion [mm]", "zigzag J2-J3 1/2"):
         assert label in page
+    assert '"modeBarButtonsToRemove": ["sendChartToCloud"' in page
 
 
 def test_long_motions_are_thinned_but_end_where_they_end():

@@ -27,6 +27,11 @@ _END: Final = "#b2182b"
 _SHADOW: Final = "#b9c0cb"
 _GRID: Final = "#e3e6ea"
 _MAP: Final = "viridis"
+# A page that is meant to work offline offers no button that sends its data away.
+_PAGE: Final = {
+    "displaylogo": False,
+    "modeBarButtonsToRemove": ["sendChartToCloud", "sendDataToCloud"],
+}
 
 
 def plot_3d(trajectories: Sequence[Trajectory], path: Path) -> None:
@@ -132,6 +137,7 @@ def _draw_html(points: list[Array], names: list[str], labels: list[str], path: P
             z=line[:, 2],
             mode="lines",
             name=names[k],
+            showlegend=len(points) > 1,
             line=gradient if len(points) == 1 else solid,
             hovertemplate=hover + "<extra>%{fullData.name}</extra>",
         )
@@ -158,10 +164,10 @@ def _draw_html(points: list[Array], names: list[str], labels: list[str], path: P
         scene={
             "aspectmode": "cube",
             **{f"{axis}axis_title": label for axis, label in zip("xyz", labels, strict=True)},
-            "camera_eye": {"x": 1.3, "y": -1.6, "z": 0.8},
+            "camera_eye": {"x": 1.4, "y": -1.75, "z": 0.85},
         },
     )
-    figure.write_html(path, include_plotlyjs=True, config={"displaylogo": False})
+    figure.write_html(path, include_plotlyjs=True, config=_PAGE, default_height="94vh")
 
 
 def _bounds(points: list[Array]) -> tuple[Array, Array]:
