@@ -270,7 +270,7 @@ class FeatureSet:
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         out = np.empty((len(recording), len(self)))
         kernels.feature_rows(
-            *self.program, gap_limit, np.ascontiguousarray(recording.t), samples,
+            *self.program, gap_limit, np.array(recording.t), samples,
             self.start().memory, out,
         )  # fmt: skip
         return out

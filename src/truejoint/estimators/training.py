@@ -147,10 +147,11 @@ class _Adam:
         np.multiply(gradient, gradient, out=self._room)
         self._room *= 1.0 - SECOND_DECAY
         self._second += self._room
-        # With the bias corrections folded into the step; epsilon stands beside the corrected root.
+        # With the bias corrections folded into the step and epsilon beside the uncorrected root, as
+        # in section 2 of the paper on Adam, in Keras and in scikit-learn.
         root = math.sqrt(1.0 - SECOND_DECAY**self._steps)
         np.sqrt(self._second, out=self._room)
-        self._room += EPSILON * root
+        self._room += EPSILON
         np.divide(self._first, self._room, out=self._room)
         self._room *= self._rate * root / (1.0 - FIRST_DECAY**self._steps)
         self._values -= self._room

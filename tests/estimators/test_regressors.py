@@ -1,0 +1,191 @@
+"""Each estimator keeps scikit-learn's contract and ours."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.preprocessing import PolynomialFeatures
+from sklearn.utils.estimator_checks import parametrize_with_checks
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators import (
+    ESTIMATORS,
+    FixedOffset,
+    JointRegressor,
+    LinearRegressor,
+    NeuralNetwork,
+    PolynomialRegressor,
+    estimator_names,
+    get_estimator,
+)
+from truejoint.estimators.linear import count_terms, polynomial_terms
+
+QUICK = [
+    FixedOffset(),
+    LinearRegressor(),
+    PolynomialRegressor(),
+    PolynomialRegressor(degree=3),
+    NeuralNetwork(hidden_layer_sizes=(7,), epochs=20),
+    NeuralNetwork(hidden_layer_sizes=(6, 5, 4), epochs=3),
+]
+KEY = str
+
+
+@parametrize_with_checks([cls() for cls in ESTIMATORS.values()] + [PolynomialRegressor(degree=3)])
+def test_scikit_learn_contract(estimator, check):
+    check(estimator)
+
+
+@pytest.fixture
+def data():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(300, 4)) * [1.0, 1e-3, 50.0, 1.0] + [0.0, 7.0, -100.0, 1.0]
+    y = np.column_stack([X[:, 0] - 0.02 * X[:, 2], X[:, 0] ** 2, np.full(300, 3.0)])
+    return X, y + rng.normal(0, 0.01, y.shape)
+
+
+@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
+def test_arrays_restore_bit_for_bit(estimator, data):
+    X, y = data
+    fitted = clone(estimator).fit(X, y)
+    arrays = fitted.to_arrays()
+    assert {name: a.shape for name, a in arrays.items()} == fitted.array_shapes(4, 3)
+    again = type(fitted).from_arrays(fitted.get_params(), arrays, n_features=4, n_outputs=3)
+    assert again.predict(X).tobytes() == fitted.predict(X).tobytes()
+
+
+@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
+def test_one_row_gives_the_bits_of_all_rows(estimator, data):
+    X, y = data
+    fitted = clone(estimator).fit(X, y)
+    whole = fitted.predict(X)
+    for row in range(0, 300, 37):
+        assert fitted.predict(X[row : row + 1]).tobytes() == whole[row : row + 1].tobytes()
+
+
+@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
+def test_constant_feature_has_no_weight(estimator, data):
+    X, y = data
+    X = np.column_stack([X, np.full(len(X), 0.1)])
+    fitted = clone(estimator).fit(X, y)
+    moved = X.copy()
+    moved[:, 4] = 1e6
+    assert np.isfinite(fitted.predict(X)).all()
+    assert fitted.predict(moved).tobytes() == fitted.predict(X).tobytes()
+
+
+@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
+def test_progress_ends_at_one(estimator, data):
+    seen: list[float] = []
+    clone(estimator).fit(*data, progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+
+
+@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
+@pytest.mark.parametrize("damage", ["missing", "extra", "shape", "nan", "type"])
+def test_wrong_arrays_are_refused(estimator, damage, data):
+    fitted = clone(estimator).fit(*data)
+    arrays = dict(fitted.to_arrays())
+    name = sorted(arrays)[0]
+    if damage == "missing":
+        del arrays[name]
+    elif damage == "extra":
+        arrays["more"] = np.zeros(1)
+    elif damage == "shape":
+        arrays[name] = np.zeros((2, 9))
+    elif damage == "nan":
+        arrays[name] = np.full_like(arrays[name], np.nan)
+    else:
+        arrays[name] = arrays[name].astype(np.float32)
+    with pytest.raises(CalibrationError):
+        type(fitted).from_arrays(fitted.get_params(), arrays, n_features=4, n_outputs=3)
+
+
+def test_offset_is_the_mean(data):
+    X, y = data
+    np.testing.assert_allclose(FixedOffset().fit(X, y).predict(X[:1])[0], y.mean(axis=0))
+
+
+@pytest.mark.parametrize("degree", [1, 2, 3])
+def test_polynomial_is_the_least_squares_solution(degree, data):
+    X, y = data
+    scaled = (X - X.mean(axis=0)) / X.std(axis=0)
+    design = PolynomialFeatures(degree).fit_transform(scaled)
+    expected = design @ np.linalg.lstsq(design, y, rcond=None)[0]
+    model = LinearRegressor() if degree == 1 else PolynomialRegressor(degree)
+    np.testing.assert_allclose(model.fit(X, y).predict(X), expected, atol=1e-9)
+
+
+def test_blocks_of_rows_do_not_change_the_fit(monkeypatch, data):
+    X, y = data
+    whole = PolynomialRegressor().fit(X, y)
+    monkeypatch.setattr("truejoint.estimators.linear._BLOCK", 17)
+    np.testing.assert_allclose(PolynomialRegressor().fit(X, y).coef_, whole.coef_, atol=1e-10)
+
+
+def test_copies_of_a_feature_share_its_weight(data):
+    X, y = data
+    twice = np.column_stack([X, 3.0 * X[:, 0] + 2.0])
+    model = LinearRegressor().fit(twice, y)
+    np.testing.assert_allclose(model.predict(twice), LinearRegressor().fit(X, y).predict(X))
+    np.testing.assert_allclose(model.coef_[0], model.coef_[4], rtol=1e-6)
+
+
+def test_offset_of_the_target_moves_the_intercept_alone(data):
+    X, y = data
+    constant = np.column_stack([X, np.full(len(X), 4.0)])
+    here, there = (PolynomialRegressor().fit(constant, y + shift) for shift in (0.0, 1e3))
+    np.testing.assert_allclose(here.coef_, there.coef_, atol=1e-9)
+    np.testing.assert_allclose(there.intercept_ - here.intercept_, 1e3)
+
+
+def test_fewer_rows_than_terms_still_interpolate():
+    rng = np.random.default_rng(0)
+    X, y = rng.normal(size=(6, 4)), rng.normal(size=6)
+    np.testing.assert_allclose(PolynomialRegressor().fit(X, y).predict(X), y, atol=1e-9)
+
+
+def test_terms_are_every_product_once():
+    assert count_terms(16, 2) == 16 + 136
+    terms = {tuple(sorted(t)) for t in polynomial_terms(5, 3).tolist()}
+    assert len(terms) == count_terms(5, 3) == 55
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    [
+        PolynomialRegressor(degree=0),
+        PolynomialRegressor(degree=9),
+        PolynomialRegressor(degree=True),
+        NeuralNetwork(hidden_layer_sizes=()),
+        NeuralNetwork(hidden_layer_sizes=(10**9,)),
+        NeuralNetwork(hidden_layer_sizes="wide"),
+        NeuralNetwork(weight_decay=-1.0),
+        NeuralNetwork(weight_decay=float("nan")),
+        NeuralNetwork(learning_rate=0),
+        NeuralNetwork(batch_size=0),
+        NeuralNetwork(epochs=1.5),
+        NeuralNetwork(random_state=-1),
+    ],
+    ids=KEY,
+)
+def test_wrong_parameters_are_refused(estimator, data):
+    with pytest.raises(CalibrationError, match=r"must be|is not an integer"):
+        estimator.fit(*data)
+
+
+def test_too_many_terms_are_refused():
+    rng = np.random.default_rng(0)
+    with pytest.raises(CalibrationError, match="more than 4000"):
+        PolynomialRegressor().fit(rng.normal(size=(10, 100)), np.arange(10.0))
+
+
+def test_names_lead_to_estimators():
+    assert estimator_names() == ("offset", "linear", "poly2", "dnn")
+    for name in estimator_names():
+        assert isinstance(get_estimator(name), JointRegressor)
+        assert get_estimator(name).name == name
+    with pytest.raises(CalibrationError, match="'svm'; known: offset, linear, poly2, dnn"):
+        get_estimator("svm")
