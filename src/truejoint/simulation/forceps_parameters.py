@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final, get_type_hints
+from typing import Annotated, Any, Final, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,12 @@ from numpy.typing import NDArray
 from truejoint.errors import TruejointError
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.simulation.parameter_file import (
+    Bounds,
     Sections,
     build_section,
-    number,
     overlay,
     read_sections,
     shipped_sections,
-    switch,
-    whole_number,
 )
 
 STEP: Final = 1e-4  # [s] of the integrator
@@ -32,20 +30,20 @@ NOMINAL: Final = "forceps.toml"
 class _MechanismSection:
     """Range of Table 1's values; the mechanism itself belongs to the robot."""
 
-    gear_ratio: float = number(1.0, 1000.0)
-    spring_stiffness: float = number(10.0, 1e4)
-    wheel_radius: float = number(1e-3, 0.1)
-    jaw_radius: float = number(1e-3, 0.02)
+    gear_ratio: Annotated[float, Bounds(1.0, 1000.0)]
+    spring_stiffness: Annotated[float, Bounds(10.0, 1e4)]
+    wheel_radius: Annotated[float, Bounds(1e-3, 0.1)]
+    jaw_radius: Annotated[float, Bounds(1e-3, 0.02)]
 
 
 @dataclass(frozen=True)
 class Assembly:
     """Pretension ``F_pre`` [N], gear torsion [Nm/rad] and run-out of the winding wheel [m, rad]."""
 
-    pretension: float = number(0.5, 100.0)
-    gear_stiffness: float = number(1.0, 1e5)
-    wheel_eccentricity: float = number(0.0, 1e-3)
-    wheel_phase: float = number(-math.pi, math.pi)
+    pretension: Annotated[float, Bounds(0.5, 100.0)]
+    gear_stiffness: Annotated[float, Bounds(1.0, 1e5)]
+    wheel_eccentricity: Annotated[float, Bounds(0.0, 1e-3)]
+    wheel_phase: Annotated[float, Bounds(-math.pi, math.pi)]
 
 
 @dataclass(frozen=True)
@@ -56,98 +54,98 @@ class Cable:
     `elastic_share` and `hysteresis_distance` [m] are alpha and D of a Bouc-Wen element.
     """
 
-    stiffness: float = number(500.0, 1e5)
-    damping: float = number(0.0, 30.0)
-    mass: float = number(0.0, 0.01)
-    stiffening: float = number(0.0, 0.7)
-    elastic_share: float = number(0.7, 1.0)
-    hysteresis_distance: float = number(5e-6, 1e-3)
+    stiffness: Annotated[float, Bounds(500.0, 1e5)]
+    damping: Annotated[float, Bounds(0.0, 30.0)]
+    mass: Annotated[float, Bounds(0.0, 0.01)]
+    stiffening: Annotated[float, Bounds(0.0, 0.7)]
+    elastic_share: Annotated[float, Bounds(0.7, 1.0)]
+    hysteresis_distance: Annotated[float, Bounds(5e-6, 1e-3)]
 
 
 @dataclass(frozen=True)
 class Jaw:
     """Jaw: ``J_e`` [kg m2], arm of the load [m], pulley eccentricity [m, rad], stops [rad]."""
 
-    inertia: float = number(1e-7, 1e-4)
-    load_arm: float = number(1e-3, 0.1)
-    eccentricity: float = number(0.0, 1e-3)
-    eccentricity_phase: float = number(-math.pi, math.pi)
-    stop_lower: float = number(-math.pi / 2, -0.01)
-    stop_upper: float = number(0.01, math.pi / 2)
-    stop_stiffness: float = number(0.1, 100.0)
-    stop_damping: float = number(0.0, 1e-3)
+    inertia: Annotated[float, Bounds(1e-7, 1e-4)]
+    load_arm: Annotated[float, Bounds(1e-3, 0.1)]
+    eccentricity: Annotated[float, Bounds(0.0, 1e-3)]
+    eccentricity_phase: Annotated[float, Bounds(-math.pi, math.pi)]
+    stop_lower: Annotated[float, Bounds(-math.pi / 2, -0.01)]
+    stop_upper: Annotated[float, Bounds(0.01, math.pi / 2)]
+    stop_stiffness: Annotated[float, Bounds(0.1, 100.0)]
+    stop_damping: Annotated[float, Bounds(0.0, 1e-3)]
 
 
 @dataclass(frozen=True)
 class Slider:
     """Slide block on the reset cable; `mass` is ``m_g2`` [kg]."""
 
-    mass: float = number(5e-3, 1.0)
+    mass: Annotated[float, Bounds(5e-3, 1.0)]
 
 
 @dataclass(frozen=True)
 class JawFriction:
     """Friction of the jaw in Nm and rad; `tension_share` multiplies both tensions times ``r``."""
 
-    constant: float = number(0.0, 0.05)
-    tension_share: float = number(0.0, 0.5)
-    viscous: float = number(0.0, 1e-3)
-    presliding: float = number(1e-4, 0.02)
-    stribeck_ratio: float = number(1.0, 2.0)
-    stribeck_velocity: float = number(1e-3, 10.0)
-    bristle_damping: float = number(0.0, 1.0)
+    constant: Annotated[float, Bounds(0.0, 0.05)]
+    tension_share: Annotated[float, Bounds(0.0, 0.5)]
+    viscous: Annotated[float, Bounds(0.0, 1e-3)]
+    presliding: Annotated[float, Bounds(1e-4, 0.02)]
+    stribeck_ratio: Annotated[float, Bounds(1.0, 2.0)]
+    stribeck_velocity: Annotated[float, Bounds(1e-3, 10.0)]
+    bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
 
 
 @dataclass(frozen=True)
 class SliderFriction:
     """Friction of slide rail and guide pulleys in N and m; `tension_share` multiplies ``F_wr``."""
 
-    constant: float = number(0.0, 5.0)
-    tension_share: float = number(0.0, 0.5)
-    viscous: float = number(0.0, 50.0)
-    presliding: float = number(1e-6, 1e-3)
-    stribeck_ratio: float = number(1.0, 2.0)
-    stribeck_velocity: float = number(1e-5, 0.1)
-    bristle_damping: float = number(0.0, 1.0)
+    constant: Annotated[float, Bounds(0.0, 5.0)]
+    tension_share: Annotated[float, Bounds(0.0, 0.5)]
+    viscous: Annotated[float, Bounds(0.0, 50.0)]
+    presliding: Annotated[float, Bounds(1e-6, 1e-3)]
+    stribeck_ratio: Annotated[float, Bounds(1.0, 2.0)]
+    stribeck_velocity: Annotated[float, Bounds(1e-5, 0.1)]
+    bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
 
 
 @dataclass(frozen=True)
 class MotorLoop:
     """Position loop of the motor: second order [Hz] with limits [rad/s, rad/s2] at the shaft."""
 
-    bandwidth: float = number(1.0, 200.0)
-    damping_ratio: float = number(0.2, 3.0)
-    max_speed: float = number(1.0, 5000.0)
-    max_acceleration: float = number(10.0, 1e6)
+    bandwidth: Annotated[float, Bounds(1.0, 200.0)]
+    damping_ratio: Annotated[float, Bounds(0.2, 3.0)]
+    max_speed: Annotated[float, Bounds(1.0, 5000.0)]
+    max_acceleration: Annotated[float, Bounds(10.0, 1e6)]
 
 
 @dataclass(frozen=True)
 class MotorEncoder:
     """Encoder on the motor shaft: `counts` a turn, `noise` [rad] before quantisation."""
 
-    counts: int = whole_number(16, 10_000_000)
-    noise: float = number(0.0, 1.0)
+    counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
+    noise: Annotated[float, Bounds(0.0, 1.0)]
 
 
 @dataclass(frozen=True)
 class LinearEncoder:
     """Optical encoder on a cable: `resolution` and `noise` [m]; left out if not `installed`."""
 
-    installed: bool = switch()
-    resolution: float = number(1e-9, 1e-3)
-    noise: float = number(0.0, 1e-3)
+    installed: Annotated[bool, None]
+    resolution: Annotated[float, Bounds(1e-9, 1e-3)]
+    noise: Annotated[float, Bounds(0.0, 1e-3)]
 
 
 @dataclass(frozen=True)
 class ReferenceEncoder:
     """Absolute encoder at the jaw: `counts` a turn, `noise` and harmonic errors [rad]."""
 
-    counts: int = whole_number(16, 10_000_000)
-    noise: float = number(0.0, 0.1)
-    first_harmonic: float = number(0.0, 0.1)
-    first_phase: float = number(-math.pi, math.pi)
-    second_harmonic: float = number(0.0, 0.1)
-    second_phase: float = number(-math.pi, math.pi)
+    counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
+    noise: Annotated[float, Bounds(0.0, 0.1)]
+    first_harmonic: Annotated[float, Bounds(0.0, 0.1)]
+    first_phase: Annotated[float, Bounds(-math.pi, math.pi)]
+    second_harmonic: Annotated[float, Bounds(0.0, 0.1)]
+    second_phase: Annotated[float, Bounds(-math.pi, math.pi)]
 
 
 @dataclass(frozen=True)

@@ -106,7 +106,7 @@ def accelerations(
     share: float,
     wheel_acceleration: float,
     bend: float,
-    cosine: float,
+    slope: float,
     torque: float,
     force: float,
     c: PlantConstants,
@@ -125,12 +125,12 @@ def accelerations(
     wheel_acceleration, bend : float
         Accelerations [m/s2] of the drive cable at the wheel, and at both ends through the bending
         of the eccentric pulley's path.
-    cosine : float
+    slope : float
         By how much the eccentric pulley lengthens the arm of the drive cable [m].
     torque, force : float
         On the jaw [Nm] and on the slider [N] from all but the cables.
     """
-    arm_drive, arm_reset = c.jaw_radius + cosine, c.jaw_radius - cosine
+    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
     jaw_acceleration, slider_acceleration = 0.0, 0.0
     drive_tension, reset_tension = drive_pull, reset_pull
     for _ in range(3):
@@ -182,12 +182,12 @@ def plant_rates(
         See `friction_force` [1/s].
     """
     angle, speed, slider, slider_speed = state[0], state[1], state[2], state[3]
-    # (7), with an eccentric pulley: y1 = r theta + D(theta), y2 = r theta - D(theta).
-    sine = c.jaw_eccentricity * math.sin(angle + c.jaw_phase)
-    cosine = c.jaw_eccentricity * math.cos(angle + c.jaw_phase)
-    offset = sine - c.jaw_eccentricity * math.sin(c.jaw_phase)
-    arm_drive, arm_reset = c.jaw_radius + cosine, c.jaw_radius - cosine
-    bend = -sine * speed * speed  # second derivative of D that is not an angular acceleration
+    # (7), with an eccentric pulley: y1 = r theta + D, y2 = r theta - D, and D' lengthens an arm.
+    centre = c.jaw_eccentricity * math.cos(angle + c.jaw_phase)
+    slope = -c.jaw_eccentricity * math.sin(angle + c.jaw_phase)
+    offset = centre - c.jaw_eccentricity * math.cos(c.jaw_phase)
+    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    bend = -centre * speed * speed  # what of the second derivative of D is no angular acceleration
 
     # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
     distance = wheel[0] - c.jaw_radius * angle - offset
@@ -215,7 +215,7 @@ def plant_rates(
     free_force = -c.spring_stiffness * slider - drag - c.pretension
 
     rates[1], rates[3], drive_tension, reset_tension = accelerations(
-        drive_pull, reset_pull, share, wheel[2], bend, cosine, free_torque, free_force, c
+        drive_pull, reset_pull, share, wheel[2], bend, slope, free_torque, free_force, c
     )
     rates[0] = speed
     rates[2] = slider_speed
