@@ -17,6 +17,7 @@ Array = NDArray[np.float64]
 
 GRAVITY: Final = 9.81  # [m/s2]
 MAX_MASS: Final = 2.0  # [kg]
+MAX_END: Final = 3600.0  # [s]
 _WOBBLE_TONES: Final = 6
 _WOBBLE_BAND: Final = (1.0, 6.0)  # [Hz] of an unsteady hand
 _WOBBLE_SIZE: Final = 0.2  # of the weight, while it is being let go
@@ -55,12 +56,17 @@ class LoadTest:
             raise TruejointError(
                 f"load direction {self.direction!r}; write 'opposing' or 'along' (the motion)"
             )
-        times = (0.0, self.start, self.stop, self.loaded_from, self.loaded_to, self.end)
-        if not (abs(self.speed) > 0.0 and all(a <= b for a, b in pairwise(times))):
+        if not (0.0 < abs(self.speed) < math.inf and math.isfinite(self.angle)):
+            raise TruejointError(
+                f"a load test to {self.angle} rad at {self.speed} rad/s; the angle must be finite "
+                "and the speed other than 0"
+            )
+        times = (0.0, self.start, self.stop, self.loaded_from, self.loaded_to, self.end, MAX_END)
+        if not all(before <= after for before, after in pairwise(times)):
             raise TruejointError(
                 f"a load test moves from {self.start:g} to {self.stop:g} s, is loaded from "
                 f"{self.loaded_from:g} to {self.loaded_to:g} s and ends at {self.end:g} s: these "
-                "times must not decrease"
+                f"times must not decrease, nor exceed {MAX_END:g} s"
             )
 
     @property

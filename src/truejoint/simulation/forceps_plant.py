@@ -269,11 +269,9 @@ def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> 
 @njit(cache=True, error_model="numpy", inline="always")
 def _held(samples: Array, position: float) -> float:
     """Linear interpolation of `samples` at a fractional index; the end values outside."""
-    last = samples.size - 1
-    index = min(max(int(position), 0), last - 1)
-    return samples[index] + min(max(position - index, 0.0), 1.0) * (
-        samples[index + 1] - samples[index]
-    )
+    index = min(max(int(position), 0), samples.size - 2)
+    part = min(max(position - index, 0.0), 1.0)
+    return float(samples[index] + part * (samples[index + 1] - samples[index]))
 
 
 @njit(cache=True, error_model="numpy")

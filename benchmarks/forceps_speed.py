@@ -1,0 +1,39 @@
+"""How long 70 s of the virtual forceps take on one core.
+
+Run: ``python benchmarks/forceps_speed.py``
+"""
+
+import statistics
+import time
+
+import numpy as np
+
+from truejoint.motion.forceps_references import verification_reference
+from truejoint.simulation.forceps_specimens import SPECIMENS, specimen
+from truejoint.simulation.forceps_twin import simulate_forceps
+
+DURATION = 70.0
+REPEATS = 5
+
+
+def main() -> None:
+    """Print the median over a few runs of each specimen, after a warm-up that compiles."""
+    setpoint = verification_reference(DURATION - 2.0).positions[:, 0]
+    simulate_forceps(specimen(), np.zeros(10))
+    for name in SPECIMENS:
+        parameters = specimen(name)
+        taken = []
+        for _ in range(REPEATS):
+            start = time.process_time()  # other programs on the machine do not count
+            simulate_forceps(parameters, setpoint)
+            taken.append(time.process_time() - start)
+        median = statistics.median(taken)
+        step = 1e6 * median / (DURATION * 1e4)
+        print(
+            f"{name:8s} {DURATION:.0f} s of plant in {median:.3f} s of one core "
+            f"({DURATION / median:.0f} x real time, {step:.2f} us a step)"
+        )
+
+
+if __name__ == "__main__":
+    main()

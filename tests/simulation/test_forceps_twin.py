@@ -1,0 +1,114 @@
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from truejoint.errors import TruejointError
+from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps_sensors import ZeroShift
+from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+
+NOMINAL = specimen()
+T = np.arange(4001) / 1000
+MOTION = np.radians(20.0) * np.sin(2.0 * T) * np.minimum(T, 1.0)
+
+
+def arrays(run):
+    return {f.name: getattr(run, f.name) for f in fields(run) if f.name not in NOT_ARRAYS}
+
+
+NOT_ARRAYS = ("parameters", "seed", "zero_shift", "load")
+
+
+def test_a_run_is_a_table_at_the_log_rate_that_starts_at_zero():
+    run = simulate_forceps(NOMINAL, MOTION)
+    assert run.log_rate == pytest.approx(200.0)
+    assert {a.shape for a in arrays(run).values()} == {(801,)}
+    assert run.t[-1] == pytest.approx(4.0)
+    for name in ("motor_exact", "drive_exact", "reset_exact", "jaw"):
+        assert arrays(run)[name][0] == 0.0
+    np.testing.assert_allclose(run.setpoint, MOTION[::5], atol=1e-12)
+    np.testing.assert_allclose([run.drive_tension[0], run.reset_tension[0]], 8.0, rtol=0.01)
+
+
+def test_the_jaw_lags_the_motor_by_stretch_and_friction_only():
+    run = simulate_forceps(NOMINAL, MOTION)
+    rigid = NOMINAL.mechanism.jaw_from_motor(run.motor_exact)
+    assert 0.2 < math.degrees(np.abs(rigid - run.jaw).max()) < 4.0
+    drive = NOMINAL.mechanism.drive_from_motor(run.motor_exact)
+    assert np.abs(drive - run.drive_exact).max() < 30e-6  # gear torsion and run-out
+    np.testing.assert_allclose(run.motor, run.motor_exact, atol=math.pi / 4000 * 1.001)
+
+
+def test_the_same_seed_gives_the_same_run_and_the_plant_needs_none():
+    one, two, other = (simulate_forceps(NOMINAL, MOTION, seed=s) for s in (1, 1, 2))
+    for name, values in arrays(one).items():
+        np.testing.assert_array_equal(values, arrays(two)[name], err_msg=name)
+    np.testing.assert_array_equal(one.jaw, other.jaw)
+    assert not np.array_equal(one.reference, other.reference)
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_the_log_rate_changes_which_rows_are_kept_and_nothing_else(rate):
+    run, base = simulate_forceps(NOMINAL, MOTION, log_rate=rate), simulate_forceps(NOMINAL, MOTION)
+    slow, fast = (run, base) if rate < 200 else (base, run)
+    every = round(fast.log_rate / slow.log_rate)
+    np.testing.assert_array_equal(slow.jaw, fast.jaw[::every])
+    np.testing.assert_allclose(slow.t, fast.t[::every], atol=1e-12)
+
+
+def test_a_setpoint_that_starts_elsewhere_is_approached_from_rest():
+    run = simulate_forceps(NOMINAL, np.full(3001, 0.3))
+    assert run.motor[0] == 0.0
+    assert np.abs(np.diff(run.motor_exact)).max() * 200 <= 400.0
+    assert run.jaw[-1] == pytest.approx(0.3, abs=math.radians(2.5))
+
+
+def test_a_zero_shift_is_seen_by_the_sensors_and_not_by_the_jaw():
+    shift = ZeroShift(reset=50e-6)
+    run, base = (
+        simulate_forceps(NOMINAL, MOTION, zero_shift=shift),
+        simulate_forceps(NOMINAL, MOTION),
+    )
+    np.testing.assert_array_equal(run.jaw, base.jaw)
+    assert (run.reset - base.reset).mean() == pytest.approx(50e-6, abs=0.1e-6)
+    assert run.zero_shift == shift
+
+
+def test_a_load_test_carries_its_torque_and_its_test():
+    test = LoadTest(0.1, "opposing", start=0.2, speed=math.radians(30), loaded_from=2.0,
+                    loaded_to=2.5, end=4.5)  # fmt: skip
+    run = simulate_load_test(NOMINAL, test, seed=4)
+    assert run.load == test
+    late = run.t >= test.phases["IV"][0]
+    wanted = -0.1 * 9.81 * NOMINAL.jaw.load_arm * np.cos(run.jaw - test.angle)
+    # The plant's angle counts from where the pulley's run-out lets it rest, 0.02 deg off.
+    np.testing.assert_allclose(run.external_torque[late], wanted[late], rtol=1e-3)
+    assert not run.external_torque[run.t <= 2.0].any()
+    other = simulate_load_test(NOMINAL, test, seed=5)
+    assert not np.array_equal(run.external_torque, other.external_torque)
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "options", "says"),
+    [
+        (np.zeros(1), {}, "setpoint"),
+        (np.zeros((10, 2)), {}, "setpoint"),
+        (np.r_[0.0, math.nan, 0.0], {}, r"setpoint\[1\]"),
+        (np.full(10, 2.0), {}, "114.6 deg"),
+        (np.zeros(10), {"tip_force": np.zeros(9)}, "tip_force"),
+        (np.zeros(3), {"tip_force": np.array([0.0, math.inf, 0.0])}, r"tip_force\[1\]"),
+        (np.zeros(10), {"log_rate": 300.0}, "log rate"),
+        (np.zeros(10), {"log_rate": 0.0}, "log rate"),
+        (np.zeros(10), {"log_rate": -200.0}, "log rate"),
+        (np.zeros(10), {"log_rate": math.nan}, "log rate"),
+        (np.zeros(10), {"log_rate": 20_000.0}, "log rate"),
+        (np.zeros(100), {"tip_force": np.full(100, 1e300)}, "diverged"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(setpoint, options, says):
+    with pytest.raises(TruejointError, match=says) as caught:
+        simulate_forceps(NOMINAL, setpoint, **options)
+    assert "\n" not in str(caught.value)
