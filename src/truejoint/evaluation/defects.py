@@ -81,8 +81,8 @@ def _clock(recording: Recording) -> Iterable[Observation]:
             "warn",
             "time stamps",
             longest,
-            f"{_count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, at most {longest:.3g} s, "
-            f"{100 * lost:.2g} % of the time",
+            f"{_count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
+            f"s, {100 * lost:.2g} % of the time",
             "a model with history starts anew after each; look for lost messages or a clock jump",
             source,
         )

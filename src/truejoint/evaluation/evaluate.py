@@ -28,6 +28,7 @@ from truejoint.evaluation.scoring import (
 )
 from truejoint.evaluation.signals import direction, velocity
 from truejoint.evaluation.stretches import worst_stretches
+from truejoint.evaluation.tool import all_joints, why_no_cartesian
 from truejoint.evaluation.verdict import judge
 from truejoint.recordings.recording import Recording
 from truejoint.robots import Robot
@@ -105,14 +106,27 @@ def evaluate(
     robot = _checked_robot(recordings)
     if not (window > 0.0 and np.isfinite(window)):
         raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
-    units = tuple(robot.joint(joint).unit for joint in joints)
+    return _judged(calibrations, recordings, chosen, joints, robot, tolerance or {}, window)
+
+
+def _judged(
+    calibrations: Mapping[str, Sequence[JointCalibration]],
+    recordings: Sequence[Recording],
+    chosen: str,
+    joints: tuple[str, ...],
+    robot: Robot,
+    tolerance: Mapping[str, float],
+    window: float,
+) -> Evaluation:
+    """Evaluate what has been checked; arguments as in `evaluate`."""
     models = _models(calibrations, chosen)
-    note = _why_no_cartesian(robot, joints, recordings)
+    note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
     tested = [
         _test(recording, name, models, joints, robot if not note else None, chosen)
         for recording, name in zip(recordings, names, strict=True)
     ]
+    units = tuple(robot.joint(joint).unit for joint in joints)
     scores = joint_scores(tested, joints, units)
     metadata = calibrations[chosen][0].metadata
     verdict = judge(
@@ -211,23 +225,6 @@ def _models(
     return models
 
 
-def _why_no_cartesian(
-    robot: Robot, joints: tuple[str, ...], recordings: Sequence[Recording]
-) -> str:
-    """Empty when the tool position can be computed; otherwise the reason."""
-    if robot.kinematics is None:
-        return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
-    for recording in recordings:
-        missing = set(robot.joint_names) - set(recording.joints_of("measured"))
-        if missing - set(joints):
-            return (
-                f"{PurePath(recording.provenance.source).name or 'A recording'} lacks the "
-                f"measured position of {', '.join(sorted(missing))}, which the forward "
-                "kinematics need."
-            )
-    return ""
-
-
 def _test(
     recording: Recording,
     name: str,
@@ -252,7 +249,7 @@ def _test(
     tool: dict[str, Array] = {}
     tool_errors: dict[str, list[Array]] = {}
     if robot is not None and robot.kinematics is not None:
-        measured = recording.columns("measured", robot.joint_names)[known]
+        measured = all_joints(recording, robot)[known]
         columns = robot.index(list(joints))
         true_pose = _replaced(measured, columns, truth)
         for key, seeds in estimates.items():

@@ -59,9 +59,7 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
             Figure(
                 f"time-{column}",
                 f"{joint} over time",
-                f"{joint}: true position and its estimates [{unit.name}] over time [s], and their "
-                f"error [{unit.name}] below. Raw positions are hidden until their name is clicked. "
-                "Long curves are thinned so that no peak is lost.",
+                f"{joint}: true position, estimates and their error [{unit.name}] over time [s].",
                 variants,
                 380,
             )
@@ -154,7 +152,7 @@ def _shown_estimators(evaluation: Evaluation, *, raw: bool) -> list[tuple[str, s
 def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
     most = max(2, _LOOP_POINTS // len(evaluation.traces))
-    pairs = [(OFFSET, COLOURS[OFFSET], 0.55), (evaluation.chosen, COLOURS["chosen"], 0.8)]
+    pairs = [(OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8)]
 
     def draw(column: int, unit: DisplayUnit, place: Spec) -> list[Spec]:
         traces = []
@@ -169,7 +167,7 @@ def loops(evaluation: Evaluation) -> Figure:
                 np.concatenate(y),
                 estimator_title(name),
                 colour,
-                width=0.9,
+                width=0.7,
                 opacity=opacity,
                 hoverinfo="skip",
                 **place,

@@ -166,7 +166,13 @@ def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str
             curves.worst_stretches(evaluation),
         ),
         Section("paths", "Trajectories", "", [figure for figure in paths if figure]),
-        Section("time", "Corrected against true position", "", curves.over_time(evaluation)),
+        Section(
+            "time",
+            "Corrected against true position",
+            "Click a name in a legend to show or hide it; the raw position is hidden at first. "
+            "Long curves are thinned in a way that keeps every peak.",
+            curves.over_time(evaluation),
+        ),
         Section("residuals", "Residuals", "", residuals.residuals(evaluation)),
         Section("loops", "Hysteresis", "", [curves.loops(evaluation)]),
         Section("histograms", "Distribution", "", [curves.histograms(evaluation)]),

@@ -130,7 +130,7 @@ def _cloud(x: Array, y: Array, name: str, colour: str, place: Spec, *, first: bo
         "y": packed(y[keep]),
         "name": name,
         "legendgroup": name,
-        "showlegend": first,
+        "showlegend": False,
         "marker": {"color": colour, "size": 2.5, "opacity": 0.22},
         "hoverinfo": "skip",
         **place,
@@ -149,7 +149,7 @@ def _cloud(x: Array, y: Array, name: str, colour: str, place: Spec, *, first: bo
         hoverinfo="skip",
         **place,
     )
-    median = curve(centre, middle, name, colour, width=1.8, showlegend=False, **place)
+    median = curve(centre, middle, name, colour, width=1.8, showlegend=first, **place)
     return [dots, band, median]
 
 
