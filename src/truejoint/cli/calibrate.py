@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 
 from truejoint import estimators
 from truejoint.cli.console import command_line, out, progress, result_json, say
@@ -117,7 +116,6 @@ def fit(
             features=features,
             joints=joints,
             target=target,  # type: ignore[arg-type]  # checked there
-            fit_rate=fit_rate,
             random_state=seed,
             progress=done,
         )
@@ -182,11 +180,3 @@ def _show(fitted: Calibration, output: Path) -> None:
             f"  {score['joint']}: {score['rmse'] * shown.scale:.3f} {shown.name} RMSE held out",
             highlight=False,
         )
-
-
-def show_checks(check: DataCheck) -> None:
-    """Print the findings of a data check as a table."""
-    table = Table("", "where", "what", "advice")
-    for finding in check.findings:
-        table.add_row(finding.level, finding.where, finding.what, finding.advice)
-    out.print(table)

@@ -20,15 +20,32 @@ from truejoint.simulation import TwinParameters
 def record(
     arm: Arm,
     trajectory: Trajectory,
+    target: Path,
     *,
+    homing_id: str,
+    load: float = 0.0,
     state_rate: float = 30.0,
     label: str | None = None,
 ) -> tuple[Recording, TrackingReport]:
-    """Follow a trajectory with a homed arm and record it, showing progress."""
-    recorder = Recorder(arm, state_rate=state_rate, session=trajectory.name, command=command_line())
-    with progress(label or f"Following {trajectory.name}") as done, recorder:
-        report = follow(arm, trajectory, progress=done)
-    return recorder.recording(), report
+    """Follow a trajectory with a homed arm and write what it does, showing progress.
+
+    Whatever ends the motion, what was recorded until then is written.
+    """
+    recorder = Recorder(
+        arm,
+        state_rate=state_rate,
+        session=trajectory.name,
+        homing_id=homing_id,
+        load=load,
+        command=command_line(),
+    )
+    try:
+        with progress(label or f"Following {trajectory.name}") as done, recorder:
+            report = follow(arm, trajectory, progress=done)
+    finally:
+        if recorder.rows > 1:
+            write_parquet(recorder.recording(), target, overwrite=True)
+    return recorder.recording(str(target)), report
 
 
 def collect(
@@ -61,12 +78,19 @@ def collect(
     for trajectory in loaded:
         trajectory.check_within(device.robot)
     say(f"Homing {device.robot.title}, simulated ...")
+    output.mkdir(parents=True, exist_ok=True)
     device.enable()
     device.home()
     rows = []
     for trajectory, target in zip(loaded, targets, strict=True):
-        recording, report = record(device, trajectory, state_rate=state_rate_hz)
-        write_parquet(recording, target, overwrite=force)
+        recording, report = record(
+            device,
+            trajectory,
+            target,
+            homing_id=f"seed {seed}, homing 1",
+            load=load_grams / 1e3,
+            state_rate=state_rate_hz,
+        )
         rows.append({"file": str(target), "rows": len(recording), "tracking": report.to_dict()})
         if not as_json:
             out.print(f"{target}: {len(recording)} rows; {report}", highlight=False)

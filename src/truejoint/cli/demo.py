@@ -16,7 +16,6 @@ from truejoint.cli.options import Seed
 from truejoint.crtk import simulated_arm
 from truejoint.estimators import NeuralNetwork
 from truejoint.motion import random_motion, zigzag
-from truejoint.recordings import write_parquet
 
 # The calibration of peng2024, II-E: direction J2-J3 with three sparsities, judged on 20 minutes
 # of random motion.
@@ -43,6 +42,7 @@ def demo(
     say(f"   {arm.operating_state()}")
 
     say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
+    homing = f"seed {seed}, homing 1"
     paths = {
         f"zigzag_{DIRECTION}_1_{n}": zigzag(arm.robot, DIRECTION, 1 / n) for n in SPARSITIES
     }
@@ -50,15 +50,25 @@ def demo(
     training = []
     for name, path in paths.items():
         path.save(folder / f"{name}.csv", overwrite=True)
-        recording, report = record(arm, path, label=f"   Following {name}")
-        write_parquet(recording, folder / f"{name}.parquet", overwrite=True)
+        recording, report = record(
+            arm,
+            path,
+            folder / f"{name}.parquet",
+            homing_id=homing,
+            label=f"   Following {name}",
+        )
         say(f"   {len(recording)} rows; {report}")
         training.append(recording)
 
     say("3. Twenty minutes of random motion, which the model will never see")
     motion.save(folder / "random.csv", overwrite=True)
-    test, report = record(arm, motion, label="   Following the random motion")
-    write_parquet(test, folder / "random.parquet", overwrite=True)
+    test, report = record(
+        arm,
+        motion,
+        folder / "random.parquet",
+        homing_id=homing,
+        label="   Following the random motion",
+    )
     say(f"   {len(test)} rows; {report}")
 
     say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")

@@ -14,7 +14,7 @@ from truejoint.cli.inputs import load_recordings, parse_tolerances
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Split
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators import Calibration, load_calibration
-from truejoint.evaluation import Evaluation, check_data, evaluation_table, write_report
+from truejoint.evaluation import Evaluation, check_data, score_table, write_report
 from truejoint.recordings import Recording
 
 CHECK_FAILED = 1
@@ -93,14 +93,9 @@ def report_evaluation(
 ) -> None:
     """Check the data and write the report, showing progress."""
     with progress(f"Writing {path}"):
-        ranges = evaluation.trained_ranges(model)
-        checks = {
-            "test": check_data(
-                testing, joints=model.joints, signals=model.signals, ranges=ranges
-            )
-        }
+        checks = {"test": check_data(testing, calibration=model)}
         if training:
-            checks["training"] = check_data(training, joints=model.joints, signals=model.signals)
+            checks["training"] = check_data(training, joints=model.joints)
         write_report(
             result,
             path,
@@ -113,7 +108,7 @@ def report_evaluation(
 
 def show(result: Evaluation) -> None:
     """Print the table and the verdict."""
-    out.print(evaluation_table(result))
+    out.print(score_table(result))
     for name, note in result.baseline_notes.items():
         say(f"{name}: {note}")
     colour = "green" if result.verdict.passed else "red"
