@@ -50,7 +50,9 @@ def read_sections(path: Path) -> Sections:
         raise TruejointError(f"{path}: not a TOML file ({reason})") from None
     for name, values in table.items():
         if not isinstance(values, dict):
-            raise TruejointError(f"{path}: {name} stands outside a section; put it under [section]")
+            raise TruejointError(
+                f"{path}: {_shown(name)} stands outside a section; put it under [section]"
+            )
     return table
 
 
@@ -64,7 +66,9 @@ def overlay(base: Sections, changes: Sections, source: str) -> dict[str, dict[st
     merged = {name: dict(values) for name, values in base.items()}
     for name, values in changes.items():
         if name not in merged:
-            raise TruejointError(f"{source}: no section [{name}]; known: {', '.join(merged)}")
+            raise TruejointError(
+                f"{source}: no section [{_shown(name)}]; known: {', '.join(merged)}"
+            )
         merged[name].update(values)
     return merged
 
@@ -86,7 +90,7 @@ def build_section(
     for key in values:
         if key not in known:
             raise TruejointError(
-                f"{source}: no key {name}.{key}; known in [{name}]: {', '.join(known)}"
+                f"{source}: no key {name}.{_shown(key)}; known in [{name}]: {', '.join(known)}"
             )
     for key in known:
         if key not in values:
@@ -96,6 +100,11 @@ def build_section(
         for key, bounds in known.items()
     }
     return kind(**checked)
+
+
+def _shown(key: str) -> str:
+    """Key as it stands in the file, or quoted and cut where it would not fit in one line."""
+    return key if key.isidentifier() and len(key) <= 60 else f"{key!r:.60}"
 
 
 def _checked(value: Any, bounds: Bounds | None, where: str) -> bool | float | tuple[float, ...]:
