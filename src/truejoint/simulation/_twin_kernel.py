@@ -5,10 +5,10 @@ Each millisecond runs in this order, as on the robot:
 1. `_settle`: joint positions and cable loads that belong to the motor positions. The links are
    light and slow against their cables (above 20 Hz), so that joints follow quasi-statically.
 2. the external encoders take a sample where their own clock says so;
-3. `_control`: motor encoders, then the robot's PD law, which gives the torque command;
+3. `_read_motors`, `_control`: motor encoders, then the robot's PD law gives the torque command;
 4. `_turn_motors`: the motors' equation of motion over the next millisecond.
 
-Every 100 ms `_age` moves what is slow: creep, friction, grease.
+Every 100 ms `age` moves what is slow: creep, friction, grease.
 """
 
 from __future__ import annotations
@@ -43,26 +43,26 @@ class Plant(NamedTuple):
 
     motor_from_joint: Array  # (7, 7) nominal transmission, lower triangular
     joint_from_motor: Array  # (7, 7)
-    ratio: Array  # (7,) motor turn per joint motion, without coupling
-    gear: Array  # (7,) motor turn per capstan turn
-    inertia: Array  # (7,) kg m2 at the motor shaft
+    per_ratio: Array  # (7,) joint motion per motor turn, without coupling
+    per_gear: Array  # (7,) capstan turn per motor turn
+    push: Array  # (7,) change of speed in one step per Nm at the motor shaft
+    keep: Array  # (7,) share of the speed left by viscous friction after one step
     coulomb: Array  # (7,) Nm at the motor shaft
-    viscous: Array  # (7,) Nm s/rad at the motor shaft
-    presliding: Array  # (7,) rad of motor shaft
+    bend: Array  # (7,) change of the bristle in one step per speed
     gains: Array  # (7, 3) kp, kd, ki, capstan torque per motor angle
     effort_limit: Array  # (7,) Nm at the capstan
     effort_step: Array  # (7,) Nm at the capstan per DAC count
+    channel: Integers  # (7,) column of each joint in the robot's state message
     friction: Array  # (3, 3) joint friction, its share of the load, presliding
     stiffness: Array  # (3,)
     scale: Array  # (3,) 1 + scale error
     anchor: Array  # (3, 2) cable position at the stop: by the motor, by the joint
     coupling: Array  # (3,) shoulder-elbow, shoulder-insertion, elbow-insertion, real
-    arm: Array  # (3,) m of cable at the joint per joint motion: 1/arm turns cable into joint
+    per_arm: Array  # (3,) joint motion per m of cable
     run_out: Array  # (3, 4) capstan cos, sin, joint cos, sin parts [m]
-    capstan_per_motor: Array  # (3,)
     sideways: Array  # (3, 3) m per joint motion, row: cable, column: joint
     sideways_zero: Array  # (3,) m
-    free_run: Array  # (3,) m
+    per_run: Array  # (3,) 1 / (2 * free run) [1/m]
     stops: Array  # (3, 2) joint positions of the hard stops
     gravity: Array  # (2, 12) potential of the links, and of 1 kg at the tool: see `_gravity`
     creep: Array  # (3, 2) final, travel
@@ -87,20 +87,22 @@ class State(NamedTuple):
     integral: Array  # (7,) rad s
     creep: Array  # (3,)
     walk: Array  # (3,) wandering of the friction
-    odometer: Array  # (3,) joint travel since the last `_age`
+    odometer: Array  # (3,) joint travel since the last `age`
+    wave: Array  # (5, 2) cos and sin of the three capstans, of shoulder and of elbow
     slow: Array  # (N_SLOW,)
     ticks: Integers  # (2,) milliseconds since the start; truth rows written in this call
     random: Words  # (1,) state of the random numbers
 
 
 class Rows(NamedTuple):
-    """Where a call writes what the robot reports, channels of the joints only."""
+    """Where a call writes what the robot reports, by channel of its state message."""
 
-    measured: Array  # (n, 7)
-    velocity: Array  # (n, 7)
-    motor: Array  # (n, 7)
-    motor_velocity: Array  # (n, 7)
-    effort: Array  # (n, 7)
+    measured: Array  # (n, 8)
+    velocity: Array  # (n, 8)
+    motor: Array  # (n, 8)
+    motor_velocity: Array  # (n, 8)
+    effort: Array  # (n, 8)
+    setpoint: Array  # (n, 8)
     joint: Array  # (n, 3)
     truth_t: Array  # (m,)
     truth: Array  # (m, 3)
@@ -114,42 +116,43 @@ def _uniform(random: Words) -> float:
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
     z = z ^ (z >> np.uint64(31))
-    return (np.float64(z >> np.uint64(11)) + 0.5) * 1.1102230246251565e-16
+    uniform: float = (np.float64(z >> np.uint64(11)) + 0.5) * 1.1102230246251565e-16
+    return uniform
 
 
 @njit(cache=True, error_model="numpy")
 def normal(random: Words) -> float:
     """Draw a standard normal random number (Box and Muller)."""
     radius = np.sqrt(-2.0 * np.log(_uniform(random)))
-    return radius * np.cos(TURN * _uniform(random))
+    value: float = radius * np.cos(TURN * _uniform(random))
+    return value
 
 
 @njit(cache=True, error_model="numpy")
-def gravity_load(potential: Array, load: float, joint: Array, out: Array) -> None:
+def gravity_load(
+    potential: Array, load: float, shoulder: Array, elbow: Array, d: float, out: Array
+) -> None:
     """Joint efforts (3,) [Nm, Nm, N] that hold the arm against gravity, into `out`.
 
     The height of every mass is linear in (cos, sin) of the shoulder, (1, cos, sin) of the elbow
-    and (1, insertion); `potential` (2, 12) holds the 12 coefficients [J] of the links and of
-    1 kg at the tool, in the order of that product.
+    and (1, insertion `d`); `potential` (2, 12) holds the 12 coefficients [J] of the links and of
+    1 kg at the tool, in the order of that product. `shoulder` and `elbow` are (cos, sin).
     """
-    c1, s1 = np.cos(joint[0]), np.sin(joint[0])
-    c2, s2 = np.cos(joint[1]), np.sin(joint[1])
-    d = joint[2]
-    value = np.empty(2)
-    by_elbow = np.empty(2)
-    by_insertion = np.empty(2)
+    c1, s1 = shoulder[0], shoulder[1]
+    c2, s2 = elbow[0], elbow[1]
+    out[0] = 0.0
+    out[1] = 0.0
+    out[2] = 0.0
     for i in range(2):
+        part, slope = (c1, -s1) if i == 0 else (s1, c1)
         p = potential[0, 6 * i : 6 * i + 6]
         w = potential[1, 6 * i : 6 * i + 6]
         a0, b0 = p[0] + load * w[0], p[1] + load * w[1]
         a1, b1 = p[2] + load * w[2], p[3] + load * w[3]
         a2, b2 = p[4] + load * w[4], p[5] + load * w[5]
-        value[i] = a0 + d * b0 + c2 * (a1 + d * b1) + s2 * (a2 + d * b2)
-        by_elbow[i] = c2 * (a2 + d * b2) - s2 * (a1 + d * b1)
-        by_insertion[i] = b0 + c2 * b1 + s2 * b2
-    out[0] = c1 * value[1] - s1 * value[0]
-    out[1] = c1 * by_elbow[0] + s1 * by_elbow[1]
-    out[2] = c1 * by_insertion[0] + s1 * by_insertion[1]
+        out[0] += slope * (a0 + d * b0 + c2 * (a1 + d * b1) + s2 * (a2 + d * b2))
+        out[1] += part * (c2 * (a2 + d * b2) - s2 * (a1 + d * b1))
+        out[2] += part * (b0 + c2 * b1 + s2 * b2)
 
 
 @njit(cache=True, error_model="numpy")
@@ -163,27 +166,30 @@ def _couple(coupling: Array, cable: Array, joint: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def _path(plant: Plant, state: State, k: int) -> float:
     """Cable position [joint units] that motor `k` has wound, with run-out and wrap."""
-    capstan = state.motor[k] * plant.capstan_per_motor[k]
-    q = state.joint[k]
-    eccentric = (
-        plant.run_out[k, 0] * np.cos(capstan)
-        + plant.run_out[k, 1] * np.sin(capstan)
-        + plant.run_out[k, 2] * np.cos(q)
-        + plant.run_out[k, 3] * np.sin(q)
-    )
+    eccentric = plant.run_out[k, 0] * state.wave[k, 0] + plant.run_out[k, 1] * state.wave[k, 1]
+    if k < 2:
+        eccentric += plant.run_out[k, 2] * state.wave[3 + k, 0]
+        eccentric += plant.run_out[k, 3] * state.wave[3 + k, 1]
     sideways = -plant.sideways_zero[k]
     for j in range(3):
         sideways += plant.sideways[k, j] * state.joint[j]
-    longer = eccentric - sideways * sideways / (2.0 * plant.free_run[k])
-    wound = plant.scale[k] * (state.motor[k] / plant.ratio[k] - plant.anchor[k, 0])
-    return wound + plant.anchor[k, 1] + longer / plant.arm[k] + state.creep[k]
+    longer = eccentric - sideways * sideways * plant.per_run[k]
+    wound = plant.scale[k] * (state.motor[k] * plant.per_ratio[k] - plant.anchor[k, 0])
+    path: float = wound + plant.anchor[k, 1] + longer * plant.per_arm[k] + state.creep[k]
+    return path
 
 
 @njit(cache=True, error_model="numpy")
 def _settle(plant: Plant, state: State, work: Array) -> None:
     """Joint positions and cable loads in balance with gravity, friction and stops."""
     gravity, cable, free, load = work[0], work[1], work[2], work[3]
-    gravity_load(plant.gravity, state.slow[LOAD], state.joint, gravity)
+    for k in range(5):
+        angle = state.motor[k] * plant.per_gear[k] if k < 3 else state.joint[k - 3]
+        state.wave[k, 0] = np.cos(angle)
+        state.wave[k, 1] = np.sin(angle)
+    gravity_load(
+        plant.gravity, state.slow[LOAD], state.wave[3], state.wave[4], state.joint[2], gravity
+    )
     for k in range(3):
         cable[k] = _path(plant, state, k)
     _couple(plant.coupling, cable, free)
@@ -246,40 +252,49 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> None:
-    """Motor encoders, the joint state that the robot derives from them, and its PD law."""
-    angle, rate, effort = rows.motor[i], rows.motor_velocity[i], rows.effort[i]
+def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
+    """Motor encoders, and the joint positions and velocities that the robot makes of them."""
     count = TURN / plant.constants[COUNTS]
     for k in range(7):
-        counts = np.floor(state.motor[k] / count)
-        angle[k] = counts * count - state.encoder_zero[k]
-        rate[k] = (counts - state.counts[k]) * count / STEP
+        counts = np.floor(state.motor[k] * (plant.constants[COUNTS] / TURN))
+        rows.motor[i, plant.channel[k]] = counts * count - state.encoder_zero[k]
+        rows.motor_velocity[i, plant.channel[k]] = (counts - state.counts[k]) * count / STEP
         state.counts[k] = counts
     for k in range(7):
         position, velocity = 0.0, 0.0
         for j in range(k + 1):
-            position += plant.joint_from_motor[k, j] * angle[j]
-            velocity += plant.joint_from_motor[k, j] * rate[j]
-        rows.measured[i, k] = position
-        rows.velocity[i, k] = velocity
+            share = plant.joint_from_motor[k, j]
+            position += share * rows.motor[i, plant.channel[j]]
+            velocity += share * rows.motor_velocity[i, plant.channel[j]]
+        rows.measured[i, plant.channel[k]] = position
+        rows.velocity[i, plant.channel[k]] = velocity
+
+
+@njit(cache=True, error_model="numpy")
+def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> None:
+    """Torque commands of the robot's PD law on the motor angles."""
     for k in range(7):
+        column = plant.channel[k]
+        rows.setpoint[i, column] = goal[k]
         wanted = 0.0
         for j in range(k + 1):
             # The tool's motors follow the insertion where it is, not where it should be.
             target = rows.measured[i, j] if k > 2 and j < 3 else goal[j]
             wanted += plant.motor_from_joint[k, j] * target
-        error = wanted - angle[k]
+        error = wanted - rows.motor[i, column]
         state.integral[k] += error * STEP
+        lag = (wanted - state.command[k]) / STEP - rows.motor_velocity[i, column]
         torque = (
             plant.gains[k, 0] * error
-            + plant.gains[k, 1] * ((wanted - state.command[k]) / STEP - rate[k])
+            + plant.gains[k, 1] * lag
             + plant.gains[k, 2] * state.integral[k]
         )
         state.command[k] = wanted
         limited = min(plant.effort_limit[k], max(-plant.effort_limit[k], torque))
         if limited != torque:
             state.integral[k] -= error * STEP
-        effort[k] = plant.effort_step[k] * np.rint(limited / plant.effort_step[k])
+        step = plant.effort_step[k]
+        rows.effort[i, column] = step * np.rint(limited / step)
 
 
 @njit(cache=True, error_model="numpy")
@@ -288,23 +303,21 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
     c = plant.constants
     grease = 1.0 + c[WARM_UP] * (1.0 - state.slow[WARMTH])
     for k in range(7):
-        torque = effort[k] / plant.gear[k]
+        torque = effort[plant.channel[k]] * plant.per_gear[k]
         limit = plant.coulomb[k]
         if k < 3:
-            capstan = state.motor[k] * plant.capstan_per_motor[k]
-            ripple = c[CAPSTAN_RIPPLE] * np.sin(capstan + 1.0)
-            ripple += c[GEAR_RIPPLE] * np.sin(c[RIPPLE_CYCLES] * capstan)
-            load = state.carried[k] * plant.scale[k] / plant.ratio[k]
+            ripple = c[CAPSTAN_RIPPLE] * state.wave[k, 1] + c[GEAR_RIPPLE] * np.sin(
+                c[RIPPLE_CYCLES] * state.motor[k] * plant.per_gear[k]
+            )
+            load = state.carried[k] * plant.scale[k] * plant.per_ratio[k]
             limit *= grease * (1.0 + state.walk[k]) * (1.0 + ripple)
             limit += c[GEAR_LOSS] * abs(load)
             torque -= load
         torque -= limit * state.bristle[k]
-        damping = plant.viscous[k] / plant.inertia[k]
-        speed = (state.speed[k] + STEP * torque / plant.inertia[k]) / (1.0 + STEP * damping)
-        moved = STEP * speed / plant.presliding[k]
-        state.bristle[k] = (state.bristle[k] + moved) / (1.0 + abs(moved))
-        state.speed[k] = speed
-        state.motor[k] += STEP * speed
+        state.speed[k] = plant.keep[k] * state.speed[k] + plant.push[k] * torque
+        bent = plant.bend[k] * state.speed[k]
+        state.bristle[k] = (state.bristle[k] + bent) / (1.0 + abs(bent))
+        state.motor[k] += STEP * state.speed[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -337,6 +350,7 @@ def advance(plant: Plant, state: State, setpoint: Array, rows: Rows) -> None:
         _settle(plant, state, work)
         rows.joint[i] = state.joint
         _sample_truth(plant, state, state.ticks[CLOCK] * STEP, rows)
+        _read_motors(plant, state, rows, i)
         _control(plant, state, setpoint[i], rows, i)
         _turn_motors(plant, state, rows.effort[i])
         state.ticks[CLOCK] += 1

@@ -44,19 +44,24 @@ def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
     )
     real = np.array([[1, 0, 0], [coupling[0], 1, 0], [coupling[1], coupling[2], 1]], dtype=float)
     hard_stop = np.array([drive.hard_stop for drive in arm_drives[:POSITIONING]])
+    inertia = np.array(p.motor.inertia + p.tool.inertia)
+    viscous = np.array(p.motor_friction.viscous + p.tool.viscous) / gear
+    # Viscous friction is taken at the end of the step, so that it never overshoots.
+    keep = 1.0 / (1.0 + kernel.STEP * viscous / inertia)
     truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
     return kernel.Plant(
         motor_from_joint=np.ascontiguousarray(matrix),
         joint_from_motor=np.ascontiguousarray(np.linalg.inv(matrix)),
-        ratio=ratio,
-        gear=gear,
-        inertia=np.array(p.motor.inertia + p.tool.inertia),
+        per_ratio=1.0 / ratio,
+        per_gear=1.0 / gear,
+        push=kernel.STEP * keep / inertia,
+        keep=keep,
         coulomb=np.array(p.motor_friction.coulomb + p.tool.coulomb) / gear,
-        viscous=np.array(p.motor_friction.viscous + p.tool.viscous) / gear,
-        presliding=np.array(p.motor_friction.presliding + p.tool.presliding),
+        bend=kernel.STEP / np.array(p.motor_friction.presliding + p.tool.presliding),
         gains=np.array([[drive.kp, drive.kd, drive.ki] for drive in arm_drives]),
         effort_limit=np.array([drive.max_effort for drive in arm_drives]),
         effort_step=np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives]),
+        channel=np.array([robot.channels.index(name) for name in robot.joint_names]),
         friction=np.column_stack(
             [p.joint_friction.coulomb, p.joint_friction.load_share, p.joint_friction.presliding]
         ),
@@ -64,14 +69,13 @@ def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
         scale=1.0 + np.array(p.pulleys.scale),
         anchor=np.column_stack([nominal @ hard_stop, real @ truth_stop]),
         coupling=coupling,
-        arm=radius[:POSITIONING] * ratio[:POSITIONING] / gear[:POSITIONING],
+        per_arm=(gear / (radius * ratio))[:POSITIONING],
         run_out=_run_out(p),
-        capstan_per_motor=1.0 / gear[:POSITIONING],
         sideways=np.column_stack(
             [p.wrap.sideways_shoulder, p.wrap.sideways_elbow, p.wrap.sideways_insertion]
         ),
         sideways_zero=_sideways_zero(p),
-        free_run=np.array(p.wrap.free_run),
+        per_run=0.5 / np.array(p.wrap.free_run),
         stops=_stops(robot, truth_stop),
         gravity=gravity_potential(robot, p.mass.instrument),
         creep=np.column_stack([p.creep.final, p.creep.travel]),
@@ -103,6 +107,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
         creep=np.zeros(POSITIONING),
         walk=np.zeros(POSITIONING),
         odometer=np.zeros(POSITIONING),
+        wave=np.zeros((POSITIONING + 2, 2)),
         slow=slow,
         ticks=np.zeros(2, dtype=np.int64),
         random=np.array([seed], dtype=np.uint64),

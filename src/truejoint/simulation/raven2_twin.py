@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.raven2 import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
+from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation import _twin_kernel as kernel
 from truejoint.simulation._twin_plant import POSITIONING, build_plant, build_state
 from truejoint.simulation.twin_parameters import TwinParameters
@@ -23,7 +23,9 @@ MAX_LOAD: Final = 2.0
 
 # Where the arm was left, as a share of the soft limits on either side of the home pose.
 _LEFT_SPREAD: Final = 0.05
-_SEARCH_LIMIT: Final = 40.0  # s; the slowest stop is 10 s away from anywhere in the workspace
+# The insertion needs 17 s from its far end, the others less.
+_SEARCH_LIMIT: Final = 25.0  # s
+_SEARCH_PIECE: Final = 500  # rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,10 +68,7 @@ class TwinOutput:
 
     def joined(self, later: TwinOutput) -> TwinOutput:
         """Put a `later` stretch of time after this one."""
-        names = self.__dataclass_fields__
-        return TwinOutput(
-            **{n: np.concatenate([getattr(self, n), getattr(later, n)]) for n in names}
-        )
+        return _joined([self, later])
 
 
 class Raven2Twin:
@@ -225,28 +224,34 @@ class Raven2Twin:
     def _search_stops(self) -> TwinOutput:
         """Move to the hard stops and settle there; the encoders are not touched."""
         start = self._current_position()
+        # The robot takes up the position that it has, without a step in the set point's speed.
+        self._state.command[:] = self._plant.motor_from_joint @ start
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
         steps = round(_SEARCH_LIMIT / kernel.STEP)
         found = np.full(POSITIONING, steps)
-        saved = _copied(self._state)
-        # A joint that stands at its stop loads the others through the cables: find the first
-        # to arrive, hold it, and look for the next with it held.
-        for _ in range(POSITIONING):
-            effort = np.abs(self._advance(self._ramp(start, found, steps)).effort)
-            self._state = _copied(saved)
-            open_joints = [k for k in range(POSITIONING) if found[k] == steps]
-            first = {k: int(np.argmax(effort[:, k] >= limits[k])) for k in open_joints}
-            arrived = {k: i for k, i in first.items() if effort[i, k] >= limits[k]}
-            if not arrived:
-                names = ", ".join(self._robot.joint_names[k] for k in open_joints)
-                raise TruejointError(
-                    f"homing found no hard stop for {names} within {_SEARCH_LIMIT:g} s; the "
-                    "parameters leave the motor too weak or the homing threshold too high"
-                )
-            k = min(arrived, key=lambda joint: arrived[joint])
-            found[k] = arrived[k]
+        done, outputs = 0, []
+        while (found == steps).any() and done < steps:
+            # A joint that stands at its stop loads the others through the cables: once one
+            # arrives, the piece of time is run again with that joint held.
+            saved = _copied(self._state)
+            piece = self._ramp(start, found, steps)[done : done + _SEARCH_PIECE]
+            output = self._advance(piece)
+            arrived = _first_above(output.effort, limits, found == steps)
+            if arrived is None:
+                outputs.append(output)
+                done += len(piece)
+            else:
+                self._state = saved
+                found[arrived[0]] = done + arrived[1]
+        if (found == steps).any():
+            names = [self._robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
+            raise TruejointError(
+                f"homing found no hard stop for {', '.join(names)} within {_SEARCH_LIMIT:g} s; "
+                "the parameters make friction too strong for the motor"
+            )
         last = int(found.max()) + round(HOMING_SETTLE / kernel.STEP)
-        return self._advance(self._ramp(start, found, steps)[: last + 1])
+        outputs.append(self._advance(self._ramp(start, found, steps + _SEARCH_PIECE)[done:last]))
+        return _joined(outputs)
 
     def _ramp(self, start: Array, found: NDArray[np.int64], steps: int) -> Array:
         """Setpoints (steps, 7) towards the stops, each joint held from its index `found` on."""
@@ -292,50 +297,61 @@ class Raven2Twin:
         rows = _empty_rows(n, float(self._plant.constants[kernel.TRUTH_PERIOD]))
         kernel.advance(self._plant, self._state, goal, rows)
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
-        wide = {
-            name: self._to_channels(values)
-            for name, values in (
-                ("measured", rows.measured),
-                ("velocity", rows.velocity),
-                ("motor", rows.motor),
-                ("motor_velocity", rows.motor_velocity),
-                ("effort", rows.effort),
-                ("setpoint", goal),
-            )
-        }
+        stamps = np.arange(start, start + n, dtype=np.float64) * kernel.STEP
         return TwinOutput(
-            t=(start + np.arange(n)) * kernel.STEP,
+            t=stamps,
+            measured=rows.measured,
+            velocity=rows.velocity,
+            motor=rows.motor,
+            motor_velocity=rows.motor_velocity,
+            effort=rows.effort,
+            setpoint=rows.setpoint,
             truth_t=rows.truth_t[:m].copy(),
             truth=rows.truth[:m].copy(),
             joint=rows.joint,
-            **wide,
         )
-
-    def _to_channels(self, joints: Array) -> Array:
-        """Rows (n, 7) by joint as rows (n, 8) by channel of the state message."""
-        wide = np.zeros((len(joints), len(self._robot.channels)))
-        wide[:, self._channels] = joints
-        return wide
 
 
 def _empty_rows(n: int, truth_period: float) -> kernel.Rows:
     # The clock's shortest interval is a tenth of its period (see the kernel).
     m = int(n * kernel.STEP / (0.1 * truth_period)) + 16
-    wide = [np.empty((n, 7)) for _ in range(5)]
+    wide = [np.zeros((n, len(CHANNELS))) for _ in range(6)]
     return kernel.Rows(
-        wide[0],
-        wide[1],
-        wide[2],
-        wide[3],
-        wide[4],
+        measured=wide[0],
+        velocity=wide[1],
+        motor=wide[2],
+        motor_velocity=wide[3],
+        effort=wide[4],
+        setpoint=wide[5],
         joint=np.empty((n, POSITIONING)),
         truth_t=np.empty(m),
         truth=np.empty((m, POSITIONING)),
     )
 
 
+def _first_above(
+    effort: Array, limits: list[float], wanted: NDArray[np.bool_]
+) -> tuple[int, int] | None:
+    """Which of the `wanted` joints first reaches its limit, and in which row; None if none."""
+    above = (np.abs(effort[:, :POSITIONING]) >= limits) & wanted
+    if not above.any():
+        return None
+    row = int(np.argmax(above.any(axis=1)))
+    return int(np.argmax(above[row])), row
+
+
+def _joined(outputs: list[TwinOutput]) -> TwinOutput:
+    return TwinOutput(
+        **{
+            f.name: np.concatenate([getattr(o, f.name) for o in outputs])
+            for f in fields(TwinOutput)
+        }
+    )
+
+
 def _copied(state: kernel.State) -> kernel.State:
-    return kernel.State(*(array.copy() for array in state))
+    copies = {name: array.copy() for name, array in state._asdict().items()}
+    return kernel.State(**copies)
 
 
 def _checked_load(mass: float) -> float:
