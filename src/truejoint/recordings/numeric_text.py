@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -21,6 +21,12 @@ Array = NDArray[np.float64]
 MAX_VALUES: Final = 250_000_000
 """Most numbers kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns."""
 _ROWS_AT_ONCE: Final = 50_000
+# From 3.1 on pandas reads numbers to the last bit unasked, and warns if asked to.
+_EXACT: Final[dict[str, Any]] = (
+    {}
+    if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
+    else {"float_precision": "round_trip"}
+)
 
 
 @dataclass(frozen=True)
@@ -182,7 +188,7 @@ def _parse(
             raise
         except (ValueError, OverflowError) as error:
             raise _BrokenLineError(str(error)) from None
-        if not pieces:
+        if not any(len(piece) for piece in pieces):
             raise RecordingError(f"{path}: holds no rows of numbers")
         digest = raw.sha256()
     values = np.concatenate(pieces)
@@ -211,7 +217,7 @@ def _pieces(
         comment=layout.comment or None,
         dtype=np.float64,
         skipinitialspace=True,
-        float_precision="round_trip",
+        **_EXACT,
         chunksize=_ROWS_AT_ONCE,
         encoding="utf-8-sig",
         encoding_errors="replace",
@@ -243,13 +249,14 @@ def _rows_of(lines: io.TextIOWrapper, layout: TextLayout) -> Iterator[tuple[int,
 
 
 def _scan(path: Path, layout: TextLayout) -> tuple[int, bool]:
-    """Count the rows, and tell whether the last has too few fields and no line end."""
+    """Count the rows, and tell whether the last lacks something and its line end."""
     rows, last = 0, "\n"
     with _text_lines(path) as lines:
         for _, line in _rows_of(lines, layout):
             rows += 1
             last = line
-    short = len(split_fields(last.strip("\r\n "), layout.delimiter)) < layout.columns
+    fields = split_fields(last.strip("\r\n "), layout.delimiter)
+    short = len(fields) < layout.columns or not all(is_number(field) for field in fields)
     return rows, short and not last.endswith("\n")
 
 

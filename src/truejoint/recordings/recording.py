@@ -163,9 +163,16 @@ class Recording:
             ``t`` [s] and ``<quantity>/<joint>`` columns, SI.
         provenance : Provenance
         units : mapping, optional
-            Units of the columns that are not joint positions or velocities.
+            Units of the columns for which `default_unit` is not right.
+
+        Raises
+        ------
+        RecordingError
+            If the columns break a rule of a recording.
         """
-        table = pd.DataFrame({name: np.asarray(v, dtype=float) for name, v in columns.items()})
+        arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
+        _check_shapes(arrays, provenance.source or "recording")
+        table = pd.DataFrame(arrays)
         robot = get_robot(provenance.robot, provenance.arm)
         filled = {name: default_unit(name, robot) for name in table.columns if name != "t"}
         filled.update(units or {})
@@ -268,6 +275,18 @@ _UNITS: Final = {
     "current": "A",
     "tool": "m",
 }
+
+
+def _check_shapes(columns: Mapping[str, Array], source: str) -> None:
+    rows = columns["t"].shape if "t" in columns else None
+    for name, values in columns.items():
+        if values.ndim != 1 or values.shape != (rows or values.shape):
+            raise RecordingError(
+                f"{source}: column {name!r} has shape {values.shape}, 't' has {rows}; "
+                "give every column one value a row"
+            )
+    if rows is None:
+        raise RecordingError(f"{source}: no column 't'; a recording needs time stamps in seconds")
 
 
 def _check_table(table: pd.DataFrame, units: Mapping[str, str], source: str) -> None:

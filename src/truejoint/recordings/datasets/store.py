@@ -29,6 +29,7 @@ DATA_VARIABLE: Final = "TRUEJOINT_DATA"
 
 _TIMEOUT: Final = 30.0
 _ATTEMPTS: Final = 2
+_CHUNK: Final = 1024
 
 
 def cache_folder() -> Path:
@@ -207,9 +208,10 @@ class _Meter:
     def update(self, count: int) -> None:
         """Count bytes that have arrived."""
         self._taken += count
-        if self._taken > self._size:
+        # pooch counts the last chunk as a whole one.
+        if self._taken >= self._size + _CHUNK:
             raise _TooLongError
-        self._report((self._before + self._taken) / self._all)
+        self._report((self._before + min(self._taken, self._size)) / self._all)
 
     def reset(self) -> None:
         """Start the file anew."""
@@ -220,7 +222,7 @@ class _Meter:
 
 
 def _fetch_one(store: Any, dataset: Dataset, file: DatasetFile, meter: _Meter) -> None:
-    download = pooch.HTTPDownloader(progressbar=meter, timeout=_TIMEOUT)
+    download = pooch.HTTPDownloader(progressbar=meter, chunk_size=_CHUNK, timeout=_TIMEOUT)
 
     def attempt(url: str, target: str, pooch_store: Any) -> None:
         meter.reset()

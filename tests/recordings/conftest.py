@@ -1,0 +1,94 @@
+"""Files of every layout, made up for the tests."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import settings
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import Provenance, Recording
+from truejoint.recordings.datasets import locate
+
+# How long a test takes on a busy machine says nothing.
+settings.register_profile("untimed", deadline=None)
+settings.load_profile("untimed")
+
+
+@pytest.fixture
+def recording() -> Recording:
+    """A small recording of two joints with a stretch without truth."""
+    t = np.arange(50) * 0.01 + 0.003
+    truth = np.cos(t)
+    truth[20:30] = np.nan
+    columns = {
+        "t": t,
+        "measured/joint1": np.sin(t),
+        "measured/joint2": np.cos(3 * t),
+        "motor/joint1": 7.3 * np.sin(t),
+        "truth/joint1": truth,
+    }
+    provenance = Provenance(
+        robot="bros",
+        source="bench",
+        session="a",
+        load=0.25,
+        rates={"state": 100.0},
+        dropped={"x": 3},
+    )
+    return Recording.from_columns(columns, provenance)
+
+
+@pytest.fixture(scope="session")
+def refusal() -> Callable[[Callable[[], object]], str]:
+    """Message of the RecordingError that a call raises; empty if it raises nothing."""
+
+    def message(call: Callable[[], object]) -> str:
+        try:
+            call()
+        except RecordingError as error:
+            return str(error)
+        return ""
+
+    return message
+
+
+@pytest.fixture
+def write_raven(tmp_path: Path) -> Callable[..., Path]:
+    """Writes a RAVEN file of `columns` columns: every value tells where it stands."""
+
+    def write(
+        columns: int, rows: int = 40, name: str = "state.csv", change: Callable | None = None
+    ) -> Path:
+        table = np.arange(rows)[:, None] * 1e-3 + np.arange(columns)[None, :]
+        start = 12 if columns == 252 else 0
+        table[:, start] = 1.7e9 + np.arange(rows) / 30.0
+        table[:, start + 17] = 3
+        if columns == 252:
+            # The sensor agrees with the joint but for a constant.
+            table[:, 1:4] = np.add(
+                np.deg2rad(table[:, start + 1 : start + 4]), [0.01, -0.02, 0.003]
+            )
+        if change is not None:
+            change(table)
+        path = tmp_path / name
+        np.savetxt(path, table, delimiter=",", fmt="%.12e")
+        return path
+
+    return write
+
+
+@pytest.fixture
+def dataset_folder() -> Callable[[str], Path]:
+    """Folder of a public data set, or a skip that says why."""
+
+    def find(name: str) -> Path:
+        try:
+            return locate(name)
+        except RecordingError as error:
+            pytest.skip(str(error))
+
+    return find

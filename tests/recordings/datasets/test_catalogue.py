@@ -1,0 +1,78 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import FORMATS
+from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, get_dataset
+from truejoint.robots import get_robot
+
+every_dataset = pytest.mark.parametrize("dataset", DATASETS.values(), ids=list(DATASETS))
+
+
+@every_dataset
+def test_an_entry_is_complete(dataset: Dataset) -> None:
+    assert dataset.format in FORMATS
+    assert get_robot(dataset.robot).name == dataset.robot
+    assert re.fullmatch(r"[\w.-]+/[\w.-]+", dataset.repository)
+    assert re.fullmatch(r"[0-9a-f]{40}", dataset.commit)
+    assert dataset.citation
+    assert dataset.features
+    assert dataset.splits
+    files = [file for recording in dataset.recordings for file in recording.files]
+    assert len({file.name for file in files}) == len(files) > 1
+    for file in files:
+        assert re.fullmatch(r"[0-9a-f]{64}", file.sha256)
+        assert file.size > 1000
+    names = [recording.name for recording in dataset.recordings]
+    assert len(set(names)) == len(names)
+
+
+@every_dataset
+def test_splits_hold_something_out_and_leave_something(dataset: Dataset) -> None:
+    for split in dataset.splits:
+        chosen = dataset.match(split.files)
+        if split.test:
+            held_out = dataset.match(split.test)
+            assert set(held_out) < set(chosen)
+        else:
+            assert 0 < split.test_fraction < 1
+
+
+def test_the_grasper_is_held_out_by_frequency_and_load() -> None:
+    dataset = get_dataset("davinci_grasper_umn")
+    by_frequency = dataset.match(dataset.split("frequency").test)
+    assert [r.name[-2:] for r in by_frequency] == [f"3{load}" for load in range(10)]
+    by_load = dataset.match(dataset.split("load").test)
+    assert [r.name[-2:] for r in by_load] == [f"{f}{load}" for f in range(5) for load in (3, 7)]
+
+
+def test_an_address_is_quoted() -> None:
+    dataset = get_dataset("kuka_kr300_dual_encoder")
+    url = dataset.url(dataset.recordings[0].files[0])
+    assert url == (
+        "https://raw.githubusercontent.com/JonasWeigand/Robot_Identification/"
+        "9e403c07d9dadbb391a9f3921e8d219f714636a8/data/recorded_trajectories/"
+        "2020-10-21%2010s%20FF%20A%2008ms/data.mat"
+    )
+
+
+def test_names_that_are_not_there_are_answered_with_those_that_are() -> None:
+    with pytest.raises(RecordingError, match="no data set called 'x'; choose from davinci_grasper"):
+        get_dataset("x")
+    dataset = get_dataset("bros_dual_encoder")
+    with pytest.raises(RecordingError, match=r"no recording fits 'part9'; there are part1, part2"):
+        dataset.match("part9")
+    with pytest.raises(RecordingError, match="no split called 'x'; choose from part"):
+        dataset.split("x")
+    assert dataset.split() == dataset.splits[0]
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"test": "a", "test_fraction": 0.3}, {"test_fraction": 1.0}]
+)
+def test_a_split_is_by_recording_or_by_time(options: dict[str, object]) -> None:
+    with pytest.raises(RecordingError, match="either test or a test_fraction"):
+        HeldOut("s", "*", **options)

@@ -1,0 +1,158 @@
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import Recording, read_recording
+
+numbers = st.floats(-1e12, 1e12)
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@given(
+    data=st.data(), rows=st.integers(2, 20), delimiter=st.sampled_from([",", ";", "\t", " ", ", "])
+)
+def test_a_header_in_our_names_comes_back_exactly(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, rows: int, delimiter: str
+) -> None:
+    t = np.sort(data.draw(arrays(float, rows, elements=st.floats(0, 1e7), unique=True)))
+    measured = data.draw(arrays(float, rows, elements=numbers))
+    truth = data.draw(arrays(float, rows, elements=numbers | st.just(np.nan)))
+    lines = [delimiter.join(["truth/joint1", "t", "measured/joint1"])]
+    lines += [
+        delimiter.join("nan" if np.isnan(v) else repr(float(v)) for v in row)
+        for row in zip(truth, t, measured, strict=True)
+    ]
+    path = write(tmp_path_factory.mktemp("csv") / "a.csv", "# note\n" + "\n".join(lines) + "\n")
+    recording = read_recording(path, robot="bros")
+    assert np.array_equal(recording.t, t)
+    assert np.array_equal(recording.column("measured/joint1"), measured)
+    assert np.array_equal(recording.column("truth/joint1"), truth, equal_nan=True)
+    missing = int(np.isnan(truth).sum())
+    assert recording.provenance.dropped == ({"truth: value missing": missing} if missing else {})
+
+
+MAP: dict[str, Any] = {
+    "robot": "raven2",
+    "arm": "green",
+    "columns": {
+        "t": {"column": "stamp", "unit": "ms"},
+        "measured/elbow": {"column": 2, "unit": "deg"},
+        "measured/insertion": {"column": "ins", "unit": "mm"},
+        "motor/elbow": {"column": "counts", "unit": "deg", "scale": 0.36},
+        "effort/elbow": {"column": "tau", "unit": "mNm"},
+        "vision/elbow": "note",
+    },
+}
+TABLE = "stamp,counts,q2,ins,tau,note\n1000,100,90,400,5,1\n1500,200,180,410,6,2\n"
+
+
+def check_map(recording: Recording) -> None:
+    assert (recording.robot.name, recording.robot.arm) == ("raven2", "right")
+    assert recording.t.tolist() == [1.0, 1.5]
+    assert recording.column("measured/elbow") == pytest.approx([np.pi / 2, np.pi])
+    assert recording.column("measured/insertion") == pytest.approx([0.4, 0.41])
+    assert recording.column("motor/elbow") == pytest.approx(np.deg2rad([36.0, 72.0]))
+    assert recording.column("effort/elbow") == pytest.approx([5e-3, 6e-3])
+    assert recording.units["vision/elbow"] == "1"
+
+
+def test_a_column_map_as_mapping_and_as_file(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", TABLE)
+    check_map(read_recording(path, column_map=MAP))
+    toml = write(
+        tmp_path / "map.toml",
+        """
+        robot = "raven2"
+        arm = "green"
+        [columns]
+        t = {column = "stamp", unit = "ms"}
+        "measured/elbow" = {column = 2, unit = "deg"}
+        "measured/insertion" = {column = "ins", unit = "mm"}
+        "motor/elbow" = {column = "counts", unit = "deg", scale = 0.36}
+        "effort/elbow" = {column = "tau", unit = "mNm"}
+        "vision/elbow" = "note"
+        """,
+    )
+    check_map(read_recording(path, "csv", column_map=toml))
+
+
+def test_a_map_of_positions_needs_no_header(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.txt", "0 1 2\n1 3 4\n")
+    recording = read_recording(
+        path, robot="bros", column_map={"columns": {"t": 0, "measured/joint2": 2}}
+    )
+    assert recording.column("measured/joint2").tolist() == [2.0, 4.0]
+
+
+def test_the_caller_overrules_the_map(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", TABLE)
+    assert read_recording(path, arm="left", column_map=MAP).robot.arm == "left"
+
+
+def test_stamps_since_1970_count_from_the_first_row(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "t,measured/joint1\n1.7e9,0\n1700000000.5,1\n")
+    recording = read_recording(path, robot="bros")
+    assert recording.t.tolist() == [0.0, 0.5]
+    assert recording.provenance.start == 1.7e9
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "message"),
+    [
+        ("t,measured/joint1\n0,1\n1,2\n", {}, "which robot is it"),
+        ("t,measured/elbow\n0,1\n1,2\n", {"robot": "bros"}, "has no joint 'elbow'; it has joint1"),
+        ("t,angle\n0,1\n1,2\n", {"robot": "bros"}, "'angle' is neither 't' nor"),
+        ("t,truth/joint1\n0,1\n1,2\n", {"robot": "bros"}, "no 'measured/<joint>' column"),
+        ("t,measured/joint1\n0,1\n", {"robot": "bros"}, "1 rows; a recording needs at least 2"),
+        ("t,measured/joint1\n", {"robot": "bros"}, "holds no rows"),
+        ("t,measured/joint1\n0,1\n0,2\n", {"robot": "bros"}, "row 1 goes back or repeats"),
+        ("t,measured/joint1\n0,1\n1,high\n", {"robot": "bros"}, "line 3, column 1 is 'high'"),
+        ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "line 3, column 1 is 'nan'"),
+        ("t,measured/joint1\n0,1\n1,inf\n", {"robot": "bros"}, "row 1 is inf"),
+        ("t,t,measured/joint1\n0,0,1\n1,1,2\n", {"robot": "bros"}, "column 't' is twice"),
+        (TABLE, {"column_map": {"columns": {"t": "time"}}, "robot": "bros"}, "no 'measured/"),
+        (
+            TABLE,
+            {"column_map": {"columns": {"t": "time", "measured/joint1": 1}}, "robot": "bros"},
+            "column 'time' is not there; the header has stamp, counts",
+        ),
+        (
+            TABLE,
+            {"column_map": {"columns": {"t": 0, "measured/joint1": 6}}, "robot": "bros"},
+            "to be column 6, but there are 6 columns",
+        ),
+        (
+            "0,1\n1,2\n",
+            {"column_map": {"columns": {"t": "a", "measured/joint1": 1}}, "robot": "bros"},
+            "has no header",
+        ),
+        (
+            TABLE,
+            {
+                "column_map": {"columns": {"t": 0, "measured/joint1": {"column": 1, "unit": "mm"}}},
+                "robot": "bros",
+            },
+            "is in rad, which 'mm' cannot be",
+        ),
+    ],
+)
+def test_bad_input_is_one_line(
+    tmp_path: Path, text: str, options: dict[str, Any], message: str
+) -> None:
+    path = write(tmp_path / "a.csv", text)
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_recording(path, "csv", **options)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)

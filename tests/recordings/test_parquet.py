@@ -1,0 +1,146 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import Provenance, Recording, read_parquet, write_parquet
+
+Refusal = Callable[[Callable[[], object]], str]
+
+values = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(
+    data=st.data(),
+    rows=st.integers(2, 30),
+    notes=st.text(max_size=30),
+    load=st.floats(0, 10) | st.just(float("nan")),
+    dropped=st.dictionaries(st.text(max_size=10), st.integers(0, 10**9), max_size=3),
+)
+def test_round_trip_is_exact(
+    tmp_path_factory: pytest.TempPathFactory,
+    data: st.DataObject,
+    rows: int,
+    notes: str,
+    load: float,
+    dropped: dict[str, int],
+) -> None:
+    columns = {
+        "t": np.sort(data.draw(arrays(float, rows, elements=values, unique=True))),
+        "measured/joint1": data.draw(arrays(float, rows, elements=values)),
+        "truth/joint1": data.draw(arrays(float, rows, elements=values | st.just(np.nan))),
+        "odd name, with 'quotes'/é": data.draw(arrays(float, rows, elements=values)),
+    }
+    provenance = Provenance("bros", source="x", notes=notes, load=load, dropped=dropped)
+    before = Recording.from_columns(columns, provenance, {"odd name, with 'quotes'/é": "Nm"})
+    path = tmp_path_factory.mktemp("parquet") / "a.parquet"
+    write_parquet(before, path)
+    after = read_parquet(path)
+    for name in before.table.columns:
+        assert np.array_equal(before.column(name), after.column(name), equal_nan=True)
+    assert list(after.table.columns) == list(before.table.columns)
+    assert after.units == before.units
+    assert after.provenance.to_dict() == before.provenance.to_dict()
+
+
+def test_a_file_that_is_there_is_not_replaced(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    shorter = recording.rows(slice(10))
+    with pytest.raises(RecordingError, match=r"a.parquet: exists already"):
+        write_parquet(shorter, path)
+    assert len(read_parquet(path)) == len(recording)
+    write_parquet(shorter, path, overwrite=True)
+    assert len(read_parquet(path)) == 10
+
+
+def test_every_truncation_is_refused_in_one_line(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    whole = path.read_bytes()
+    for size in [*range(1, 200, 13), len(whole) // 2, len(whole) - 1]:
+        path.write_bytes(whole[:size])
+        with pytest.raises(RecordingError, match=r"a.parquet: ") as caught:
+            read_parquet(path)
+        assert "\n" not in str(caught.value)
+
+
+@given(position=st.floats(0, 1, exclude_max=True), byte=st.integers(1, 255))
+def test_a_changed_byte_never_crashes(
+    tmp_path_factory: pytest.TempPathFactory, refusal: Refusal, position: float, byte: int
+) -> None:
+    t = np.arange(20.0)
+    recording = Recording.from_columns({"t": t, "measured/joint1": t}, Provenance("bros"))
+    path = tmp_path_factory.mktemp("parquet") / "a.parquet"
+    write_parquet(recording, path)
+    data = bytearray(path.read_bytes())
+    data[int(position * len(data))] ^= byte
+    path.write_bytes(data)
+    assert "\n" not in refusal(lambda: read_parquet(path))
+
+
+def rewrite(path: Path, header: object = None, **columns: pa.Array) -> None:
+    table = pa.table(columns)
+    if header is not None:
+        text = header if isinstance(header, str) else json.dumps(header)
+        table = table.replace_schema_metadata({"truejoint": text})
+    pq.write_table(table, path)
+
+
+GOOD = {"version": 1, "units": {"measured/joint1": "rad"}, "provenance": {"robot": "bros"}}
+T = pa.array([0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (None, "was not written by truejoint"),
+        ("{", "metadata is damaged"),
+        ([1], "metadata is damaged"),
+        (GOOD | {"version": "1"}, "metadata is damaged"),
+        (GOOD | {"version": 99}, "is of version 99"),
+        (GOOD | {"units": {}}, "metadata is damaged"),
+        (GOOD | {"units": {"measured/joint1": 3}}, "metadata is damaged"),
+        (GOOD | {"provenance": {"robot": "bros", "new": 1}}, "unknown keys"),
+    ],
+)
+def test_metadata_that_is_not_ours_is_refused(tmp_path: Path, header: object, message: str) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, header, **{"t": T, "measured/joint1": T})
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_parquet(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_columns_of_another_kind_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, GOOD, **{"t": T, "measured/joint1": pa.array(["a", "b"])})
+    with pytest.raises(RecordingError, match="not float64"):
+        read_parquet(path)
+
+
+def test_stored_rows_obey_the_rules_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, GOOD, **{"t": pa.array([1.0, 0.0]), "measured/joint1": T})
+    with pytest.raises(RecordingError, match="row 1 goes back"):
+        read_parquet(path)
+
+
+def test_more_values_than_are_read_are_refused(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    monkeypatch.setattr("truejoint.recordings.parquet.MAX_VALUES", 100)
+    with pytest.raises(RecordingError, match="50 rows of 5 columns"):
+        read_parquet(path)

@@ -1,0 +1,181 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
+from truejoint.errors import RecordingError
+from truejoint.recordings import Recorder, read_parquet
+from truejoint.recordings.recorder import PAST_END, QUANTITIES, Decimator
+from truejoint.recordings.synchronise import AFTER, STATE_BACK
+from truejoint.robots import get_robot
+
+
+class FakeArm:
+    """Reports what a test tells it to."""
+
+    def __init__(self) -> None:
+        self.robot = get_robot("raven2", "right")
+        self.listeners: list[Callable[..., None]] = []
+
+    def subscribe(self, callback: Callable[..., None]) -> None:
+        self.listeners.append(callback)
+
+    def unsubscribe(self, callback: Callable[..., None]) -> None:
+        self.listeners.remove(callback)
+
+    def state(self, t: np.ndarray) -> None:
+        """Report rows whose values tell quantity, channel and time."""
+        arrays = {
+            quantity: 100.0 * k + np.arange(8.0)[None, :] + 1e-3 * t[:, None]
+            for k, quantity in enumerate(QUANTITIES)
+        }
+        for listener in self.listeners:
+            listener(StateBlock(t=t, name=self.robot.channels, **arrays))
+
+    def truth(self, t: np.ndarray) -> None:
+        for listener in self.listeners:
+            listener(TruthBlock(t, self.robot.positioning, np.column_stack([t, 2 * t, 3 * t])))
+
+
+@pytest.fixture
+def arm() -> Any:
+    return FakeArm()
+
+
+def test_records_every_channel_at_its_rate(arm: Any) -> None:
+    with Recorder(arm, session="s", homing_id="h", load=0.5, command="c") as recorder:
+        for start in range(0, 3000, 500):
+            arm.state(np.arange(start, start + 500) * 1e-3)
+            arm.truth(np.arange(start, start + 500, 10) * 1e-3)
+    recording = recorder.recording()
+    assert np.median(np.diff(recording.t)) == pytest.approx(1 / 30, abs=1e-3)
+    assert len(recording) == 90
+    for k, quantity in enumerate(QUANTITIES):
+        for i, channel in enumerate(arm.robot.channels):
+            expected = 100 * k + i + 1e-3 * recording.t
+            assert np.allclose(recording.column(f"{quantity}/{channel}"), expected)
+    known = recording.t <= 2.99
+    truth = recording.columns("truth", arm.robot.positioning)
+    assert np.allclose(truth[known], recording.t[known, None] * [1, 2, 3])
+    provenance = recording.provenance
+    assert (provenance.robot, provenance.arm) == ("raven2", "right")
+    assert (provenance.session, provenance.homing_id, provenance.command) == ("s", "h", "c")
+    assert provenance.load == 0.5
+    assert provenance.rates == {"state": 30.0, "truth": 100.0}
+    assert recording.units["effort/insertion"] == "Nm"
+    assert not arm.listeners
+
+
+@given(
+    cuts=st.lists(st.integers(0, 400), max_size=8),
+    rate=st.sampled_from([7.0, 30.0, 100.0, 333.3, 1000.0, 5000.0]),
+    jitter=st.floats(0, 0.4),
+)
+def test_the_rows_kept_do_not_depend_on_the_pieces(
+    cuts: list[int], rate: float, jitter: float
+) -> None:
+    rng = np.random.default_rng(1)
+    t = (np.arange(400) + jitter * rng.uniform(-1, 1, 400)) * 1e-3 + 12.3456
+    whole = Decimator(rate).pick(t)
+    pieces = Decimator(rate)
+    parts = [pieces.pick(piece) for piece in np.split(t, sorted(cuts))]
+    assert np.array_equal(whole, np.concatenate(parts))
+    assert whole[0]
+    assert whole.sum() <= np.ceil((t[-1] - t[0]) * rate) + 1
+    if rate <= 250:
+        assert np.diff(t[whole]).max() < 1 / rate + 2e-3
+    if rate >= 5000:
+        assert whole.all()
+
+
+def test_an_interrupt_keeps_and_writes_what_there_is(arm: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    recorder = Recorder(arm, path=path)
+
+    def move() -> None:
+        with recorder:
+            arm.state(np.arange(1000) * 1e-3)
+            arm.truth(np.arange(50) * 1e-2)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        move()
+    assert not arm.listeners
+    written = read_parquet(path)
+    assert written.provenance.notes == "stopped by KeyboardInterrupt"
+    assert len(written) == len(recorder.recording()) == 30
+    assert written.provenance.dropped[AFTER] == np.isnan(written.column("truth/elbow")).sum() > 0
+
+
+def test_a_file_that_is_there_is_refused_before_the_arm_moves(arm: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    path.touch()
+    with pytest.raises(RecordingError, match="exists already"):
+        Recorder(arm, path=path)
+
+
+def test_a_clock_that_is_set_back_is_counted(arm: Any) -> None:
+    with Recorder(arm, state_rate=1000.0) as recorder:
+        arm.state(np.arange(100) * 1e-3)
+        arm.state(np.arange(100) * 1e-3 + 0.05)
+    recording = recorder.recording()
+    assert recording.provenance.dropped == {STATE_BACK: 50}
+    assert len(recording) == 150
+
+
+def test_what_comes_after_the_longest_duration_is_counted(arm: Any) -> None:
+    with Recorder(arm, state_rate=10.0, max_duration=1.0) as recorder:
+        for second in range(5):
+            arm.state(second + np.arange(1000) * 1e-3)
+            arm.truth(second + np.arange(100) * 1e-2)
+    recording = recorder.recording()
+    assert recording.duration == pytest.approx(1.0, abs=0.01)
+    assert len(recording) + recording.provenance.dropped[PAST_END] == 50
+
+
+def test_an_arm_without_joint_encoders_has_no_truth(arm: Any) -> None:
+    with Recorder(arm) as recorder:
+        arm.state(np.arange(200) * 1e-3)
+    assert recorder.recording().joints_of("truth") == ()
+
+
+def test_truth_can_be_thinned_out(arm: Any) -> None:
+    with Recorder(arm, truth_rate=20.0, gap_limit=0.2) as recorder:
+        arm.state(np.arange(1000) * 1e-3)
+        arm.truth(np.arange(100) * 1e-2)
+    assert recorder.recording().provenance.rates["truth"] == pytest.approx(20.0)
+
+
+def test_an_arm_that_reports_nothing_is_named(arm: Any) -> None:
+    with Recorder(arm) as recorder:
+        pass
+    with pytest.raises(RecordingError, match=r"0 rows from raven2 \(right arm\)"):
+        recorder.recording()
+
+
+@pytest.mark.parametrize(
+    "options", [{"gap_limit": 0.0}, {"max_duration": -1.0}, {"state_rate": 0.0}]
+)
+def test_settings_are_checked(arm: Any, options: dict[str, float]) -> None:
+    with pytest.raises(RecordingError, match="above 0"):
+        Recorder(arm, **options)
+
+
+def test_records_the_simulated_arm() -> None:
+    arm = simulated_arm(seed=3)
+    arm.enable()
+    arm.home()
+    with Recorder(arm) as recorder:
+        arm.wait(2.0)
+    recording = recorder.recording()
+    assert len(recording) == pytest.approx(60, abs=1)
+    assert recording.joints_of("truth") == arm.robot.positioning
+    # Within the coarse bounds of an arm that is not calibrated.
+    assert (np.abs(recording.with_truth(arm.robot.positioning).error(["shoulder"])) < 0.3).all()
