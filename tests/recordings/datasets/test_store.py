@@ -107,7 +107,9 @@ def test_fetches_checks_and_opens(upstream: Upstream, cache: Path) -> None:
     assert max(done) == done[-1] == 1.0
     assert 0.0 < min(done) <= 0.5
     assert all("some%20where" in path for path in upstream.asked)
-    recordings = open_dataset(NAME)
+    done.clear()
+    recordings = open_dataset(NAME, progress=done.append)
+    assert done == [0.5, 1.0]
     assert [r.provenance.session for r in recordings] == ["a", "b"]
     assert recordings[1].provenance.source == (
         "nhoyh/hysteresis_compensation_ROS@7c00843f:some where/b.txt"

@@ -135,7 +135,9 @@ def fetch(
     return folder
 
 
-def open_dataset(name: str, pattern: str = "*") -> list[Recording]:
+def open_dataset(
+    name: str, pattern: str = "*", *, progress: Callable[[float], None] | None = None
+) -> list[Recording]:
     """Read recordings of a data set that is on this machine.
 
     Parameters
@@ -144,6 +146,8 @@ def open_dataset(name: str, pattern: str = "*") -> list[Recording]:
         One of `DATASETS`.
     pattern : str
         Shell pattern of the recordings' names, for instance ``"Tool_4_Maryland_L_4/3?"``.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1.
 
     Returns
     -------
@@ -159,7 +163,12 @@ def open_dataset(name: str, pattern: str = "*") -> list[Recording]:
     dataset = get_dataset(name)
     wanted = dataset.match(pattern)
     folder = locate(name)
-    return [_open_one(dataset, folder, recording) for recording in wanted]
+    report = progress or _ignore
+    opened = []
+    for count, recording in enumerate(wanted, start=1):
+        opened.append(_open_one(dataset, folder, recording))
+        report(count / len(wanted))
+    return opened
 
 
 def _open_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Recording:
