@@ -96,6 +96,28 @@ def test_ranges_are_those_of_the_training_rows(recording):
     np.testing.assert_array_equal(calibration.upper, X.max(axis=0))
 
 
+def test_fit_rate_thins_the_rows_but_not_what_features_see(build):
+    recording = build(1500, rate=30.0)
+    every = calibrate(recording, "linear", features=["measured/elbow", "lag(measured/elbow, 1)"])
+    thinned = calibrate(
+        recording,
+        "linear",
+        features=["measured/elbow", "lag(measured/elbow, 1)"],
+        fit_rate=10.0,
+    )
+    assert every.metadata["rows"] == 1500
+    assert thinned.metadata["rows"] == 500
+    assert thinned.metadata["rows_without_truth"] == 0
+    rows = every.feature_set.compute(recording)[::3]
+    assert np.array_equal(thinned.lower, rows.min(axis=0))
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, np.nan, np.inf])
+def test_fit_rate_must_be_a_rate(build, rate):
+    with pytest.raises(CalibrationError, match="fit rate"):
+        calibrate(build(1500), "linear", fit_rate=rate)
+
+
 def test_seed_goes_to_the_estimator_that_has_one(build):
     recording = build(1100)
     network = NeuralNetwork(hidden_layer_sizes=(4,), epochs=2, random_state=7)

@@ -116,6 +116,7 @@ def fit(
             features=features,
             joints=joints,
             target=target,  # type: ignore[arg-type]  # checked there
+            fit_rate=fit_rate,
             random_state=seed,
             progress=done,
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -45,6 +46,7 @@ def calibrate(
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
     target: Target = "error",
+    fit_rate: float | None = None,
     random_state: int | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
@@ -64,6 +66,9 @@ def calibrate(
         Joints to correct; by default the robot's positioning joints that have truth.
     target : {"error", "position"}
         Predict truth minus measured (peng2024, II-J: more accurate), or the position itself.
+    fit_rate : float, optional
+        Fit to rows at most at this rate [Hz], where more of them would only take longer; features
+        with a history still see every row.
     random_state : int, optional
         Seed, where the estimator has one; its own by default.
     progress : callable, optional
@@ -90,7 +95,7 @@ def calibrate(
         for recording in recordings:
             check_sample_interval(recording, interval)
     units = _common_units(recordings, feature_set, chosen)
-    rows = _gather(recordings, feature_set, chosen, gap_limit)
+    rows = _gather(recordings, feature_set, chosen, gap_limit, _stride(fit_rate, interval))
     unused = _unused_features(rows.X, feature_set, robot)
     _check_count(rows, model, len(feature_set) - len(unused))
     report = progress or (lambda _fraction: None)
@@ -124,12 +129,13 @@ def calibrate(
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Training rows: those of all recordings in which every joint's truth is known."""
+    """Rows fitted to, of those of all recordings in which every joint's truth is known."""
 
     X: Array
     error: Array
     truth: Array
     counts: tuple[int, ...]
+    without_truth: tuple[int, ...]
     data_sha256: str
 
 
@@ -240,9 +246,10 @@ def _gather(
     feature_set: FeatureSet,
     joints: tuple[str, ...],
     gap_limit: float,
+    stride: int,
 ) -> _Rows:
     digest = hashlib.sha256()
-    inputs, errors, truths, counts = [], [], [], []
+    inputs, errors, truths, counts, without = [], [], [], [], []
     for recording in recordings:
         truth = recording.columns("truth", joints)
         known = np.asarray(np.isfinite(truth).all(axis=1))
@@ -251,17 +258,29 @@ def _gather(
         error = recording.error(joints)
         for array in (recording.t, X, truth, error):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-        inputs.append(X[known])
-        truths.append(truth[known])
-        errors.append(error[known])
-        counts.append(int(known.sum()))
+        fitted = np.flatnonzero(known)[::stride]
+        inputs.append(X[fitted])
+        truths.append(truth[fitted])
+        errors.append(error[fitted])
+        counts.append(len(fitted))
+        without.append(int((~known).sum()))
     return _Rows(
         np.concatenate(inputs),
         np.concatenate(errors),
         np.concatenate(truths),
         tuple(counts),
+        tuple(without),
         digest.hexdigest(),
     )
+
+
+def _stride(fit_rate: float | None, interval: float) -> int:
+    """Every how many rows one is fitted to, of rows that are `interval` [s] apart."""
+    if fit_rate is None:
+        return 1
+    if not (math.isfinite(fit_rate) and fit_rate > 0):
+        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz")
+    return max(1, round(1.0 / (fit_rate * interval)))
 
 
 def _check_truth(recording: Recording, known: NDArray[np.bool_], joints: Sequence[str]) -> None:
@@ -328,20 +347,21 @@ def _fit_baselines(
 def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
     sessions: list[Mapping[str, Any]] = []
-    for recording, count in zip(recordings, rows.counts, strict=True):
+    for recording, count, without in zip(
+        recordings, rows.counts, rows.without_truth, strict=True
+    ):
         origin = recording.provenance.to_dict()
         kept = ("source", "sha256", "session", "homing_id", "load", "start")
         sessions.append(
             {key: origin[key] for key in kept}
             | {
                 "rows": count,
-                "rows_without_truth": len(recording) - count,
+                "rows_without_truth": without,
                 "duration": recording.duration,
                 "first": float(recording.t[0]),
                 "last": float(recording.t[-1]),
             }
         )
-    total = sum(len(recording) for recording in recordings)
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
@@ -349,7 +369,7 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
             **{name: version(name) for name in ("truejoint", "numpy", "scikit-learn")},
         },
         "rows": len(rows.X),
-        "rows_without_truth": total - len(rows.X),
+        "rows_without_truth": sum(rows.without_truth),
         "duration": float(sum(recording.duration for recording in recordings)),
         "sample_interval": sample_interval(recordings),
         "sessions": sessions,
