@@ -37,8 +37,10 @@ def test_splits_hold_something_out_and_leave_something(dataset: Dataset) -> None
         if split.test:
             held_out = dataset.match(split.test)
             assert set(held_out) < set(chosen)
+            assert held_out == tuple(r for r in chosen if split.holds_out(r.name))
         else:
             assert 0 < split.test_fraction < 1
+            assert not any(split.holds_out(r.name) for r in chosen)
 
 
 def test_the_grasper_is_held_out_by_frequency_and_load() -> None:

@@ -73,6 +73,10 @@ class HeldOut:
                 f"split {self.name!r}: give either test or a test_fraction between 0 and 1"
             )
 
+    def holds_out(self, recording: str) -> bool:
+        """Whether the recording of this name (its session) is held out whole."""
+        return bool(self.test) and fnmatchcase(recording, self.test)
+
 
 @dataclass(frozen=True)
 class Dataset:
