@@ -8,6 +8,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truejoint.errors import CommandRefused, RobotError, TruejointError
@@ -469,6 +471,31 @@ def test_bad_calls_are_refused() -> None:
     with pytest.raises(TruejointError, match="duration is -1"):
         twin.idle(-1.0)
     assert twin.time == 0.0
+
+
+def test_parameters_that_the_step_cannot_resolve_are_refused() -> None:
+    light = TwinParameters.load().with_values({"motor.inertia": (1e-6, 1e-6, 1e-6)})
+    Raven2Twin(light)
+    stiff = light.with_values({"cable.stiffness": (1e5, 400.0, 18500.0)})
+    with pytest.raises(TruejointError, match="shoulder's motor is too light"):
+        Raven2Twin(stiff)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32), jump=st.floats(0.0, 1.0), load=st.floats(0.0, 2.0))
+def test_no_command_makes_the_twin_leave_what_is_possible(
+    seed: int, jump: float, load: float
+) -> None:
+    twin = Raven2Twin(seed=seed, load=load)
+    rng = np.random.default_rng(seed)
+    wild = twin.robot.home + jump * rng.standard_normal((20, 7)) * [2, 2, 0.5, 2, 2, 2, 2]
+    out = twin.run(np.repeat(wild, 50, axis=0))
+    for f in fields(TwinOutput):
+        assert np.isfinite(getattr(out, f.name)).all()
+    limits = [d.max_effort for d in drives("left")]
+    assert (np.abs(out.effort[:, [0, 1, 2, 4, 5, 6, 7]]) <= np.array(limits) * 1.001).all()
+    assert (out.joint >= twin._plant.stops[:, 0]).all()
+    assert (out.joint <= twin._plant.stops[:, 1]).all()
 
 
 def test_homing_that_finds_no_stop_says_so() -> None:

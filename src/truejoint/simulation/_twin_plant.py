@@ -7,11 +7,13 @@ from typing import Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.errors import TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.raven2 import (
     ENCODER_COUNTS_PER_REV,
     GRAVITY,
     JOINT_ENCODERS,
+    Drive,
     Raven2Kinematics,
     drives,
     links,
@@ -25,7 +27,13 @@ POSITIONING = 3
 
 
 def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
-    """Constants of the equations of one arm."""
+    """Constants of the equations of one arm.
+
+    Raises
+    ------
+    TruejointError
+        If a motor is too light for its friction, cable or gains at the fixed step.
+    """
     p = parameters
     side = cast("Literal['left', 'right']", robot.arm)
     arm_drives = drives(side)
@@ -48,6 +56,7 @@ def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
     viscous = np.array(p.motor_friction.viscous + p.tool.viscous) / gear
     # Viscous friction is taken at the end of the step, so that it never overshoots.
     keep = 1.0 / (1.0 + kernel.STEP * viscous / inertia)
+    _check_step(p, arm_drives, inertia)
     truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
     return kernel.Plant(
         motor_from_joint=np.ascontiguousarray(matrix),
@@ -82,6 +91,25 @@ def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
         truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
         constants=_constants(p),
     )
+
+
+def _check_step(p: TwinParameters, arm_drives: tuple[Drive, ...], inertia: Array) -> None:
+    """Refuse what the step of 1 ms cannot resolve: a mode may turn one radian in a step."""
+    coulomb = p.motor_friction.coulomb + p.tool.coulomb
+    presliding = p.motor_friction.presliding + p.tool.presliding
+    cable = (*p.cable.stiffness, 0.0, 0.0, 0.0, 0.0)
+    for k, drive in enumerate(arm_drives):
+        # Stuck, the motor turns against bristles, cable and its own controller.
+        stiff = (coulomb[k] / presliding[k] + drive.kp) / drive.gear_ratio
+        stiff += cable[k] / drive.transmission_ratio**2
+        damped = drive.kd / drive.gear_ratio
+        needed = max(kernel.STEP**2 * stiff, kernel.STEP * damped)
+        if not needed <= inertia[k]:
+            raise TruejointError(
+                f"the {drive.joint}'s motor is too light for a step of 1 ms: raise its inertia "
+                f"from {inertia[k]:.3g} to {needed:.3g} kg m2, or lower its friction or its "
+                "cable's stiffness"
+            )
 
 
 def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> kernel.State:

@@ -91,7 +91,7 @@ class Raven2Twin:
     Raises
     ------
     TruejointError
-        If the seed or the load is out of range.
+        If the seed or the load is out of range, or the parameters cannot be simulated at 1 kHz.
     RobotError
         If the arm is unknown.
     """
