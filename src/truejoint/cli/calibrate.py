@@ -76,7 +76,7 @@ def calibrate(
         fit_rate_hz = fit_rate_hz or get_dataset(dataset).fit_rate
     fitted, check = fit(
         training,
-        configured(estimator, settings or []),
+        configured(estimator, settings or [], dataset),
         features=resolved_features(features),
         joints=joints,
         target=target,
@@ -133,8 +133,12 @@ def resolved_features(features: Sequence[str] | None) -> list[str] | None:
     return chosen
 
 
-def configured(name: str, settings: Sequence[str]) -> JointRegressor:
+def configured(
+    name: str, settings: Sequence[str], dataset: str | None = None
+) -> JointRegressor:
     """Estimator with parameters set by texts like ``"epochs=400"``.
+
+    Where the recordings are a public data set, the parameters that suit it come first.
 
     Raises
     ------
@@ -143,6 +147,8 @@ def configured(name: str, settings: Sequence[str]) -> JointRegressor:
     """
     estimator = get_estimator(name)
     known = estimator.get_params()
+    if dataset is not None:
+        estimator.set_params(**get_dataset(dataset).settings.get(name, {}))
     for setting in settings:
         key, separator, text = setting.partition("=")
         if not separator or key not in known:

@@ -9,7 +9,7 @@ from typing import Any
 
 from truejoint.cli.console import progress
 from truejoint.errors import RecordingError
-from truejoint.evaluation import part_by_time, split_by_file, split_by_time
+from truejoint.evaluation import part_by_time, split_by_time
 from truejoint.recordings import Recording, read_recording
 from truejoint.recordings.datasets import DATASETS, get_dataset, open_dataset
 from truejoint.units import display_unit
@@ -83,8 +83,7 @@ def _split_side(dataset: str, name: str, held_out: bool) -> list[Recording]:
     with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
         recordings = open_dataset(dataset, split.files, progress=done)
     if split.test:
-        train, test = split_by_file(recordings, split.test)
-        return test if held_out else train
+        return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
     pairs = [split_by_time(recording, 1 - split.test_fraction) for recording in recordings]
     return [test if held_out else train for train, test in pairs]
 

@@ -14,14 +14,14 @@ def seen_in_training(
 ) -> tuple[str, ...]:
     """Find test recordings whose rows were in the training.
 
-    Two recordings are of the same file when their hashes are equal, or, where there is no hash,
-    source and session. Parts of one file count as seen when their times overlap.
+    Two recordings are the same when their hashes are equal, or, where there is no hash, source,
+    session, homing and start. Parts of one count as seen when their times overlap.
 
     Parameters
     ----------
     metadata : mapping
         Of the calibration; ``sessions`` lists the training recordings with ``source``,
-        ``sha256``, ``session`` and the time stamps ``first`` and ``last`` [s].
+        ``sha256``, ``session``, ``homing_id``, ``start`` and the time stamps ``first`` and ``last`` [s].
     recordings : sequence of Recording
         Of the test.
 
@@ -32,12 +32,13 @@ def seen_in_training(
     """
     found = []
     for recording in recordings:
-        own = recording.provenance
+        own, origin = recording.provenance, recording.provenance.to_dict()
         for session in metadata.get("sessions", ()):
             if own.sha256 or session["sha256"]:
                 same = own.sha256 == session["sha256"]
             else:
-                same = (own.source, own.session) == (session["source"], session["session"])
+                keys = ("source", "session", "homing_id", "start")
+                same = all(origin[key] == session.get(key, origin[key]) for key in keys)
             if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
                 name = PurePath(own.source).name or "a recording"
                 found.append(f"the model was trained on rows of {name}, which it is tested on")

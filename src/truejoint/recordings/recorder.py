@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
 from truejoint.recordings.parquet import write_parquet
-from truejoint.recordings.recording import Provenance, Recording, since_first
+from truejoint.recordings.recording import Provenance, Recording
 from truejoint.recordings.synchronise import (
     STATE_BACK,
     TRUTH_BACK,
@@ -188,7 +188,8 @@ class Recorder:
             columns, unmatched = synchronise(state, truth, self._gap_limit)
             dropped |= unmatched
             rates["truth"] = round(float(1.0 / np.median(np.diff(truth.t))), 3)
-        columns["t"], start = since_first(columns["t"])
+        start = float(columns["t"][0])
+        columns["t"] = columns["t"] - start
         values = {
             **self._provenance.to_dict(),
             "source": source or f"recorded from {self._arm.robot.title}",

@@ -45,7 +45,8 @@ class Provenance:
     dropped : mapping
         How many rows were dropped, by reason, when streams were synchronised or read.
     start : float
-        Wall-clock time of ``t = 0`` [s since 1970]; NaN when not known.
+        Time of ``t = 0`` on the clock of the robot [s], since 1970 for a real one; NaN when not
+        known.
     command : str
         Command line that made the recording; empty when unknown.
     notes : str

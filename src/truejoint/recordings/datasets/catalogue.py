@@ -98,6 +98,10 @@ class Dataset:
     citation : str
     features : tuple of str
         Causal features that suit it, as `truejoint.estimators.FeatureSet.parse` takes them.
+    fit_rate : float or None
+        Rate [Hz] of the rows that a fit needs; None: all of them.
+    settings : mapping
+        Parameters that suit it, by estimator and name.
     splits : tuple of HeldOut
         Recommended ways to judge on it, the first by default.
     recordings : tuple of DatasetRecording
@@ -113,6 +117,8 @@ class Dataset:
     notice: str
     citation: str
     features: tuple[str, ...]
+    fit_rate: float | None
+    settings: Mapping[str, Mapping[str, Any]]
     splits: tuple[HeldOut, ...]
     recordings: tuple[DatasetRecording, ...]
 
@@ -168,6 +174,8 @@ def _dataset(
     return Dataset(
         name=name,
         features=tuple(values.pop("features")),
+        fit_rate=values.pop("fit_rate", None),
+        settings=values.pop("settings", {}),
         splits=tuple(HeldOut(**split) for split in values.pop("splits")),
         recordings=tuple(DatasetRecording(key, tuple(f)) for key, f in recordings.items()),
         **values,
