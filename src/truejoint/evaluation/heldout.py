@@ -21,7 +21,8 @@ def seen_in_training(
     ----------
     metadata : mapping
         Of the calibration; ``sessions`` lists the training recordings with ``source``,
-        ``sha256``, ``session``, ``homing_id``, ``start`` and the time stamps ``first`` and ``last`` [s].
+        ``sha256``, ``session``, ``homing_id``, ``start`` and the time stamps ``first`` and
+        ``last`` [s].
     recordings : sequence of Recording
         Of the test.
 

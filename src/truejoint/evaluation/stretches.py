@@ -25,7 +25,7 @@ def worst_windows(
         Estimated minus true position [rad or m].
     window : float
         Length [s]; a shorter recording is one window. A window covers at least half of it, so
-        that a few rows beside a gap do not count as a stretch.
+        that a few rows beside a gap do not count as a stretch, unless all rows are so far apart.
     count : int
         At most so many windows.
 
@@ -40,7 +40,7 @@ def worst_windows(
     total = np.concatenate(([0.0], np.cumsum(np.square(error))))
     mean_square = (total[end] - total[first]) / (end - first)
     long_enough = t[end - 1] - t >= 0.5 * min(window, float(t[-1] - t[0]))
-    candidates = np.flatnonzero(long_enough)
+    candidates = np.flatnonzero(long_enough) if long_enough.any() else first
     order = candidates[np.argsort(-mean_square[candidates], kind="stable")]
     free = np.ones(n, dtype=bool)
     found: list[tuple[int, int, float]] = []

@@ -132,7 +132,7 @@ def _better_models(scores: Sequence[Score], chosen: str) -> tuple[str, ...]:
                 f"{estimator_phrase(best.estimator)} in {joint} ({value} against {ours} "
                 f"{unit.name})"
             )
-    return (f"Closer still: {_and(better)}.",) if better else ()
+    return (f"Smaller RMSE: {_and(better)}.",) if better else ()
 
 
 def _capital(text: str) -> str:

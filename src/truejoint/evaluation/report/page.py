@@ -161,8 +161,8 @@ def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str
         Section(
             "worst",
             "Worst stretches",
-            f"The {evaluation.window:g} s windows in which {chosen} is furthest from the truth, "
-            "worst first.",
+            f"The windows of at most {evaluation.window:g} s in which {chosen} is furthest from "
+            "the truth, worst first.",
             curves.worst_stretches(evaluation),
         ),
         Section("paths", "Trajectories", "", [figure for figure in paths if figure]),

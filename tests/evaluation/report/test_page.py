@@ -1,0 +1,185 @@
+import json
+import re
+from collections.abc import Callable
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truejoint.errors import RecordingError
+from truejoint.evaluation import Evaluation, check_data, evaluate
+from truejoint.evaluation.digits import decimals_for, fixed
+from truejoint.evaluation.report import render_report, write_report
+from truejoint.evaluation.report.page import script_json
+from truejoint.recordings.recording import Recording
+from truejoint.units import display_unit
+
+ROBOTS = ["raven2", "davinci_grasper", "bros", "dvrk_psm", "kuka_kr300"]
+HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\u2028'\".csv"
+
+
+class _Page(HTMLParser):
+    """What a page holds: text by element, and every place that could load something."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.loads: list[tuple[str, str, str]] = []
+        self.ids: list[str] = []
+        self.scripts: dict[str, str] = {}
+        self.text: list[str] = []
+        self.policy = ""
+        self._script: str | None = None
+        self.feed(page)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        values = {key: value or "" for key, value in attrs}
+        for key in ("src", "href", "srcset", "data", "action", "poster"):
+            if key in values:
+                self.loads.append((tag, key, values[key]))
+        assert not any(key.startswith("on") for key in values)
+        if "id" in values:
+            self.ids.append(values["id"])
+        if values.get("http-equiv") == "Content-Security-Policy":
+            self.policy = values["content"]
+        if tag == "script":
+            self._script = values.get("id", f"script-{len(self.scripts)}")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag == "script":
+            self._script = None
+
+    def handle_data(self, data: str) -> None:
+        if self._script is not None:
+            self.scripts[self._script] = self.scripts.get(self._script, "") + data
+        else:
+            self.text.append(data)
+
+    @property
+    def words(self) -> str:
+        return " ".join(" ".join(self.text).split())
+
+
+@pytest.fixture(scope="module", params=ROBOTS)
+def report(
+    request: pytest.FixtureRequest,
+    recording_of: Callable[..., Recording],
+    calibration_of: Callable[..., Any],
+) -> tuple[Evaluation, _Page, str]:
+    train = [recording_of(request.param, seed=i) for i in range(2)]
+    test = [
+        recording_of(request.param, seed=5, source=HOSTILE, session=HOSTILE),
+        recording_of(request.param, seed=6, sha256="ab" * 32, seconds=15),
+    ]
+    seeds = [calibration_of(train, seed=s) for s in range(2)]
+    evaluation = evaluate({"dnn": seeds}, test)
+    checks = {"training": check_data(train), "test": check_data(test)}
+    page = render_report(
+        evaluation, training=train, checks=checks, command=f"truejoint evaluate {HOSTILE}"
+    )
+    return evaluation, _Page(page), page
+
+
+def test_the_page_loads_nothing(report: tuple[Evaluation, _Page, str]) -> None:
+    _, page, text = report
+    for tag, key, value in page.loads:
+        assert value.startswith(("#", "data:")), (tag, key, value)
+    assert "default-src 'none'" in page.policy
+    assert "http" not in page.policy
+    style = text[text.index("<style>") : text.index("</style>")]
+    assert "url(" not in style
+    assert "@import" not in style
+    assert len(text) < 12e6
+
+
+def test_hostile_names_stay_text(report: tuple[Evaluation, _Page, str]) -> None:
+    evaluation, page, text = report
+    assert "<script>alert(1)" not in text
+    assert "<img src=x" not in text
+    assert len(page.scripts) == 3
+    assert " ".join(evaluation.traces[0].name.split()) in page.words
+    assert f"truejoint evaluate {' '.join(HOSTILE.split())}" in page.words
+
+
+def test_the_tables_hold_the_numbers(report: tuple[Evaluation, _Page, str]) -> None:
+    evaluation, page, _ = report
+    for joint, si in zip(evaluation.joints, evaluation.units, strict=True):
+        unit = display_unit(si)
+        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
+        decimals = decimals_for(unit.scale * score.rmse for score in scores)
+        row = f"{joint} {unit.name} " + " .*?".join(
+            re.escape(fixed(unit.scale * score.rmse, decimals)) for score in scores
+        )
+        assert re.search(row, page.words), row
+    for word in ("Raw", "Fixed offset", "Linear", "2nd-order polynomial", "Neural network"):
+        assert word in page.words
+    assert " ".join(evaluation.verdict.text.split()) in page.words
+    assert "ab" * 32 in page.words
+    for cartesian in evaluation.cartesian:
+        every = [1e3 * v for r in evaluation.cartesian[1:] for v in (r.x, r.y, r.z)]
+        assert fixed(1e3 * cartesian.rmse, decimals_for(every)) in page.words
+
+
+def test_every_figure_has_its_place_and_its_data(report: tuple[Evaluation, _Page, str]) -> None:
+    evaluation, page, _ = report
+    figures = json.loads(page.scripts["figures"])
+    keys = [figure["key"] for figure in figures]
+    assert len(set(page.ids)) == len(page.ids)
+    assert {f"figure-{key}" for key in keys} == {i for i in page.ids if i.startswith("figure-")}
+    for joint in range(len(evaluation.joints)):
+        assert f"time-{joint}" in keys
+        assert f"residual-{joint}" in keys
+    assert {"trajectories", "loops", "histograms", "stretch-0"} <= set(keys)
+    assert ("tool-paths" in keys) == ("cartesian" in keys) == bool(evaluation.cartesian)
+    for figure in figures:
+        for variant in figure["variants"]:
+            assert variant["data"]
+            assert variant["layout"]["height"] >= 200
+    space = next(figure for figure in figures if figure["key"] == "trajectories")
+    kinds = {trace["type"] for trace in space["variants"][0]["data"]}
+    assert kinds == ({"scatter3d"} if len(evaluation.joints) > 2 else {"scatter"})
+    assert (space["flat"] is not None) == (len(evaluation.joints) > 2)
+
+
+def test_every_link_leads_somewhere(report: tuple[Evaluation, _Page, str]) -> None:
+    _, page, _ = report
+    targets = [value[1:] for tag, key, value in page.loads if tag == "a" and key == "href"]
+    assert targets
+    assert set(targets) <= set(page.ids)
+
+
+def test_json_cannot_end_its_script() -> None:
+    text = script_json({"a": "</script><!--&\u2028", "b": [1, None]})
+    assert not set(text) & set("<>&\u2028")
+    assert json.loads(text) == {"a": "</script><!--&\u2028", "b": [1, None]}
+    with pytest.raises(ValueError, match="Out of range"):
+        script_json(float("nan"))
+
+
+def test_a_report_is_written_whole_and_never_over_another(
+    tmp_path: Path, recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
+) -> None:
+    train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
+    evaluation = evaluate({"dnn": [calibration_of([train])]}, [test])
+    target = tmp_path / "report.html"
+    assert write_report(evaluation, target) == target
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+    before = target.read_bytes()
+    with pytest.raises(RecordingError, match=r"report.html exists"):
+        write_report(evaluation, target)
+    assert target.read_bytes() == before
+    write_report(evaluation, target, overwrite=True)
+    with pytest.raises(RecordingError, match="no folder"):
+        write_report(evaluation, tmp_path / "nowhere" / "report.html")
+
+
+def test_a_failed_verdict_opens_the_page(
+    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
+) -> None:
+    train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
+    strict = {"jaw": float(np.radians(1e-6))}
+    evaluation = evaluate({"dnn": [calibration_of([train])]}, [test], tolerance=strict)
+    page = _Page(render_report(evaluation))
+    assert page.words.index("Not passed") < page.words.index("Worst stretches")
+    assert "is not good enough in the joint" in page.words

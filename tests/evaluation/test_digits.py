@@ -1,0 +1,32 @@
+import math
+
+import pytest
+
+from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown
+
+
+@pytest.mark.parametrize(
+    ("values", "decimals"),
+    [([0.104, 2.1], 3), ([1.14, 10.2], 2), ([0.0647, 0.49], 3), ([0.0041], 4), ([120.0], 0)],
+)
+def test_the_smallest_value_sets_the_decimals(values: list[float], decimals: int) -> None:
+    assert decimals_for(values) == decimals
+
+
+def test_nothing_to_show_has_two_decimals() -> None:
+    assert decimals_for([0.0, math.nan]) == 2
+
+
+def test_numbers_side_by_side_share_their_decimals() -> None:
+    assert shown([0.104, 1.93, math.nan]) == ["0.104", "1.930", "\N{EN DASH}"]
+
+
+def test_minus_is_a_minus_and_never_stands_before_zero() -> None:
+    assert fixed(-0.5, 1) == "\u22120.5"
+    assert fixed(-0.0001, 2) == "0.00"
+
+
+def test_percentages_beyond_sense_are_cut() -> None:
+    assert percent_text(12.4) == "12 %"
+    assert percent_text(3e5) == "> 9999 %"
+    assert percent_text(math.nan) == "\N{EN DASH}"

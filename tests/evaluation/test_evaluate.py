@@ -1,0 +1,253 @@
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truejoint.errors import CalibrationError, RecordingError
+from truejoint.estimators import calibrate
+from truejoint.evaluation import Evaluation, check_data, evaluate
+from truejoint.evaluation.evaluate import unique_names
+from truejoint.recordings.recording import Recording
+from truejoint.robots import get_robot
+
+ROBOTS = ["raven2", "davinci_grasper", "dvrk_psm", "kuka_kr300"]
+
+
+@pytest.fixture(params=ROBOTS)
+def case(
+    request: pytest.FixtureRequest,
+    recording_of: Callable[..., Recording],
+    calibration_of: Callable[..., Any],
+) -> tuple[list[Any], list[Recording], Evaluation]:
+    train = [recording_of(request.param, seed=i) for i in range(2)]
+    test = [recording_of(request.param, seed=7), recording_of(request.param, seed=8, seconds=12)]
+    seeds = [calibration_of(train, seed=s) for s in range(3)]
+    return seeds, test, evaluate({"dnn": seeds}, test)
+
+
+def test_scores_agree_with_numpy(case: tuple[list[Any], list[Recording], Evaluation]) -> None:
+    seeds, test, evaluation = case
+    joints = seeds[0].joints
+    truth = np.concatenate([r.columns("truth", joints) for r in test])
+    roots = []
+    for seed in seeds:
+        error = np.concatenate([seed.correct(r) for r in test]) - truth
+        roots.append(np.sqrt((error**2).mean(axis=0)))
+    offset = np.concatenate([seeds[0].baselines["offset"].correct(r) for r in test]) - truth
+    raw = np.concatenate([r.columns("measured", joints) for r in test]) - truth
+    for j, joint in enumerate(joints):
+        row = evaluation.score("dnn", joint)
+        assert row.rmse == pytest.approx(np.mean(roots, axis=0)[j], rel=1e-12)
+        assert row.spread == pytest.approx(np.std(roots, axis=0, ddof=1)[j], rel=1e-9)
+        assert row.seeds == 3
+        below = evaluation.score("offset", joint)
+        assert below.rmse == pytest.approx(np.sqrt((offset[:, j] ** 2).mean()), rel=1e-12)
+        assert below.max_abs == pytest.approx(np.abs(offset[:, j]).max(), rel=1e-12)
+        assert below.percent_of_offset == pytest.approx(100.0)
+        assert row.percent_of_offset == pytest.approx(100 * row.rmse / below.rmse, rel=1e-12)
+        assert evaluation.score("raw", joint).mean == pytest.approx(raw[:, j].mean(), rel=1e-9)
+
+
+def test_baselines_are_always_in_the_table(
+    case: tuple[list[Any], list[Recording], Evaluation],
+) -> None:
+    seeds, test, evaluation = case
+    assert evaluation.estimators == ("raw", "offset", "linear", "poly2", "dnn")
+    assert len(evaluation.scores) == 5 * len(seeds[0].joints)
+    assert len(evaluation.recording_scores) == len(evaluation.scores) * len(test)
+
+
+def test_the_tool_error_goes_through_the_robot_s_kinematics(
+    case: tuple[list[Any], list[Recording], Evaluation],
+) -> None:
+    seeds, test, evaluation = case
+    robot = test[0].robot
+    if robot.kinematics is None:
+        assert evaluation.cartesian == ()
+        assert robot.name in evaluation.cartesian_note
+        return
+    errors = []
+    for recording in test:
+        measured = recording.columns("measured", robot.joint_names)
+        true, raw = measured.copy(), measured
+        true[:, robot.index(list(seeds[0].joints))] = recording.columns("truth", seeds[0].joints)
+        errors.append(
+            robot.kinematics.forward(raw)[:, :3, 3] - robot.kinematics.forward(true)[:, :3, 3]
+        )
+    error = np.concatenate(errors)
+    row = next(r for r in evaluation.cartesian if r.estimator == "raw")
+    assert row.rmse == pytest.approx(np.sqrt((error**2).sum(axis=1).mean()), rel=1e-9)
+    assert row.max_abs == pytest.approx(np.sqrt((error**2).sum(axis=1).max()), rel=1e-9)
+    np.testing.assert_allclose([row.x, row.y, row.z], np.sqrt((error**2).mean(axis=0)), rtol=1e-9)
+    assert row.rmse**2 == pytest.approx(row.x**2 + row.y**2 + row.z**2, rel=1e-9)
+
+
+def test_the_dictionary_is_json_without_nan(
+    case: tuple[list[Any], list[Recording], Evaluation],
+) -> None:
+    _, test, evaluation = case
+    values = json.loads(json.dumps(evaluation.to_dict(), allow_nan=False))
+    assert values["verdict"]["passed"] is evaluation.verdict.passed
+    assert len(values["test"]) == len(test)
+    assert values["worst"][0]["recording"] in {t["name"] for t in values["test"]}
+
+
+def test_worst_stretches_come_worst_first(
+    case: tuple[list[Any], list[Recording], Evaluation],
+) -> None:
+    _, _, evaluation = case
+    limits = {joint.joint: joint.limit for joint in evaluation.verdict.joints}
+    ratios = [stretch.rmse / limits[stretch.joint] for stretch in evaluation.worst]
+    assert ratios == sorted(ratios, reverse=True)
+    assert {stretch.joint for stretch in evaluation.worst} == set(evaluation.joints)
+    assert all(0 < s.end - s.start <= evaluation.window for s in evaluation.worst)
+
+
+@pytest.fixture
+def grasper(
+    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
+) -> tuple[Any, Recording]:
+    train = [recording_of("davinci_grasper", seed=i) for i in range(2)]
+    return calibration_of(train), recording_of("davinci_grasper", seed=5)
+
+
+def test_rows_without_truth_are_left_out_after_correcting_all(
+    grasper: tuple[Any, Recording],
+) -> None:
+    calibration, test = grasper
+    table = test.table.copy()
+    table.loc[100:499, "truth/jaw"] = np.nan
+    gappy = replace(test, table=table)
+    evaluation = evaluate({"dnn": [calibration]}, [gappy])
+    known = np.isfinite(gappy.column("truth/jaw"))
+    error = (calibration.correct(test) - test.columns("truth", ["jaw"]))[known, 0]
+    assert evaluation.score("dnn", "jaw").rmse == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert evaluation.traces[0].rows_total == len(test)
+    assert len(evaluation.traces[0].t) == known.sum()
+
+
+def test_a_chosen_baseline_takes_its_place_in_the_table(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    evaluation = evaluate({"linear": [calibration]}, [test])
+    assert evaluation.estimators == ("raw", "offset", "linear", "poly2")
+    own = evaluate({"dnn": [calibration]}, [test]).score("dnn", "jaw").rmse
+    assert evaluation.score("linear", "jaw").rmse == own
+
+
+def test_a_missing_baseline_leaves_its_note(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    baselines = {k: v for k, v in calibration.baselines.items() if k != "poly2"}
+    metadata = {"baseline_notes": {"poly2": "left out: too few rows"}}
+    weak = replace(calibration, baselines=baselines, metadata=metadata)
+    evaluation = evaluate({"dnn": [weak]}, [test])
+    assert evaluation.estimators == ("raw", "offset", "linear", "dnn")
+    assert evaluation.baseline_notes == {"poly2": "left out: too few rows"}
+    with pytest.raises(CalibrationError, match="no fixed offset"):
+        evaluate({"dnn": [replace(calibration, baselines={})]}, [test])
+
+
+def test_testing_on_training_rows_fails_the_verdict(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    session = {
+        "source": test.provenance.source,
+        "sha256": "",
+        "session": "",
+        "first": 0.0,
+        "last": 1.0,
+    }
+    seen = replace(calibration, metadata={"sessions": [session]})
+    verdict = evaluate({"dnn": [seen]}, [test]).verdict
+    assert not verdict.passed
+    assert "cannot be believed" in verdict.text
+
+
+def test_nothing_to_evaluate_is_refused(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    with pytest.raises(CalibrationError, match="no calibration"):
+        evaluate({}, [test])
+    with pytest.raises(CalibrationError, match="no calibration"):
+        evaluate({"dnn": []}, [test])
+    with pytest.raises(RecordingError, match="no recording"):
+        evaluate({"dnn": [calibration]}, [])
+    with pytest.raises(CalibrationError, match="'linear', which is not among"):
+        evaluate({"dnn": [calibration]}, [test], chosen="linear")
+    with pytest.raises(CalibrationError, match="window"):
+        evaluate({"dnn": [calibration]}, [test], window=0.0)
+
+
+def test_recordings_of_two_robots_are_refused(
+    grasper: tuple[Any, Recording], recording_of: Callable[..., Recording]
+) -> None:
+    calibration, test = grasper
+    with pytest.raises(RecordingError, match="one arm at a time"):
+        evaluate({"dnn": [calibration]}, [test, recording_of("bros")])
+
+
+def test_calibrations_of_different_joints_are_refused(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    other = replace(calibration, joints=("wrist",))
+    with pytest.raises(CalibrationError, match="wrist but dnn corrects jaw"):
+        evaluate({"dnn": [calibration], "other": [other]}, [test])
+
+
+def test_a_recording_without_truth_is_refused(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    blind = replace(test, table=test.table.assign(**{"truth/jaw": np.nan}))
+    with pytest.raises(RecordingError, match=r"synthetic-5.csv: 0 rows have the truth of jaw"):
+        evaluate({"dnn": [calibration]}, [blind])
+
+
+def test_an_estimate_that_is_not_finite_is_refused(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    model = replace(calibration.model, weights=calibration.model.weights * np.nan)
+    with pytest.raises(CalibrationError, match="dnn gives no number for row 0"):
+        evaluate({"dnn": [replace(calibration, model=model)]}, [test])
+
+
+def test_a_missing_jaw_does_not_hide_the_tool(
+    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
+) -> None:
+    robot = get_robot("raven2")
+    assert robot.kinematics is not None
+    train, test = recording_of("raven2", seed=0), recording_of("raven2", seed=1)
+    calibration = calibration_of([train])
+    jaws = ["measured/jaw1", "measured/jaw2"]
+    whole = evaluate({"dnn": [calibration]}, [test])
+    without = evaluate({"dnn": [calibration]}, [replace(test, table=test.table.drop(columns=jaws))])
+    np.testing.assert_allclose(
+        [r.rmse for r in whole.cartesian], [r.rmse for r in without.cartesian], rtol=1e-9
+    )
+    lame = replace(test, table=test.table.drop(columns="measured/wrist"))
+    note = evaluate({"dnn": [calibration]}, [lame]).cartesian_note
+    assert "lacks the measured position of wrist" in note
+
+
+def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(
+    recording_of: Callable[..., Recording],
+) -> None:
+    train = [recording_of("raven2", seed=i, source=f"{i}.csv", homing_id="h1") for i in range(2)]
+    test = recording_of("raven2", seed=9, source="9.csv", homing_id="h2")
+    calibration = calibrate(train, "linear")
+    evaluation = evaluate({"linear": [calibration]}, [test])
+    assert evaluation.estimators == ("raw", "offset", "linear", "poly2")
+    for j, joint in enumerate(calibration.joints):
+        offset = np.concatenate([r.error([joint]) for r in train]).mean()
+        error = offset - test.error([joint])
+        below = evaluation.score("offset", joint)
+        assert below.rmse == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-9)
+        left = (calibration.correct(test) - test.columns("truth", calibration.joints))[:, j]
+        own = evaluation.score("linear", joint)
+        assert own.rmse == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-9)
+        assert own.rmse < below.rmse
+    assert any("h2" in remark for remark in evaluation.verdict.remarks)
+    assert "0.csv" in evaluate({"linear": [calibration]}, [train[0]]).verdict.text
+    assert not check_data([test], calibration=calibration).failed
+
+
+def test_names_of_recordings_are_short_and_unique() -> None:
+    sources = ["a/1.csv", "b/1.csv", "b/2.csv", "b/2.csv", ""]
+    names = unique_names(sources)
+    assert names == ["a/1.csv", "b/1.csv", "b/2.csv #1", "b/2.csv #2", "recording"]

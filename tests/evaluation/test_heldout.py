@@ -1,0 +1,48 @@
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from truejoint.evaluation.heldout import other_homings, seen_in_training
+from truejoint.evaluation.splits import split_by_time
+from truejoint.recordings.recording import Recording
+
+
+def _session(recording: Recording) -> dict[str, Any]:
+    own = recording.provenance
+    return {
+        "source": own.source,
+        "sha256": own.sha256,
+        "session": own.session,
+        "first": float(recording.t[0]),
+        "last": float(recording.t[-1]),
+    }
+
+
+@pytest.mark.parametrize("sha256", ["", "ab" * 32])
+def test_rows_of_training_are_found_and_a_later_part_is_not(
+    recording_of: Callable[..., Recording], sha256: str
+) -> None:
+    recording = recording_of("davinci_grasper", sha256=sha256, session="s", source="x/a.csv")
+    train, test = split_by_time(recording, 0.6, gap=1.0)
+    metadata = {"sessions": [_session(train)]}
+    assert seen_in_training(metadata, [test]) == ()
+    (objection,) = seen_in_training(metadata, [test, recording])
+    assert "rows of a.csv" in objection
+
+
+def test_another_file_at_the_same_time_was_not_seen(
+    recording_of: Callable[..., Recording],
+) -> None:
+    train = recording_of("davinci_grasper", sha256="ab", source="a.csv")
+    test = recording_of("davinci_grasper", sha256="cd", source="a.csv")
+    assert seen_in_training({"sessions": [_session(train)]}, [test]) == ()
+    assert seen_in_training({}, [test]) == ()
+
+
+def test_another_homing_is_said(recording_of: Callable[..., Recording]) -> None:
+    test = recording_of("davinci_grasper", homing_id="h2")
+    (remark,) = other_homings({"homing_ids": ["h1"]}, [test])
+    assert "h2" in remark
+    assert other_homings({"homing_ids": ["h1", "h2"]}, [test]) == ()
+    assert other_homings({"homing_ids": []}, [test]) == ()
