@@ -132,7 +132,7 @@ def _space(groups: Sequence[tuple[str, str, Array]], names: Sequence[str], aspec
             "z": packed(points[:, 2]),
             "name": plain(title),
             "line": {"color": colour, "width": 2.5},
-            "opacity": 0.75,
+            "opacity": 0.6,
         }
         for title, colour, points in groups
         if len(points)
