@@ -30,3 +30,7 @@ class ModelFileError(TruejointError):
 
 class CalibrationError(TruejointError):
     """A calibration that cannot be fitted to, or applied to, the recordings given."""
+
+
+class ExportError(TruejointError):
+    """A calibration that cannot be written as asked for use outside of Python."""
