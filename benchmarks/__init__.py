@@ -1,0 +1,1 @@
+"""Measurements of accuracy and speed; see docs/results.md. Nothing here passes or fails."""
