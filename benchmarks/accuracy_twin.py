@@ -81,7 +81,9 @@ def main() -> None:
                 spread = f" ± {score.spread * shown.scale:.3f}" if np.isfinite(score.spread) else ""
                 paper = PAPER[direction][row][column]
                 cells.append(f"{score.rmse * shown.scale:.3f}{spread} ({paper:.3f})")
-            print(f"| {direction} | {joint} [{shown.name}] | " + " | ".join(cells) + " |", flush=True)
+            print(
+                f"| {direction} | {joint} [{shown.name}] | " + " | ".join(cells) + " |", flush=True
+            )
 
 
 if __name__ == "__main__":

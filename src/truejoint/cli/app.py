@@ -24,11 +24,20 @@ app = typer.Typer(
     help="Tell where a cable-driven joint really is: calibrate, correct, and judge the error.",
     epilog="Example: `truejoint demo` shows the whole way on a simulated RAVEN-II.",
 )
-app.command("demo")(demo.demo)
+app.command("demo", epilog="Example: `truejoint demo --out demo`")(demo.demo)
 app.add_typer(trajectory.app, name="trajectory")
-app.command("collect")(collect.collect)
-app.command("calibrate")(calibrate.calibrate)
-app.command("evaluate")(evaluate.evaluate)
+app.command("collect", epilog="Example: `truejoint collect zigzag.csv random.csv --out session`")(
+    collect.collect
+)
+app.command(
+    "calibrate",
+    epilog="Example: `truejoint calibrate session/zigzag.parquet -e dnn -o left_arm.safetensors`",
+)(calibrate.calibrate)
+app.command(
+    "evaluate",
+    epilog="Example: `truejoint evaluate left_arm.safetensors session/random.parquet "
+    "--report report.html --tolerance elbow=0.2`",
+)(evaluate.evaluate)
 app.add_typer(datasets.app, name="datasets")
 
 

@@ -133,9 +133,7 @@ def resolved_features(features: Sequence[str] | None) -> list[str] | None:
     return chosen
 
 
-def configured(
-    name: str, settings: Sequence[str], dataset: str | None = None
-) -> JointRegressor:
+def configured(name: str, settings: Sequence[str], dataset: str | None = None) -> JointRegressor:
     """Estimator with parameters set by texts like ``"epochs=400"``.
 
     Where the recordings are a public data set, the parameters that suit it come first.

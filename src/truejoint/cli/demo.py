@@ -43,9 +43,7 @@ def demo(
 
     say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
     homing = f"seed {seed}, homing 1"
-    paths = {
-        f"zigzag_{DIRECTION}_1_{n}": zigzag(arm.robot, DIRECTION, 1 / n) for n in SPARSITIES
-    }
+    paths = {f"zigzag_{DIRECTION}_1_{n}": zigzag(arm.robot, DIRECTION, 1 / n) for n in SPARSITIES}
     motion = random_motion(arm.robot, seed=seed)
     training = []
     for name, path in paths.items():

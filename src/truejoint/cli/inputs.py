@@ -26,7 +26,7 @@ def load_recordings(
     split: str | None = None,
     held_out: bool = True,
 ) -> list[Recording]:
-    """Recordings of files, folders, shell patterns and ``NAME:PATTERN`` of public data sets.
+    """Load recordings of files, folders, shell patterns and ``NAME:PATTERN`` of public data sets.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def load_recordings(
 
 
 def only_dataset(names: list[str]) -> str | None:
-    """Name of the public data set that all of `names` are of; None when they are not."""
+    """Name the public data set that all of `names` are of; None when they are not."""
     sets = {name.partition(":")[0] for name in names}
     if len(sets) == 1 and not any(Path(name).exists() for name in names):
         name = sets.pop()
@@ -102,7 +102,7 @@ def _load(name: str, reader: str | None, context: Mapping[str, Any]) -> list[Rec
 
 
 def parse_part(text: str) -> tuple[float, float]:
-    """Fractions of ``"0.7:1"``; raises RecordingError when they are not 0 <= from < to <= 1."""
+    """Read ``"0.7:1"``; raises RecordingError when they are not 0 <= from < to <= 1."""
     first, separator, last = text.partition(":")
     try:
         begin, end = float(first or 0), float(last or 1)
@@ -116,7 +116,7 @@ def parse_part(text: str) -> tuple[float, float]:
 
 
 def parse_tolerances(texts: list[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2`` (deg or mm).
+    """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2`` (deg or mm).
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ Plot = Annotated[
 
 
 def parse_sparsity(text: str) -> float:
-    """Number of ``"1/4"`` or ``"0.25"``; raises TrajectoryError when it is neither."""
+    """Read ``"1/4"`` or ``"0.25"``; raises TrajectoryError when it is neither."""
     try:
         value = float(Fraction(text))
     except (ValueError, ZeroDivisionError):
@@ -122,7 +122,9 @@ def _describe(trajectory: Trajectory, robot: Robot, as_json: bool) -> None:
             }
         )
         return
-    table = Table("joint", "from", "to", "path", "unit", title=trajectory.name, title_justify="left")
+    table = Table(
+        "joint", "from", "to", "path", "unit", title=trajectory.name, title_justify="left"
+    )
     for k, name in enumerate(trajectory.joints):
         shown = display_unit(robot.joint(name).unit)
         row = (lower[k], upper[k], path_length[k])

@@ -1,0 +1,222 @@
+"""Every command as a person calls it: what it makes, says and returns."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from tests.cli.conftest import Call
+
+from truejoint import load_calibration, read_recording
+from truejoint.motion import Trajectory
+
+COMMANDS = [
+    ["demo"],
+    ["trajectory", "zigzag"],
+    ["trajectory", "random"],
+    ["trajectory", "show"],
+    ["collect"],
+    ["calibrate"],
+    ["evaluate"],
+    ["datasets"],
+    ["datasets", "show"],
+    ["datasets", "fetch"],
+]
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
+def test_help_has_an_example(call: Call, command: list[str]) -> None:
+    result = call(*command, "--help")
+    assert result.code == 0
+    assert f"truejoint {' '.join(command)}" in " ".join(result.out.split())
+    assert "Example" in result.out
+
+
+def test_session_is_what_was_asked_for(session: Path) -> None:
+    path = Trajectory.load(session / "zigzag.csv")
+    assert path.joints == ("shoulder", "elbow", "insertion")
+    recording = read_recording(session / "random.parquet")
+    assert recording.t[0] == 0.0
+    assert recording.duration == pytest.approx(60.0, abs=30.0)
+    assert recording.provenance.command.startswith("truejoint collect")
+    assert recording.provenance.load == 0.0
+    model = load_calibration(session / "m.st")
+    assert model.joints == path.joints
+    assert len(model.feature_set) == 16
+
+
+def test_evaluate_judges_and_reports(call: Call, session: Path, tmp_path: Path) -> None:
+    report = tmp_path / "report.html"
+    result = call(
+        "evaluate", session / "m.st", session / "random.parquet", "--report", report, "--json",
+        "--training", session / "zigzag.parquet",
+    )  # fmt: skip
+    assert result.code == 0
+    values = json.loads(result.out)
+    assert values["verdict"]["passed"] is True
+    assert {row["estimator"] for row in values["scores"]} >= {"raw", "offset", "linear"}
+    assert "truejoint evaluate" in report.read_text()
+
+
+def test_missed_tolerance_is_exit_code_1(call: Call, session: Path) -> None:
+    arguments = ["evaluate", session / "m.st", session / "random.parquet"]
+    assert call(*arguments, "--tolerance", "elbow=5").code == 0
+    missed = call(*arguments, "--tolerance", "elbow=0.0001")
+    assert missed.code == 1
+    assert "elbow" in missed.out
+
+
+def test_testing_on_training_rows_fails(call: Call, session: Path) -> None:
+    result = call("evaluate", session / "m.st", session / "zigzag.parquet")
+    assert result.code == 1
+    assert "trained on" in result.out
+
+
+def test_held_out_accuracy_goes_into_the_model(call: Call, session: Path, tmp_path: Path) -> None:
+    model = tmp_path / "m.st"
+    result = call(
+        "calibrate", session / "zigzag.parquet", "-e", "poly2", "--test",
+        session / "random.parquet", "--out", model, "--json",
+    )  # fmt: skip
+    assert result.code == 0
+    held_out = load_calibration(model).metadata["held_out"]
+    assert {row["estimator"] for row in held_out} >= {"raw", "offset", "linear", "poly2"}
+    assert json.loads(result.out)["metadata"]["held_out"] == held_out
+
+
+def test_parts_of_one_recording(call: Call, session: Path, tmp_path: Path) -> None:
+    model, recording = tmp_path / "m.st", session / "zigzag.parquet"
+    assert call("calibrate", recording, "-e", "linear", "--part", "0:0.7", "-o", model).code == 0
+    late = call("evaluate", model, recording, "--part", "0.75:1", "--json")
+    assert json.loads(late.out)["verdict"]["objections"] == []
+
+
+def test_settings_reach_the_estimator(call: Call, session: Path, tmp_path: Path) -> None:
+    model = tmp_path / "m.st"
+    result = call(
+        "calibrate", session / "zigzag.parquet", "-o", model, "--set", "epochs=2",
+        "--set", "hidden_layer_sizes=7,5",
+    )  # fmt: skip
+    assert result.code == 0
+    parameters = load_calibration(model).model.get_params()
+    assert parameters["epochs"] == 2
+    assert tuple(parameters["hidden_layer_sizes"]) == (7, 5)
+
+
+def test_data_sets_are_listed(call: Call) -> None:
+    names = {entry["name"] for entry in json.loads(call("datasets", "--json").out)["datasets"]}
+    assert "davinci_grasper_umn" in names
+    shown = json.loads(call("datasets", "show", "dvrk_psm_berkeley", "--json").out)
+    assert shown["upstream"].startswith("BerkeleyAutomation/dvrkCalibration @ ")
+
+
+def _damaged(session: Path, folder: Path, damage: str) -> Path:
+    good = session / "random.parquet"
+    path = folder / f"{damage}.csv"
+    table = pd.read_parquet(good)
+    if damage == "truncated":
+        path = folder / "truncated.parquet"
+        path.write_bytes(good.read_bytes()[:-200])
+        return path
+    if damage == "empty":
+        path.write_text("")
+        return path
+    if damage == "nan":
+        table.loc[10, "measured/elbow"] = np.nan
+    elif damage == "time goes back":
+        table.loc[10, "t"] = 0.0
+    elif damage == "missing column":
+        table = table.drop(columns=["effort/elbow"])
+    elif damage == "constant":
+        table["effort/elbow"] = 0.0
+    elif damage == "short":
+        table = table[:20]
+    elif damage == "truth stops":
+        table.loc[len(table) // 3 :, "truth/elbow"] = np.nan
+    table.to_csv(path, index=False)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("damage", "said"),
+    [
+        ("truncated", "truncated.parquet"),
+        ("empty", "empty"),
+        ("nan", "line 12"),
+        ("time goes back", "back"),
+        ("constant", "effort/elbow"),
+        ("short", "rows"),
+        ("truth stops", "truth/elbow"),
+    ],
+)
+def test_bad_recordings_are_one_line_and_exit_code_2(
+    call: Call, session: Path, tmp_path: Path, damage: str, said: str
+) -> None:
+    path = _damaged(session, tmp_path, damage)
+    model = tmp_path / "m.st"
+    result = call("calibrate", path, "--robot", "raven2", "-e", "linear", "-o", model)
+    assert result.code == 2
+    last = result.err.strip().splitlines()[-1]
+    assert last.startswith("truejoint: ")
+    assert said in last
+    assert "Traceback" not in result.err
+    assert not model.exists()
+
+
+def test_missing_column_is_refused_when_applied(call: Call, session: Path, tmp_path: Path) -> None:
+    path = _damaged(session, tmp_path, "missing column")
+    result = call("evaluate", session / "m.st", path, "--robot", "raven2")
+    assert result.code == 2
+    assert "effort/elbow" in result.err
+
+
+def test_damaged_model_is_refused(call: Call, session: Path, tmp_path: Path) -> None:
+    model = tmp_path / "m.st"
+    content = bytearray((session / "m.st").read_bytes())
+    content[-3] ^= 1
+    model.write_bytes(content)
+    result = call("evaluate", model, session / "random.parquet")
+    assert result.code == 2
+    assert str(model) in result.err
+
+
+def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
+    before = (session / "m.st").read_bytes()
+    result = call("calibrate", session / "zigzag.parquet", "-e", "linear", "-o", session / "m.st")
+    assert result.code == 2
+    assert "--force" in result.err
+    assert (session / "m.st").read_bytes() == before
+    collected = call("collect", session / "zigzag.csv", "-o", session)
+    assert collected.code == 2
+    assert "zigzag.parquet" in collected.err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["evaluate", "nowhere.st", "nowhere.parquet"],
+        ["calibrate", "nowhere.parquet", "-o", "m.st"],
+        ["trajectory", "zigzag", "--direction", "J9", "-o", "z.csv"],
+        ["trajectory", "zigzag", "--sparsity", "none", "-o", "z.csv"],
+        ["collect", "nowhere.csv", "-o", "here"],
+        ["datasets", "fetch", "nothing"],
+        ["calibrate", "davinci_grasper_umn", "--split", "nothing", "-o", "m.st"],
+        ["calibrate", "x.parquet", "--part", "0.7:0.2", "-o", "m.st"],
+        ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
+        ["nothing"],
+        ["calibrate"],
+    ],
+    ids=" ".join,
+)
+def test_wrong_calls_are_exit_code_2(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    result = call(*arguments)
+    assert result.code == 2
+    assert result.err
+    assert "Traceback" not in result.err
+    assert list(tmp_path.iterdir()) == []
