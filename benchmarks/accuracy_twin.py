@@ -56,7 +56,7 @@ def session(direction: str, twin_seed: int) -> tuple[list[Recording], Recording]
 
 
 def direction_row(direction: str, seeds: int, twin_seed: int) -> Evaluation:
-    """Evaluation of one direction."""
+    """Evaluate one direction."""
     training, test = session(direction, twin_seed)
     models = [calibrate(training, "dnn", random_state=seed) for seed in range(seeds)]
     return evaluate({"dnn": models}, [test])

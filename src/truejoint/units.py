@@ -24,7 +24,7 @@ _DISPLAY: Final[dict[str, DisplayUnit]] = {
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Unit in which a quantity in `unit` (SI) is shown to a person.
+    """Find the unit in which a quantity in `unit` (SI) is shown to a person.
 
     Parameters
     ----------

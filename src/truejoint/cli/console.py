@@ -69,5 +69,5 @@ def result_json(values: Mapping[str, Any]) -> None:
 
 
 def command_line() -> str:
-    """The command line as it was typed, to go into what it makes."""
+    """Give the command line as it was typed, to go into what it makes."""
     return shlex.join(["truejoint", *sys.argv[1:]])

@@ -116,7 +116,7 @@ def parse_part(text: str) -> tuple[float, float]:
 
 
 def parse_tolerances(texts: list[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2`` (deg or mm).
+    """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``.
 
     Parameters
     ----------
