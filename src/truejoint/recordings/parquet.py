@@ -94,7 +94,8 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
             _check_size(source, file)
             header = _header(source, file.schema_arrow)
             table = file.read(use_threads=False)
-    except (pa.ArrowException, OSError) as error:
+        names = table.column_names
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise RecordingError(
             f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
             "it was cut short or damaged: copy or record it again"
@@ -105,7 +106,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
         raise RecordingError(f"{source}: {error}") from None
     columns = {
         name: np.asarray(table.column(name).to_numpy(), dtype=np.float64)
-        for name in table.column_names
+        for name in names
     }
     try:
         return Recording.from_columns(columns, provenance, header["units"])
