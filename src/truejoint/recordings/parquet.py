@@ -11,7 +11,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.files import require_file, write_atomically
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording
@@ -110,7 +110,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     }
     try:
         return Recording.from_columns(columns, provenance, header["units"])
-    except RecordingError as error:
+    except (RecordingError, RobotError) as error:
         raise RecordingError(f"{source}: {error}") from None
 
 
