@@ -1,24 +1,28 @@
 """Everything that turns motor-side signals into a joint position, and the model file."""
 
-from truejoint.estimators.base import JointRegressor
-from truejoint.estimators.calibration import Calibration, OnlineState, load_calibration
-from truejoint.estimators.features import (
-    Feature,
-    FeatureSet,
-    default_features,
-    default_gap_limit,
-    run_starts,
-    sample_interval,
-)
-from truejoint.estimators.fitting import calibrate
-from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
-from truejoint.estimators.network import NeuralNetwork
-from truejoint.estimators.registry import (
-    BASELINES,
-    ESTIMATORS,
-    estimator_names,
-    get_estimator,
-)
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from truejoint.estimators.base import JointRegressor
+    from truejoint.estimators.calibration import Calibration, OnlineState, load_calibration
+    from truejoint.estimators.families import BASELINES
+    from truejoint.estimators.features import (
+        Feature,
+        FeatureSet,
+        default_features,
+        default_gap_limit,
+        run_starts,
+        sample_interval,
+    )
+    from truejoint.estimators.fitting import calibrate
+    from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
+    from truejoint.estimators.network import NeuralNetwork
+    from truejoint.estimators.registry import (
+        ESTIMATORS,
+        estimator_names,
+        get_estimator,
+    )
 
 __all__ = [
     "BASELINES",
@@ -41,3 +45,33 @@ __all__ = [
     "run_starts",
     "sample_interval",
 ]
+
+# Where each public name lives; imported on first use, so that a control loop does not wait for
+# the training stack.
+_HOMES = {
+    "BASELINES": "truejoint.estimators.families",
+    "Calibration": "truejoint.estimators.calibration",
+    "ESTIMATORS": "truejoint.estimators.registry",
+    "Feature": "truejoint.estimators.features",
+    "FeatureSet": "truejoint.estimators.features",
+    "FixedOffset": "truejoint.estimators.linear",
+    "JointRegressor": "truejoint.estimators.base",
+    "LinearRegressor": "truejoint.estimators.linear",
+    "NeuralNetwork": "truejoint.estimators.network",
+    "OnlineState": "truejoint.estimators.calibration",
+    "PolynomialRegressor": "truejoint.estimators.linear",
+    "calibrate": "truejoint.estimators.fitting",
+    "default_features": "truejoint.estimators.features",
+    "default_gap_limit": "truejoint.estimators.features",
+    "estimator_names": "truejoint.estimators.registry",
+    "get_estimator": "truejoint.estimators.registry",
+    "load_calibration": "truejoint.estimators.calibration",
+    "run_starts": "truejoint.estimators.features",
+    "sample_interval": "truejoint.estimators.features",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(f"module 'truejoint.estimators' has no attribute {name!r}")
+    return getattr(import_module(_HOMES[name]), name)

@@ -12,11 +12,10 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from truejoint.errors import CalibrationError
+from truejoint.estimators.families import FAMILIES, Shape, check_arrays, check_names
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
-Shape = tuple[int, ...]
 
 
 class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]  # sklearn: untyped
@@ -94,17 +93,17 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def _fit(self, X: Array, y: Array, progress: Progress) -> None:
         """Fit to checked rows `X` (n, k) and `y` (n, n_outputs)."""
 
-    @abstractmethod
     def check_params(self) -> None:
-        """Raise CalibrationError when a parameter breaks its rule."""
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        FAMILIES[self.family].check(self.get_params())
+
+    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
+        """Name and shape of each array of the fitted estimator; raises CalibrationError."""
+        return FAMILIES[self.family].shapes(self.get_params(), n_features, n_outputs)
 
     @abstractmethod
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
-
-    @abstractmethod
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        """Name and shape of each array of the fitted estimator."""
 
     @abstractmethod
     def to_arrays(self) -> dict[str, Array]:
@@ -139,36 +138,14 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             If a parameter is unknown, missing or out of its range, or an array is missing, left
             over, of another shape or not finite.
         """
-        estimator = cls.from_params(params)
-        shapes = estimator.array_shapes(n_features, n_outputs)
-        if set(shapes) != set(arrays):
-            raise CalibrationError(
-                f"{cls.family} has arrays {sorted(arrays)}; it needs {sorted(shapes)}"
-            )
-        for name, shape in shapes.items():
-            if arrays[name].shape != shape or arrays[name].dtype != np.float64:
-                raise CalibrationError(
-                    f"{cls.family} array {name!r} is {arrays[name].dtype} {arrays[name].shape}; "
-                    f"it must be float64 {shape}"
-                )
-            if not np.isfinite(arrays[name]).all():
-                raise CalibrationError(f"{cls.family} array {name!r} is not finite")
+        check_names(cls.family, params, set(cls().get_params()))
+        estimator = cls(**params)
+        estimator.check_params()
+        check_arrays(cls.family, arrays, estimator.array_shapes(n_features, n_outputs))
         estimator.n_features_in_ = n_features
         estimator.n_outputs_ = n_outputs
         estimator.single_output_ = False
         estimator._set_arrays(arrays)
-        return estimator
-
-    @classmethod
-    def from_params(cls, params: Mapping[str, Any]) -> Self:
-        """Estimator with exactly these parameters, checked; raises CalibrationError."""
-        known = set(cls().get_params())
-        if set(params) != known:
-            raise CalibrationError(
-                f"{cls.family} has parameters {sorted(params)}; it needs {sorted(known)}"
-            )
-        estimator = cls(**params)
-        estimator.check_params()
         return estimator
 
 
@@ -191,24 +168,6 @@ def constant_columns(X: Array) -> NDArray[np.bool_]:
     spread = high - low
     varies = (spread > 1e-9 * np.maximum(np.abs(low), np.abs(high))) & (spread > 1e-150)
     return np.asarray(~varies)
-
-
-def is_number(value: object, low: float, high: float) -> bool:
-    """Whether `value` is a finite real number (no bool) in [low, high]."""
-    return (
-        isinstance(value, (int, float, np.integer, np.floating))
-        and not isinstance(value, bool)
-        and bool(low <= value <= high)
-    )
-
-
-def is_integer(value: object, low: int, high: int) -> bool:
-    """Whether `value` is an integer (no bool) in [low, high]."""
-    return (
-        isinstance(value, (int, np.integer))
-        and not isinstance(value, bool)
-        and bool(low <= value <= high)
-    )
 
 
 def _no_progress(_fraction: float) -> None:

@@ -13,9 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.document import CalibrationData, decode, encode
+from truejoint.estimators.families import EstimatorData
 from truejoint.estimators.features import FeatureState, check_sample_interval
 from truejoint.estimators.model_file import read_model_file, write_model_file
+from truejoint.estimators.registry import ESTIMATORS
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
@@ -38,7 +41,7 @@ class OnlineState:
 
 
 @dataclass(frozen=True, eq=False)
-class Calibration(CalibrationData):
+class Calibration(CalibrationData[JointRegressor]):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
     Made by `calibrate` or `load_calibration`. See `CalibrationData` for what it holds.
@@ -205,9 +208,24 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
         data = decode(document, arrays)
         if data.feature_set.counts_samples and not _has_interval(data.metadata):
             raise ModelFileError("features count samples, and the sample interval is not stated")
-    except ModelFileError as error:
+        models = {"model": data.model, **data.baseline_models}
+        shape = (len(data.feature_set), len(data.joints))
+        fitted = {name: _fitted(name, model, *shape) for name, model in models.items()}
+    except (ModelFileError, CalibrationError) as error:
         raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
-    return Calibration(**{field.name: getattr(data, field.name) for field in fields(data)})
+    parts = {field.name: getattr(data, field.name) for field in fields(data)}
+    return Calibration(**parts | {"model": fitted.pop("model"), "baseline_models": fitted})
+
+
+def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> JointRegressor:
+    families = {cls.family: cls for cls in ESTIMATORS.values()}
+    if data.family not in families:
+        raise ModelFileError(
+            f"estimator {name!r} is of family {data.family!r:.60}; known: {', '.join(families)}"
+        )
+    return families[data.family].from_arrays(
+        data.params, data.arrays, n_features=n_features, n_outputs=n_outputs
+    )
 
 
 def _has_interval(metadata: Mapping[str, Any]) -> bool:

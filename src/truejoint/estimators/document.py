@@ -4,25 +4,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Any, Final, Generic, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.base import JointRegressor, is_number
+from truejoint.estimators.envelope import Envelope, decode_envelope, encode_envelope
+from truejoint.estimators.families import BASELINES, EstimatorData, is_number
 from truejoint.estimators.features import FeatureSet
-from truejoint.estimators.registry import BASELINES, ESTIMATORS
+
+if TYPE_CHECKING:  # a control loop decodes without scikit-learn
+    from truejoint.estimators.base import JointRegressor
 
 Array = NDArray[np.float64]
+Model = TypeVar("Model")
 Target = Literal["error", "position"]
 
 MAX_JOINTS: Final = 64
 
 _KIND: Final = "calibration"
-_FAMILIES: Final = {cls.family: cls for cls in ESTIMATORS.values()}
+_ENVELOPE: Final = "envelope"
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
@@ -33,8 +37,11 @@ _KEYS: Final = frozenset(
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationData:
+class CalibrationData(Generic[Model]):
     """Everything that a model file holds.
+
+    The estimators are `JointRegressor` objects in a `Calibration` and plain `EstimatorData` as
+    `decode` gives them.
 
     Attributes
     ----------
@@ -52,12 +59,15 @@ class CalibrationData:
         Time without a sample [s] after which the history of the features starts anew.
     lower, upper : ndarray, shape (k,)
         Range of each feature in the training rows.
-    model : JointRegressor
+    model : JointRegressor or EstimatorData
         Fitted to `joints` in their order.
-    baseline_models : mapping of str to JointRegressor
+    baseline_models : mapping of str to JointRegressor or EstimatorData
         Fitted to the error on the same rows.
     metadata : mapping
         Where it comes from, as JSON values.
+    envelope : Envelope, optional
+        What the training rows looked like, for the checks of a control loop; None in files that
+        were made without.
     """
 
     robot: str
@@ -69,9 +79,10 @@ class CalibrationData:
     gap_limit: float
     lower: Array
     upper: Array
-    model: JointRegressor
-    baseline_models: Mapping[str, JointRegressor]
+    model: Model
+    baseline_models: Mapping[str, Model]
     metadata: Mapping[str, Any]
+    envelope: Envelope | None = None
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
@@ -80,7 +91,7 @@ class CalibrationData:
         return tuple(dict.fromkeys((*self.feature_set.signals, *measured)))
 
 
-def encode(data: CalibrationData) -> tuple[dict[str, Any], dict[str, Array]]:
+def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[str, Array]]:
     """Document and arrays for `model_file.write_model_file`."""
     ranges = zip(data.feature_set.names, data.lower, data.upper, strict=True)
     document = {
@@ -100,11 +111,23 @@ def encode(data: CalibrationData) -> tuple[dict[str, Any], dict[str, Array]]:
     arrays = {f"model/{name}": array for name, array in data.model.to_arrays().items()}
     for baseline, model in data.baseline_models.items():
         arrays |= {f"{baseline}/{name}": array for name, array in model.to_arrays().items()}
+    if data.envelope is not None:
+        envelope = encode_envelope(data.envelope)
+        arrays |= {f"{_ENVELOPE}/{name}": array for name, array in envelope.items()}
     return document, arrays
 
 
-def decode(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> CalibrationData:
-    """Inverse of `encode`; raises ModelFileError when any part is not as it must be."""
+def decode(
+    document: Mapping[str, Any], arrays: Mapping[str, Array]
+) -> CalibrationData[EstimatorData]:
+    """Inverse of `encode`, but for the estimators, which stay plain data.
+
+    Raises
+    ------
+    ModelFileError
+        If any part is not as it must be. Parameters and arrays of the estimators are not looked
+        into: that is up to `families.check_data`, or to `JointRegressor.from_arrays`.
+    """
     if document.get("kind") != _KIND:
         raise ModelFileError(f"kind {document.get('kind')!r:.60} is not a calibration")
     if set(document) != _KEYS:
@@ -113,13 +136,14 @@ def decode(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calibrat
     joints = _names(document["joints"], "joints")
     try:
         feature_set = FeatureSet.parse(_strings(document["features"], "features"))
-        models = {
-            name: _decode_estimator(entry, name, arrays, len(feature_set), len(joints))
-            for name, entry in _estimators(document).items()
-        }
     except CalibrationError as error:
         raise ModelFileError(str(error)) from None
-    left_over = {name for name in arrays if name.partition("/")[0] not in models}
+    models = {
+        name: _decode_estimator(entry, name, _within(arrays, name))
+        for name, entry in _estimators(document).items()
+    }
+    known = {*models, _ENVELOPE}
+    left_over = {name for name in arrays if name.partition("/")[0] not in known}
     if left_over:
         raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
     lower, upper = _ranges(document["ranges"], feature_set)
@@ -129,7 +153,7 @@ def decode(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calibrat
         raise ModelFileError(f"gap limit {document['gap_limit']!r:.60} is not a time in seconds")
     if not isinstance(document["metadata"], dict):
         raise ModelFileError("the metadata is not a JSON object")
-    data = CalibrationData(
+    data = CalibrationData[EstimatorData](
         robot=_name(document["robot"], "robot"),
         arm=_name(document["arm"], "arm"),
         joints=joints,
@@ -145,7 +169,11 @@ def decode(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calibrat
     )
     if set(data.units) != set(data.signals):
         raise ModelFileError("the units are not those of the columns that the model needs")
-    return data
+    envelope = _within(arrays, _ENVELOPE)
+    if not envelope:
+        return data
+    shape = (len(data.signals), len(feature_set), len(joints))
+    return replace(data, envelope=decode_envelope(envelope, *shape))
 
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
@@ -171,20 +199,20 @@ def _estimators(document: Mapping[str, Any]) -> dict[str, Any]:
     return {"model": document["model"], **baselines}
 
 
-def _decode_estimator(
-    entry: object, name: str, arrays: Mapping[str, Array], n_features: int, n_outputs: int
-) -> JointRegressor:
+def _decode_estimator(entry: object, name: str, arrays: Mapping[str, Array]) -> EstimatorData:
     if not isinstance(entry, dict) or set(entry) != {"family", "params"}:
         raise ModelFileError(f"estimator {name!r} is not described by family and params")
     family, params = entry["family"], entry["params"]
-    if not isinstance(family, str) or family not in _FAMILIES or not isinstance(params, dict):
-        raise ModelFileError(
-            f"estimator {name!r} is of family {family!r:.60}; known: {', '.join(_FAMILIES)}"
-        )
+    if not isinstance(family, str) or not isinstance(params, dict):
+        raise ModelFileError(f"estimator {name!r} is of family {family!r:.60}, not a known one")
     params = {key: tuple(v) if isinstance(v, list) else v for key, v in params.items()}
+    return EstimatorData(family, params, arrays)
+
+
+def _within(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:
+    """Arrays whose names start with `name` and a slash, without these."""
     prefix = name + "/"
-    own = {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
-    return _FAMILIES[family].from_arrays(params, own, n_features=n_features, n_outputs=n_outputs)
+    return {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
 
 
 def _ranges(value: object, feature_set: FeatureSet) -> tuple[Array, Array]:

@@ -7,15 +7,17 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import kernels
-from truejoint.recordings import Recording
-from truejoint.robots import Robot
+
+if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
+    from truejoint.recordings import Recording
+    from truejoint.robots import Robot
 
 Array = NDArray[np.float64]
 Operation = Literal["value", "lag", "lowpass", "rate", "play"]

@@ -19,6 +19,8 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.calibration import Calibration
 from truejoint.estimators.document import Target
+from truejoint.estimators.envelope import fit_envelope
+from truejoint.estimators.families import BASELINES
 from truejoint.estimators.features import (
     FeatureSet,
     check_sample_interval,
@@ -27,7 +29,7 @@ from truejoint.estimators.features import (
     sample_interval,
 )
 from truejoint.estimators.linear import FixedOffset
-from truejoint.estimators.registry import BASELINES, get_estimator
+from truejoint.estimators.registry import get_estimator
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
@@ -118,6 +120,7 @@ def calibrate(
         upper=rows.X.max(axis=0),
         model=model,
         baseline_models=baselines,
+        envelope=fit_envelope(recordings, tuple(units), gap_limit, rows.X, rows.error),
         metadata={
             **_origin(recordings, rows),
             "estimator": model.name,

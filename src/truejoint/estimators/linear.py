@@ -4,30 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from itertools import combinations_with_replacement
 from typing import Any, ClassVar, Final
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators import kernels
-from truejoint.estimators.base import (
-    JointRegressor,
-    Progress,
-    Shape,
-    is_integer,
-    standardisation,
-)
+from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.families import count_terms, polynomial_terms
 
 Array = NDArray[np.float64]
 
 ROWS_PER_COEFFICIENT: Final = 10
 """Rows that a fit must have for each coefficient per joint; fewer, and it fits the noise."""
-MAX_DEGREE: Final = 5
-MAX_TERMS: Final = 4000
-"""Most terms of a polynomial: 88 features at degree 2."""
 
 _BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
 _RANK_TOLERANCE: Final = 1e-10
@@ -38,16 +28,9 @@ class FixedOffset(JointRegressor):
 
     family: ClassVar[str] = "offset"
 
-    def check_params(self) -> None:
-        """Nothing to check: there are no parameters."""
-
     def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # one mean, whatever they are
         """Ten rows."""
         return ROWS_PER_COEFFICIENT
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shape of the offset."""
-        return {"offset": (n_outputs,)}
 
     def _fit(self, X: Array, y: Array, progress: Progress) -> None:  # noqa: ARG002  # y alone
         self.n_outputs_ = y.shape[1]
@@ -85,21 +68,6 @@ class _LeastSquares(JointRegressor):
     def minimum_rows(self, n_features: int) -> int:
         """Ten rows for each coefficient of a joint."""
         return ROWS_PER_COEFFICIENT * count_terms(n_features, self._degree) + ROWS_PER_COEFFICIENT
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        """Scaling (k,), coefficients (n_terms, n_outputs) and intercept (n_outputs,)."""
-        n_terms = count_terms(n_features, self._degree)
-        if n_terms > MAX_TERMS:
-            raise CalibrationError(
-                f"a polynomial of degree {self._degree} in {n_features} features has {n_terms} "
-                f"terms, more than {MAX_TERMS}; choose fewer features"
-            )
-        return {
-            "mean": (n_features,),
-            "inverse_scale": (n_features,),
-            "coef": (n_terms, n_outputs),
-            "intercept": (n_outputs,),
-        }
 
     def _fit(self, X: Array, y: Array, progress: Progress) -> None:
         self.array_shapes(X.shape[1], y.shape[1])
@@ -147,9 +115,6 @@ class LinearRegressor(_LeastSquares):
     def _degree(self) -> int:
         return 1
 
-    def check_params(self) -> None:
-        """Nothing to check: there are no parameters."""
-
 
 class PolynomialRegressor(_LeastSquares):
     """Least squares on all products of up to `degree` features: peng2024, II-C, at degree 2.
@@ -173,28 +138,6 @@ class PolynomialRegressor(_LeastSquares):
     @property
     def _degree(self) -> int:
         return int(self.degree)
-
-    def check_params(self) -> None:
-        """Raise CalibrationError when the degree is not an integer from 1 to 5."""
-        if not is_integer(self.degree, 1, MAX_DEGREE):
-            raise CalibrationError(
-                f"polynomial degree {self.degree!r:.60} is not an integer from 1 to {MAX_DEGREE}"
-            )
-
-
-def count_terms(n_features: int, degree: int) -> int:
-    """Count the products of 1 to `degree` of `n_features` features."""
-    return math.comb(n_features + degree, degree) - 1
-
-
-def polynomial_terms(n_features: int, degree: int) -> NDArray[np.int64]:
-    """Features that each term multiplies (n_terms, degree), filled up with -1."""
-    terms = [
-        (*term, *(-1,) * (degree - order))
-        for order in range(1, degree + 1)
-        for term in combinations_with_replacement(range(n_features), order)
-    ]
-    return np.array(terms, dtype=np.int64).reshape(-1, degree)
 
 
 def polynomial_design(scaled: Array, terms: NDArray[np.int64]) -> Array:

@@ -3,29 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators import kernels
-from truejoint.estimators.base import (
-    JointRegressor,
-    Progress,
-    Shape,
-    is_integer,
-    is_number,
-    standardisation,
-)
+from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.families import layer_sizes
 from truejoint.estimators.training import Layers, train
 
 Array = NDArray[np.float64]
 
-MAX_LAYERS: Final = 8
-MAX_UNITS: Final = 2048
 MINIMUM_ROWS: Final = 1000
 """Fewest rows for a network: half a minute at 30 Hz; fewer hold a motion or two."""
 ROWS_PER_FEATURE: Final = 50
@@ -85,56 +75,9 @@ class NeuralNetwork(JointRegressor):
         self.epochs = epochs
         self.random_state = random_state
 
-    def check_params(self) -> None:
-        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
-        sizes = self.hidden_layer_sizes
-        good_sizes = (
-            isinstance(sizes, (tuple, list))
-            and 1 <= len(sizes) <= MAX_LAYERS
-            and all(is_integer(size, 1, MAX_UNITS) for size in sizes)
-        )
-        seed = self.random_state
-        good_seed = (
-            seed is None
-            or isinstance(seed, np.random.RandomState)
-            or is_integer(seed, 0, 2**32 - 1)
-        )
-        rules = {
-            "hidden_layer_sizes": (
-                good_sizes,
-                f"1 to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units",
-            ),
-            "weight_decay": (is_number(self.weight_decay, 0.0, 1e3), "from 0 to 1000"),
-            "learning_rate": (is_number(self.learning_rate, 1e-9, 10.0), "from 1e-9 to 10"),
-            "batch_size": (is_integer(self.batch_size, 1, 10**6), "an integer from 1 to 1e6"),
-            "epochs": (is_integer(self.epochs, 1, 10**6), "an integer from 1 to 1e6"),
-            "random_state": (good_seed, "None or an integer from 0 to 2**32 - 1"),
-        }
-        for name, (good, rule) in rules.items():
-            if not good:
-                raise CalibrationError(
-                    f"network parameter {name} is {getattr(self, name)!r:.60}; it must be {rule}"
-                )
-
     def minimum_rows(self, n_features: int) -> int:
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        """Give the scaling of features and targets, and weights and biases of each layer."""
-        shapes: dict[str, Shape] = {
-            "mean": (n_features,),
-            "inverse_scale": (n_features,),
-            "target_mean": (n_outputs,),
-            "target_scale": (n_outputs,),
-        }
-        for i, (inputs, units) in enumerate(pairwise(self._sizes(n_features, n_outputs))):
-            shapes[f"weight_{i}"] = (inputs, units)
-            shapes[f"bias_{i}"] = (units,)
-        return shapes
-
-    def _sizes(self, n_features: int, n_outputs: int) -> tuple[int, ...]:
-        return (n_features, *(int(size) for size in self.hidden_layer_sizes), n_outputs)
 
     def _fit(self, X: Array, y: Array, progress: Progress) -> None:
         self.n_outputs_ = y.shape[1]
@@ -143,7 +86,7 @@ class NeuralNetwork(JointRegressor):
         self.target_scale_ = np.where(inverse > 0, y.std(axis=0), 1.0)
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         rng = check_random_state(self.random_state)
-        layers = Layers.glorot(self._sizes(X.shape[1], y.shape[1]), rng)
+        layers = Layers.glorot(layer_sizes(self.get_params(), X.shape[1], y.shape[1]), rng)
         self.loss_curve_ = train(
             layers,
             ((X - self.mean_) * self.inverse_scale_).astype(np.float32),
@@ -162,7 +105,7 @@ class NeuralNetwork(JointRegressor):
     def _pack(self) -> None:
         """Lay the layers out as the kernel takes them."""
         self._layer_sizes = np.array(
-            self._sizes(self.n_features_in_, self.n_outputs_), dtype=np.int64
+            layer_sizes(self.get_params(), self.n_features_in_, self.n_outputs_), dtype=np.int64
         )
         self._flat_weights = np.concatenate([weight.ravel() for weight in self.weights_])
         self._flat_biases = np.concatenate(self.biases_)

@@ -17,9 +17,6 @@ ESTIMATORS: Final[dict[str, type[JointRegressor]]] = {
 }
 """Estimators as a class each, whose defaults are those of peng2024."""
 
-BASELINES: Final = ("offset", "linear", "poly2")
-"""What every calibration carries along to be compared with."""
-
 
 def estimator_names() -> tuple[str, ...]:
     """Names that `get_estimator` knows."""
