@@ -111,7 +111,8 @@ def _dropped(recording: Recording) -> Iterable[Observation]:
             "warn" if share > 0.05 else "info",
             "rows",
             share,
-            f"{total} rows ({100 * share:.2g} %) were dropped when the file was read: {reasons}",
+            f"{total} row{'s' if total != 1 else ''} ({100 * share:.2g} %) dropped when the file "
+            f"was read: {reasons}",
             "look at the streams if the share is not what you expect",
             recording.provenance.source,
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from rich import box
 from rich.table import Table
 from rich.text import Text
 
@@ -21,7 +22,8 @@ def score_table(evaluation: Evaluation) -> Table:
 
     The smallest of a row is bold.
     """
-    table = Table(title=f"{evaluation.title}: RMSE on the test, percent of the fixed offset")
+    title = f"{evaluation.title}: RMSE on the test, percent of the fixed offset"
+    table = Table(title=title, box=box.SIMPLE_HEAD)
     table.add_column("joint")
     table.add_column("unit")
     for name in evaluation.estimators:
