@@ -12,6 +12,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from scipy.linalg import expm, matrix_balance
 
+from truejoint.estimators.compiled import compiled
 from truejoint.estimators.sigma_points import FilterError
 from truejoint.estimators.unscented_factors import semidefinite_cholesky
 from truejoint.estimators.unscented_memory import (
@@ -190,6 +191,89 @@ def _compile(
         element = int(np.flatnonzero(out == _UNWRITTEN)[0])
         raise FilterError(f"{what}: it does not write element {element} of `out`")
     return place
+
+
+@compiled
+def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:  # noqa: ARG001 - a transition's arguments
+    """Next state A x + B u, with A and B row by row at the head of the parameters."""
+    n, p = len(x), len(u)
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += parameters[i * n + j] * x[j]
+        for j in range(p):
+            total += parameters[n * n + i * p + j] * u[j]
+        out[i] = total
+
+
+@compiled
+def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Measurement C x + D u, with C and D after A and B in the parameters."""
+    n, p, m = len(x), len(u), len(out)
+    start = n * (n + p)
+    for i in range(m):
+        total = 0.0
+        for j in range(n):
+            total += parameters[start + i * n + j] * x[j]
+        for j in range(p):
+            total += parameters[start + m * n + i * p + j] * u[j]
+        out[i] = total
+
+
+def linear_model(
+    A: npt.ArrayLike,
+    B: npt.ArrayLike,
+    C: npt.ArrayLike,
+    D: npt.ArrayLike,
+    process_noise: npt.ArrayLike,
+    measurement_noise: npt.ArrayLike,
+    *,
+    states: tuple[str, ...],
+    measurements: tuple[str, ...],
+    inputs: tuple[str, ...] = (),
+    angles: tuple[str, ...] = (),
+) -> StateSpaceModel:
+    """Model x[k] = A x[k-1] + B u[k] + w, z[k] = C x[k] + D u[k] + v, for steps of one length.
+
+    Parameters
+    ----------
+    A, B, C, D : (n, n), (n, p), (m, n), (m, p) array_like
+        Matrices of the discrete system; see `discretise` for a continuous one.
+    process_noise, measurement_noise : (n, n), (m, m) array_like
+        Covariances of w and v; see `van_loan`.
+    states, measurements, inputs, angles : tuple of str
+        Names, as in `StateSpaceModel`.
+
+    Returns
+    -------
+    StateSpaceModel
+        Its functions are compiled once for all linear models.
+
+    Raises
+    ------
+    FilterError
+        If a shape does not fit the names, or a number is not finite.
+    """
+    n, m, p = len(states), len(measurements), len(inputs)
+    parts = []
+    for name, value, shape in zip(
+        "ABCD", (A, B, C, D), ((n, n), (n, p), (m, n), (m, p)), strict=True
+    ):
+        part = np.array(value, dtype=np.float64)
+        if part.shape != shape or not np.all(np.isfinite(part)):
+            raise FilterError(f"{name}: shape is {part.shape}, must be {shape} of finite numbers")
+        parts.append(part.ravel())
+    return StateSpaceModel(
+        linear_transition,
+        linear_measurement,
+        process_noise,
+        measurement_noise,
+        states=states,
+        measurements=measurements,
+        inputs=inputs,
+        parameters=np.concatenate(parts),
+        angles=angles,
+    )
 
 
 def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
