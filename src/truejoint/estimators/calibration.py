@@ -19,6 +19,7 @@ from truejoint.estimators.families import EstimatorData
 from truejoint.estimators.features import FeatureState, check_sample_interval
 from truejoint.estimators.model_file import read_model_file, write_model_file
 from truejoint.estimators.registry import ESTIMATORS
+from truejoint.estimators.uncertainty import half_widths
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
@@ -61,7 +62,14 @@ class Calibration(CalibrationData[JointRegressor]):
     def baselines(self) -> Mapping[str, Calibration]:
         """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
         return {
-            name: replace(self, model=model, target="error", baseline_models={})
+            name: replace(
+                self,
+                model=model,
+                target="error",
+                baseline_models={},
+                interval=None,
+                reference=None,
+            )
             for name, model in self.baseline_models.items()
         }
 
@@ -94,6 +102,32 @@ class Calibration(CalibrationData[JointRegressor]):
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
         corrected = self.correct(recording)
         return corrected - recording.columns("measured", self.joints)
+
+    def correct_with_interval(
+        self, recording: Recording, level: float = 0.9
+    ) -> tuple[Array, Array, Array]:
+        """Correct a recording, and state where the joint really is.
+
+        Parameters
+        ----------
+        recording : Recording
+            As for `correct`.
+        level : float
+            Probability to state; see `Interval` for its exact meaning.
+
+        Returns
+        -------
+        corrected, lower, upper : ndarray, shape (n, n_joints)
+            [rad or m]; wider where a feature is outside its trained range.
+
+        Raises
+        ------
+        CalibrationError
+            As `correct`, or if the calibration has no interval of that level.
+        """
+        corrected = self.correct(recording)
+        half = half_widths(self, recording, level)
+        return corrected, corrected - half, corrected + half
 
     def start(self) -> OnlineState:
         """State before the first sample, for `step`."""

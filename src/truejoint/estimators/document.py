@@ -15,6 +15,8 @@ from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators.envelope import Envelope, decode_envelope, encode_envelope
 from truejoint.estimators.families import BASELINES, EstimatorData, is_number
 from truejoint.estimators.features import FeatureSet
+from truejoint.estimators.interval import Interval, decode_interval, encode_interval
+from truejoint.estimators.reference import Reference, decode_reference, encode_reference
 
 if TYPE_CHECKING:  # a control loop decodes without scikit-learn
     from truejoint.estimators.base import JointRegressor
@@ -27,6 +29,8 @@ MAX_JOINTS: Final = 64
 
 _KIND: Final = "calibration"
 _ENVELOPE: Final = "envelope"
+_INTERVAL: Final = "interval"
+_REFERENCE: Final = "reference"
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
@@ -68,6 +72,12 @@ class CalibrationData(Generic[Model]):
     envelope : Envelope, optional
         What the training rows looked like, for the checks of a control loop; None in files that
         were made without.
+    interval : Interval, optional
+        How far off a corrected position may be; None until trajectories that the fit has not
+        seen were given for it.
+    reference : Reference, optional
+        How the arm behaves while the calibration holds, for the monitors; None in files that
+        were made without.
     """
 
     robot: str
@@ -83,6 +93,8 @@ class CalibrationData(Generic[Model]):
     baseline_models: Mapping[str, Model]
     metadata: Mapping[str, Any]
     envelope: Envelope | None = None
+    interval: Interval | None = None
+    reference: Reference | None = None
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
@@ -114,6 +126,12 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
     if data.envelope is not None:
         envelope = encode_envelope(data.envelope)
         arrays |= {f"{_ENVELOPE}/{name}": array for name, array in envelope.items()}
+    if data.interval is not None:
+        interval = encode_interval(data.interval)
+        arrays |= {f"{_INTERVAL}/{name}": array for name, array in interval.items()}
+    if data.reference is not None:
+        reference = encode_reference(data.reference)
+        arrays |= {f"{_REFERENCE}/{name}": array for name, array in reference.items()}
     return document, arrays
 
 
@@ -142,7 +160,7 @@ def decode(
         name: _decode_estimator(entry, name, _within(arrays, name))
         for name, entry in _estimators(document).items()
     }
-    known = {*models, _ENVELOPE}
+    known = {*models, _ENVELOPE, _INTERVAL, _REFERENCE}
     left_over = {name for name in arrays if name.partition("/")[0] not in known}
     if left_over:
         raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
@@ -169,11 +187,24 @@ def decode(
     )
     if set(data.units) != set(data.signals):
         raise ModelFileError("the units are not those of the columns that the model needs")
+    return _with_extras(data, arrays)
+
+
+def _with_extras(
+    data: CalibrationData[EstimatorData], arrays: Mapping[str, Array]
+) -> CalibrationData[EstimatorData]:
+    """Add what a file may hold beside the estimators."""
+    n_joints = len(data.joints)
+    shape = (len(data.signals), len(data.feature_set), n_joints)
     envelope = _within(arrays, _ENVELOPE)
-    if not envelope:
-        return data
-    shape = (len(data.signals), len(feature_set), len(joints))
-    return replace(data, envelope=decode_envelope(envelope, *shape))
+    interval = _within(arrays, _INTERVAL)
+    reference = _within(arrays, _REFERENCE)
+    return replace(
+        data,
+        envelope=decode_envelope(envelope, *shape) if envelope else None,
+        interval=decode_interval(interval, n_joints) if interval else None,
+        reference=decode_reference(reference, n_joints) if reference else None,
+    )
 
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:

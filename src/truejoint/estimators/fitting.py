@@ -6,7 +6,7 @@ import hashlib
 import math
 import platform
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final, get_args
@@ -29,6 +29,7 @@ from truejoint.estimators.features import (
     sample_interval,
 )
 from truejoint.estimators.linear import FixedOffset
+from truejoint.estimators.reference import fit_reference
 from truejoint.estimators.registry import get_estimator
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
@@ -108,7 +109,7 @@ def calibrate(
     )
     baselines, notes = _fit_baselines(rows, len(feature_set) - len(unused))
     report(1.0)
-    return Calibration(
+    fitted = Calibration(
         robot=robot.name,
         arm=robot.arm,
         joints=chosen,
@@ -128,6 +129,7 @@ def calibrate(
             "baseline_notes": notes,
         },
     )
+    return replace(fitted, reference=fit_reference(fitted, recordings))
 
 
 @dataclass(frozen=True, eq=False)
