@@ -194,6 +194,27 @@ def polynomial_rows(
 
 
 @compiled
+def add_product(x: Array, matrix: Array, out: Array) -> None:
+    """Add ``x @ matrix`` to `out`, one element of `x` after the other.
+
+    A function of its own, in which the compiler sees that the inner loop runs along one row: it
+    then handles several units at once, without changing the order of any sum.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+    matrix : ndarray, shape (n * m,)
+        Row by row.
+    out : ndarray, shape (m,)
+    """
+    m = out.shape[0]
+    for i in range(x.shape[0]):
+        factor = x[i]
+        for j in range(m):
+            out[j] += factor * matrix[i * m + j]
+
+
+@compiled
 def network_row(
     x: Array,
     mean: Array,
@@ -228,16 +249,13 @@ def network_row(
     bias = 0
     n_layers = sizes.shape[0] - 1
     for layer in range(n_layers):
-        source = work[layer % 2]
-        target = work[(layer + 1) % 2]
-        n_units = sizes[layer + 1]
+        n_inputs, n_units = sizes[layer], sizes[layer + 1]
+        target = work[(layer + 1) % 2, :n_units]
         for j in range(n_units):
             target[j] = biases[bias + j]
-        for i in range(sizes[layer]):
-            activation = source[i]
-            for j in range(n_units):
-                target[j] += activation * weights[weight + j]
-            weight += n_units
+        end = weight + n_inputs * n_units
+        add_product(work[layer % 2, :n_inputs], weights[weight:end], target)
+        weight = end
         bias += n_units
         if layer < n_layers - 1:
             for j in range(n_units):

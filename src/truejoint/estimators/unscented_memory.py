@@ -193,12 +193,12 @@ def _view(context: Any, builder: Any, signature: Any, args: Any, lengths: list[A
 
 @intrinsic
 def vector(_typing: Any, memory: Any, offset: Any, length: Any) -> Any:
-    """View of `length` numbers of `memory` from `offset` on, without counting references."""
+    """View of `length` numbers of a 1-D array from `offset` on, without counting references."""
 
     def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return _view(context, builder, signature, args, [args[2]])
 
-    return _VECTOR(memory, types.intp, types.intp), generate
+    return types.Array(memory.dtype, 1, "C")(memory, types.intp, types.intp), generate
 
 
 @intrinsic

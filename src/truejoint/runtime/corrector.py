@@ -1,0 +1,214 @@
+"""The corrector: a model file in the robot's control loop."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators.document import CalibrationData, decode, encode
+from truejoint.estimators.families import EstimatorData, check_data
+from truejoint.estimators.model_file import read_model_file
+from truejoint.runtime import layout as lay
+from truejoint.runtime.correction import correct_sample, forget
+from truejoint.runtime.homing import Homing
+from truejoint.runtime.limits import limits_of
+from truejoint.runtime.row_models import row_model
+from truejoint.runtime.status import Status
+
+if TYPE_CHECKING:
+    from truejoint.estimators import Calibration
+
+Array = NDArray[np.float64]
+
+
+class Corrector:
+    """Corrects joint positions sample by sample, as fast as the loop that calls it.
+
+    Everything is compiled, or taken from the disk, when it is made; `step` allocates nothing,
+    raises nothing, and gives the same numbers as `Calibration.correct`. Until `set_homing` says
+    that the robot is homed, positions pass through uncorrected.
+
+    Parameters
+    ----------
+    model : path-like or Calibration
+        Model file, or what `calibrate` gave.
+    level : float
+        Probability of the half-width; used where the model has an interval.
+
+    Attributes
+    ----------
+    joints, signals : tuple of str
+        What comes out, and the columns that a sample must hold, in order.
+    position : ndarray, shape (n_joints,)
+        Corrected, or measured where the status is not OK [rad or m]; NaN where it is WRONG_SIZE.
+    half_width : ndarray, shape (n_joints,)
+        How far off `position` may be [rad or m]; infinite where that is not known.
+    correction : ndarray, shape (n_joints,)
+        What the model says for this sample [rad or m], whatever the status; NaN where the sample
+        was not used. Without the offset of `rezero`.
+    features : ndarray, shape (k,)
+        Features of the last sample that was used.
+    offset : ndarray, shape (n_joints,)
+        Given to `rezero` [rad or m].
+
+    Raises
+    ------
+    ModelFileError
+        If the file is missing, damaged or of a newer format, or lacks what the checks need.
+    CalibrationError
+        If the interval does not state that level.
+
+    Notes
+    -----
+    The arrays change in place at every step: copy what you want to keep.
+    """
+
+    __slots__ = (
+        "_base_width", "_homing", "_memory", "_model_memory", "_model_numbers", "_n_signals",
+        "_needs_rezero", "_numbers", "_row", "_sample", "_statuses", "correction", "features",
+        "half_width", "joints", "offset", "position", "signals",
+    )  # fmt: skip
+
+    def __init__(self, model: str | os.PathLike[str] | Calibration, *, level: float = 0.9) -> None:
+        data = _read(model) if isinstance(model, (str, os.PathLike)) else decode(*encode(model))
+        n_joints, n_features = len(data.joints), len(data.feature_set)
+        self.joints, self.signals = data.joints, data.signals
+        self._n_signals = len(data.signals)
+        self._row = row_model(data.model, n_features, n_joints)
+        self._model_numbers, self._model_memory = self._row.numbers, self._row.memory
+        self._numbers, self._memory = lay.pack(data, limits_of(data), level)
+        self._numbers[lay.FUNCTION] = self._row.address()
+        self._sample = self._block(lay.SAMPLE, self._n_signals)
+        self.position = self._block(lay.POSITION, n_joints)
+        self.half_width = self._block(lay.HALF_WIDTH, n_joints)
+        self.correction = self._block(lay.CORRECTION, n_joints)
+        self.offset = self._block(lay.OFFSET, n_joints)
+        self.features = self._block(lay.FEATURES, n_features)
+        self._base_width = self._block(lay.BASE_WIDTH, n_joints).copy()
+        self._needs_rezero = data.interval is not None and data.interval.rezero > 0.0
+        self._homing = Homing(data.metadata)
+        self._statuses = _Statuses()
+        self._apply_homing()
+        self.warm_up()
+
+    def step(self, t: float, sample: ArrayLike) -> Status:
+        """Correct one sample, into `position` and `half_width`.
+
+        Parameters
+        ----------
+        t : float
+            Time stamp of the sample [s].
+        sample : array_like, shape (n_signals,)
+            Values of `signals`, in their order and units; fastest as an array of float64.
+
+        Returns
+        -------
+        Status
+            OK (0), or why the measured position passed through.
+        """
+        memory = self._memory
+        try:
+            if len(sample) != self._n_signals:  # type: ignore[arg-type]  # TypeError is caught
+                return self._refuse()
+            self._sample[:] = sample
+            memory[0] = t
+        except (TypeError, ValueError, OverflowError):
+            return self._refuse()
+        return self._statuses[
+            correct_sample(self._numbers, memory, self._model_numbers, self._model_memory)
+        ]
+
+    def set_homing(self, is_homed: bool, homing_id: str | None = None) -> Status:
+        """Say whether the robot is homed, and which homing its positions refer to.
+
+        Call it before the first sample, and whenever it changes: then an offset of `rezero` ends
+        and the history of the signals starts anew.
+
+        Parameters
+        ----------
+        is_homed : bool
+        homing_id : str, optional
+            Compared with those of the training recordings or, where these have none, with the
+            first one told. Without it, a robot that is homed after it was said not to be counts
+            as homed again.
+
+        Returns
+        -------
+        Status
+            OK, NOT_HOMED or HOMED_AGAIN: what every sample from now on is flagged with.
+        """
+        if self._homing.tell(is_homed, homing_id):
+            self.offset[:] = 0.0
+            forget(self._numbers, self._memory)
+        return self._apply_homing()
+
+    def rezero(self, offset: ArrayLike) -> Status:
+        """Add an offset to every corrected position: the calibration is valid for this homing.
+
+        Parameters
+        ----------
+        offset : array_like, shape (n_joints,)
+            True minus corrected position [rad or m], for instance from a touched stop.
+
+        Returns
+        -------
+        Status
+            As `set_homing`: no longer HOMED_AGAIN.
+
+        Raises
+        ------
+        CalibrationError
+            If the offset is not one finite number for each joint.
+        """
+        values = np.asarray(offset, dtype=np.float64)
+        if values.shape != self.offset.shape or not np.isfinite(values).all():
+            raise CalibrationError(
+                f"offset {offset!r:.80} is not a finite number for each of {', '.join(self.joints)}"
+            )
+        self._homing.accept()
+        self.offset[:] = values
+        return self._apply_homing()
+
+    def warm_up(self) -> None:
+        """Compile what is not compiled yet; `step` finds everything ready."""
+        numbers, memory = self._numbers.copy(), self._memory.copy()
+        forget(numbers, memory)
+        correct_sample(numbers, memory, self._model_numbers.copy(), self._model_memory.copy())
+
+    def _apply_homing(self) -> Status:
+        status = self._homing.status
+        self._numbers[lay.HOMING] = status
+        known = not self._needs_rezero or self._homing.rezeroed
+        self._block(lay.BASE_WIDTH, len(self.joints))[:] = self._base_width if known else np.inf
+        return status
+
+    def _refuse(self) -> Status:
+        self.position[:] = self.correction[:] = np.nan
+        self.half_width[:] = np.inf
+        return self._statuses[int(self._numbers[lay.HOMING]) | Status.WRONG_SIZE]
+
+    def _block(self, start: int, length: int) -> Array:
+        return lay.block(self._numbers, self._memory, start, length)
+
+
+class _Statuses(dict[int, Status]):
+    """Status by its bits: making one anew would take longer than a linear model."""
+
+    def __missing__(self, bits: int) -> Status:
+        self[bits] = status = Status(bits)
+        return status
+
+
+def _read(path: str | os.PathLike[str]) -> CalibrationData[EstimatorData]:
+    document, arrays = read_model_file(path)
+    try:
+        data = decode(document, arrays)
+        check_data(data.model, len(data.feature_set), len(data.joints))
+        limits_of(data)
+    except (ModelFileError, CalibrationError) as error:
+        raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
+    return data

@@ -1,0 +1,138 @@
+"""How far from the training rows a sample may be: thresholds, all derived from the model file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import ModelFileError
+from truejoint.estimators.document import CalibrationData
+from truejoint.estimators.envelope import partners
+from truejoint.estimators.families import EstimatorData
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+RANGE_MARGIN: Final = 0.1
+"""Share of its trained range by which a feature may lie outside before it is out of range."""
+REJECT_MARGIN: Final = 1.0
+"""Share of its trained range by which a signal may lie outside before nothing remembers it."""
+DISTANCE_MARGIN: Final = 1.25
+"""How much further from the middle than the furthest trained row a sample may be."""
+SPIKE_MARGIN: Final = 3.0
+"""How much faster than ever in training a signal may change."""
+FROZEN_MARGIN: Final = 3.0
+"""How much longer, or further past its partner, than in training a signal may stand still."""
+FROZEN_TRAVEL: Final = 0.25
+"""Share of its trained range that the partner of a signal may move at least meanwhile."""
+FROZEN_INTERVALS: Final = 30.0
+"""Training sample intervals for which all signals may stand still at least: 1 s at 30 Hz."""
+ERROR_MARGIN: Final = 0.5
+"""Share of the trained range of errors by which a correction may lie outside."""
+SHORTEST_STEP: Final = 1e-3
+"""Share of the training sample interval below which two stamps are one."""
+
+_ROUNDING: Final = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Thresholds of the corrector, in SI units.
+
+    Attributes
+    ----------
+    shortest_step, longest_step : float
+        Time steps that follow one another [s].
+    interval : float
+        Time [s] in which a signal may change by `reach`; in a longer one, by more in proportion.
+    reach : ndarray, shape (n_signals,)
+    signal_lower, signal_upper : ndarray, shape (n_signals,)
+        Beyond these a sample enters no history; infinite for signals that never changed.
+    partner : ndarray of int, shape (n_signals,)
+        See `envelope.partners`; -1 also where a signal or its partner never changed.
+    travel : ndarray, shape (n_signals,)
+        How far the partner may move while the signal stands exactly still, in its unit.
+    moves : ndarray of int, shape (n_signals,)
+        1 for signals that changed in training.
+    hold : float
+        Time for which all of those may stand exactly still [s].
+    feature_lower, feature_upper : ndarray, shape (k,)
+        Infinite for features that never changed.
+    mean : ndarray, shape (k,)
+    whitening : ndarray, shape (k, k)
+        Column by column: ``whitening[j]`` is what feature j adds to each whitened direction.
+    distance : float
+        Largest length of the whitened features.
+    correction_lower, correction_upper : ndarray, shape (n_joints,)
+        Plausible corrections [rad or m].
+    """
+
+    shortest_step: float
+    longest_step: float
+    interval: float
+    reach: Array
+    signal_lower: Array
+    signal_upper: Array
+    partner: Integers
+    travel: Array
+    moves: Integers
+    hold: float
+    feature_lower: Array
+    feature_upper: Array
+    mean: Array
+    whitening: Array
+    distance: float
+    correction_lower: Array
+    correction_upper: Array
+
+
+def limits_of(data: CalibrationData[EstimatorData]) -> Limits:
+    """Thresholds for samples of a calibration.
+
+    Raises
+    ------
+    ModelFileError
+        If the calibration was made without the training envelope.
+    """
+    seen = data.envelope
+    if seen is None:
+        raise ModelFileError(
+            "the model does not say what its training rows looked like, so samples cannot be "
+            "checked; calibrate it again"
+        )
+    low, high = seen.signal_lower, seen.signal_upper
+    moves = high > low
+    partner = partners(data.signals)
+    partner = np.where(moves & (partner >= 0) & moves[partner], partner, -1)
+    allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
+    lower, upper = _widened(low, high, REJECT_MARGIN)
+    used = np.abs(seen.whitening).sum(axis=0) > 0.0
+    feature_lower, feature_upper = _widened(data.lower, data.upper, RANGE_MARGIN)
+    return Limits(
+        shortest_step=SHORTEST_STEP * seen.interval,
+        longest_step=data.gap_limit,
+        interval=seen.interval,
+        reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
+        signal_lower=np.where(moves, lower, -np.inf),
+        signal_upper=np.where(moves, upper, np.inf),
+        partner=partner,
+        travel=allowed * (high - low)[partner],
+        moves=moves.astype(np.int64),
+        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_INTERVALS * seen.interval),
+        feature_lower=np.where(used, feature_lower, -np.inf),
+        feature_upper=np.where(used, feature_upper, np.inf),
+        mean=seen.feature_mean,
+        whitening=np.ascontiguousarray(seen.whitening.T),
+        distance=DISTANCE_MARGIN * seen.distance,
+        correction_lower=_widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)[0],
+        correction_upper=_widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)[1],
+    )
+
+
+def _widened(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:
+    """Range widened by a share of itself, and by rounding, at either end."""
+    extra = margin * (upper - lower) + _ROUNDING * np.maximum(np.abs(lower), np.abs(upper))
+    return lower - extra, upper + extra

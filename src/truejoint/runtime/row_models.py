@@ -1,0 +1,201 @@
+"""How each family of estimators predicts one row in the loop.
+
+A row model is two flat arrays and one compiled function with one signature for all families. A new
+family, also one that remembers, adds a builder to `BUILDERS`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from truejoint.errors import ModelFileError
+from truejoint.estimators import kernels
+from truejoint.estimators.compiled import compiled
+from truejoint.estimators.families import EstimatorData, degree_of, layer_sizes, polynomial_terms
+from truejoint.estimators.unscented_memory import address, matrix, vector
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_INTEGERS = types.int64[::1]
+_ARRAY = types.float64[::1]
+ROW: Final = types.void(_INTEGERS, _ARRAY, types.float64, _ARRAY, _ARRAY, _ARRAY)
+"""Signature of a row function: see `offset_row` for its arguments."""
+
+
+@dataclass(frozen=True, eq=False)
+class RowModel:
+    """A fitted estimator as a row function takes it.
+
+    Attributes
+    ----------
+    function : object
+        Compiled, of signature `ROW`.
+    numbers : ndarray of int, 1-D
+    memory : ndarray, 1-D
+        Coefficients, room to work in and, for a model that remembers, its state.
+    """
+
+    function: Any
+    numbers: Integers
+    memory: Array
+
+    def address(self) -> int:
+        """Address of the compiled function; compiles it, or takes it from disk."""
+        return address(self.function, ROW)
+
+
+def row_model(data: EstimatorData, n_features: int, n_outputs: int) -> RowModel:
+    """Row model of a fitted estimator; raises ModelFileError when its family has none."""
+    if data.family not in BUILDERS:
+        raise ModelFileError(
+            f"estimator family {data.family!r:.60} has no kernel for the loop; known: "
+            f"{', '.join(BUILDERS)}"
+        )
+    return BUILDERS[data.family](data, n_features, n_outputs)
+
+
+@compiled
+def offset_row(
+    numbers: Integers,
+    memory: Array,
+    interval: float,  # noqa: ARG001  # every row function takes the same arguments
+    features: Array,  # noqa: ARG001
+    out: Array,
+    half_width: Array,  # noqa: ARG001
+) -> None:
+    """Predict one row: a fixed offset.
+
+    Parameters
+    ----------
+    numbers, memory : ndarray, 1-D
+        Those of the `RowModel`; `memory` may change.
+    interval : float
+        Time since the row before [s], 0 where a history starts.
+    features : ndarray, shape (k,)
+    out : ndarray, shape (n_outputs,)
+        Receives error or position [rad or m]; NaN where the model knows that it has none.
+    half_width : ndarray, shape (n_outputs,)
+        That of the calibration [rad or m]; a model that knows better overwrites it.
+    """
+    for j in range(numbers[0]):
+        out[j] = memory[j]
+
+
+@compiled
+def polynomial_row(
+    numbers: Integers,
+    memory: Array,
+    interval: float,  # noqa: ARG001
+    features: Array,
+    out: Array,
+    half_width: Array,  # noqa: ARG001
+) -> None:
+    """Predict one row: linear or polynomial; arguments as in `offset_row`."""
+    k, n, n_terms, degree = numbers[0], numbers[1], numbers[2], numbers[3]
+    coef = 3 * k + n
+    kernels.polynomial_row(
+        features,
+        vector(memory, 0, k),
+        vector(memory, k, k),
+        numbers[4:].reshape(n_terms, degree),
+        matrix(memory, coef, n_terms, n),
+        vector(memory, 3 * k, n),
+        vector(memory, 2 * k, k),
+        out,
+    )
+
+
+@compiled
+def network_row(
+    numbers: Integers,
+    memory: Array,
+    interval: float,  # noqa: ARG001
+    features: Array,
+    out: Array,
+    half_width: Array,  # noqa: ARG001
+) -> None:
+    """Predict one row: a network; arguments as in `offset_row`."""
+    k, n, width, n_biases, n_weights = numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]
+    work = 2 * k + 2 * n
+    biases = work + 2 * width
+    kernels.network_row(
+        features,
+        vector(memory, 0, k),
+        vector(memory, k, k),
+        numbers[5:],
+        vector(memory, biases + n_biases, n_weights),
+        vector(memory, biases, n_biases),
+        vector(memory, 2 * k, n),
+        vector(memory, 2 * k + n, n),
+        matrix(memory, work, 2, width),
+        out,
+    )
+
+
+def _offset(data: EstimatorData, _n_features: int, n_outputs: int) -> RowModel:
+    return RowModel(offset_row, np.array([n_outputs]), data.arrays["offset"].copy())
+
+
+def _polynomial(data: EstimatorData, n_features: int, n_outputs: int) -> RowModel:
+    arrays = data.arrays
+    terms = polynomial_terms(n_features, degree_of(data))
+    parts = (
+        arrays["mean"], arrays["inverse_scale"], np.zeros(n_features), arrays["intercept"],
+        arrays["coef"].ravel(),
+    )  # fmt: skip
+    numbers = np.concatenate([[n_features, n_outputs, *terms.shape], terms.ravel()])
+    return RowModel(polynomial_row, numbers.astype(np.int64), np.concatenate(parts))
+
+
+def _network(data: EstimatorData, n_features: int, n_outputs: int) -> RowModel:
+    arrays = data.arrays
+    sizes = layer_sizes(data.params, n_features, n_outputs)
+    layers = range(len(sizes) - 1)
+    biases = np.concatenate([arrays[f"bias_{i}"] for i in layers])
+    weights = np.concatenate([arrays[f"weight_{i}"].ravel() for i in layers])
+    parts = (
+        arrays["mean"], arrays["inverse_scale"], arrays["target_mean"], arrays["target_scale"],
+        np.zeros(2 * max(sizes)), biases, weights,
+    )  # fmt: skip
+    numbers = [n_features, n_outputs, max(sizes), len(biases), len(weights), *sizes]
+    return RowModel(network_row, np.array(numbers, dtype=np.int64), np.concatenate(parts))
+
+
+BUILDERS: Final[Mapping[str, Callable[[EstimatorData, int, int], RowModel]]] = {
+    "offset": _offset,
+    "linear": _polynomial,
+    "polynomial": _polynomial,
+    "dnn": _network,
+}
+"""Builder of the row model of each family, of its data, features and outputs."""
+
+
+def _call(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    parameters = [context.get_value_type(kind) for kind in signature.args[1:]]
+    pointer = ir.FunctionType(ir.VoidType(), parameters).as_pointer()
+    builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
+    return context.get_dummy_value()
+
+
+@intrinsic
+def call_row(
+    _typing: Any,
+    function: Any,  # noqa: ARG001 - numba reads the arguments of an intrinsic from its parameters
+    numbers: Any,  # noqa: ARG001
+    memory: Any,  # noqa: ARG001
+    interval: Any,  # noqa: ARG001
+    features: Any,  # noqa: ARG001
+    out: Any,  # noqa: ARG001
+    half_width: Any,  # noqa: ARG001
+) -> Any:
+    """Call the row function at an address."""
+    return types.void(types.int64, *ROW.args), _call
