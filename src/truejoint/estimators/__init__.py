@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         sample_interval,
     )
     from truejoint.estimators.fitting import calibrate
+    from truejoint.estimators.interval import Interval, needed_trajectories
     from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
     from truejoint.estimators.network import NeuralNetwork
     from truejoint.estimators.registry import (
@@ -23,27 +24,45 @@ if TYPE_CHECKING:
         estimator_names,
         get_estimator,
     )
+    from truejoint.estimators.uncertainty import (
+        Coverage,
+        CrossCheck,
+        cross_check,
+        measure_coverage,
+        with_interval,
+    )
+    from truejoint.estimators.zeroing import Zero, find_zero, rezeroed
 
 __all__ = [
     "BASELINES",
     "ESTIMATORS",
     "Calibration",
+    "Coverage",
+    "CrossCheck",
     "Feature",
     "FeatureSet",
     "FixedOffset",
+    "Interval",
     "JointRegressor",
     "LinearRegressor",
     "NeuralNetwork",
     "OnlineState",
     "PolynomialRegressor",
+    "Zero",
     "calibrate",
+    "cross_check",
     "default_features",
     "default_gap_limit",
     "estimator_names",
+    "find_zero",
     "get_estimator",
     "load_calibration",
+    "measure_coverage",
+    "needed_trajectories",
+    "rezeroed",
     "run_starts",
     "sample_interval",
+    "with_interval",
 ]
 
 # Where each public name lives; imported on first use, so that a control loop does not wait for
@@ -51,23 +70,33 @@ __all__ = [
 _HOMES = {
     "BASELINES": "truejoint.estimators.families",
     "Calibration": "truejoint.estimators.calibration",
+    "Coverage": "truejoint.estimators.uncertainty",
+    "CrossCheck": "truejoint.estimators.uncertainty",
     "ESTIMATORS": "truejoint.estimators.registry",
     "Feature": "truejoint.estimators.features",
     "FeatureSet": "truejoint.estimators.features",
     "FixedOffset": "truejoint.estimators.linear",
+    "Interval": "truejoint.estimators.interval",
     "JointRegressor": "truejoint.estimators.base",
     "LinearRegressor": "truejoint.estimators.linear",
     "NeuralNetwork": "truejoint.estimators.network",
     "OnlineState": "truejoint.estimators.calibration",
     "PolynomialRegressor": "truejoint.estimators.linear",
+    "Zero": "truejoint.estimators.zeroing",
     "calibrate": "truejoint.estimators.fitting",
+    "cross_check": "truejoint.estimators.uncertainty",
     "default_features": "truejoint.estimators.features",
     "default_gap_limit": "truejoint.estimators.features",
     "estimator_names": "truejoint.estimators.registry",
+    "find_zero": "truejoint.estimators.zeroing",
     "get_estimator": "truejoint.estimators.registry",
     "load_calibration": "truejoint.estimators.calibration",
+    "measure_coverage": "truejoint.estimators.uncertainty",
+    "needed_trajectories": "truejoint.estimators.interval",
+    "rezeroed": "truejoint.estimators.zeroing",
     "run_starts": "truejoint.estimators.features",
     "sample_interval": "truejoint.estimators.features",
+    "with_interval": "truejoint.estimators.uncertainty",
 }
 
 

@@ -34,9 +34,11 @@ RANGES_EACH_WAY: Final = 5.0
 STEPS_PER_TERM: Final = 20
 MAX_JOINTS: Final = 12
 """With more joints than this no reference is made: its terms grow with the square."""
-SMALLEST_SHIFT: Final = 1.0
+SMALLEST_SHIFT: Final = 1.3
 SMALLEST_FRICTION_SHIFT: Final = 3.0
 HELD_OUT_MARGIN: Final = 2.0
+"""Limits are at least the two above, in standard deviations of single efforts (most of which is
+ripple that averages out), and this many times what a held-out training recording shows."""
 WINDOW_FILLED: Final = 0.6
 """Share of the averaging window that must have been travelled each way before judging."""
 

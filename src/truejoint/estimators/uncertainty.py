@@ -19,6 +19,7 @@ from truejoint.estimators.interval import (
     needed_trajectories,
     range_excesses,
 )
+from truejoint.estimators.reference import residual_statistics
 
 if TYPE_CHECKING:
     from truejoint.estimators.calibration import Calibration
@@ -46,6 +47,9 @@ def with_interval(
 
     What counts as one trajectory is what was recorded after one homing, where the recordings
     span several homings and are not re-zeroed; otherwise it is one recording.
+
+    Where the calibration keeps a `Reference`, its size of errors becomes that of these recordings,
+    which the fit could not adapt to.
 
     Parameters
     ----------
@@ -101,7 +105,11 @@ def with_interval(
         trajectories=len(units),
         homings=len({r.provenance.homing_id for r in recordings} - {""}),
     )
-    return replace(calibration, interval=interval)
+    reference = calibration.reference
+    if reference is not None:
+        size, time = residual_statistics(calibration, recordings)
+        reference = replace(reference, residual=size, correlation=time)
+    return replace(calibration, interval=interval, reference=reference)
 
 
 def exchangeable_units(
@@ -280,7 +288,7 @@ def measure_coverage(
     row = interval.index(level)
     shares, widths = [], []
     for recording in recordings:
-        t, error, known = _known_error(calibration, recording)
+        t, error, known = known_error(calibration, recording)
         scored = np.ones(len(t), dtype=bool)
         if interval.rezero > 0.0:
             offset, used = zero_offset(t, error, interval.rezero)
@@ -349,10 +357,31 @@ def cross_check(
     )
 
 
-def _known_error(
+def known_error(
     calibration: Calibration, recording: Recording
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Stamps and errors (truth minus corrected) of the rows with truth, and which rows have it."""
+    """Find the errors of a calibration in the rows that have truth.
+
+    Returns
+    -------
+    t : ndarray, shape (m,)
+        Time stamps [s].
+    error : ndarray, shape (m, n_joints)
+        Truth minus corrected position [rad or m].
+    known : ndarray of bool, shape (n,)
+        Which rows of the recording these are.
+
+    Raises
+    ------
+    CalibrationError
+        If the recording does not fit, or no row has the truth of all joints.
+    """
+    without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
+    if without:
+        raise CalibrationError(
+            f"{_source(recording)} has no truth of {', '.join(without)}; record it with a sensor "
+            "at the joint, if only for a moment"
+        )
     error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
     known = np.asarray(np.isfinite(error).all(axis=1))
     if not known.any():
@@ -367,10 +396,10 @@ def _scores(
     calibration: Calibration, recording: Recording, rezero: float, growth: float
 ) -> tuple[Array, Array, Array]:
     """Scores (m, n_joints) of the model, the fixed offset and the measured position."""
-    t, error, known = _known_error(calibration, recording)
+    t, error, known = known_error(calibration, recording)
     if "offset" not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
-    offset_error = _known_error(calibration.baselines["offset"], recording)[1]
+    offset_error = known_error(calibration.baselines["offset"], recording)[1]
     raw_error = recording.error(calibration.joints)[known]
     scored = np.ones(len(t), dtype=bool)
     if rezero > 0.0:

@@ -1,0 +1,174 @@
+"""Check with a brief truth whether a calibration still holds."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.estimators.uncertainty import half_widths, known_error
+from truejoint.estimators.zeroing import find_zero
+from truejoint.runtime.monitor import Alarm, Monitor, Reason
+
+if TYPE_CHECKING:
+    from truejoint.estimators.calibration import Calibration
+    from truejoint.recordings import Recording
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class JointCheck:
+    """How far off one joint is now.
+
+    Attributes
+    ----------
+    joint, unit : str
+        Name, and ``"rad"`` or ``"m"``, the unit of all lengths here.
+    rmse, largest : float
+        Of the corrected position against the truth.
+    offset, offset_sd : float
+        Median of truth minus corrected position, and its standard deviation (`Zero`); NaN when
+        the calibration does not say how large its errors are.
+    left : float
+        RMSE that would be left after re-zeroing by `offset`.
+    half_width : float
+        Of the stated interval, mean over the readings; NaN when there is none.
+    inside : float
+        Share of the readings inside; NaN when there is none.
+    """
+
+    joint: str
+    unit: str
+    rmse: float
+    largest: float
+    offset: float
+    offset_sd: float
+    left: float
+    half_width: float
+    inside: float
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether at least half of the readings lie inside the interval; None when there is none.
+
+        Readings of one brief motion resemble each other, so that their share inside is far from
+        the stated level by chance alone; most of them outside is what rarely happens by chance:
+        to less than one in ten brief motions at 90 %, if errors last as long as the motion.
+        """
+        return None if math.isnan(self.inside) else self.inside >= 0.5
+
+
+@dataclass(frozen=True)
+class CalibrationCheck:
+    """What `check_calibration` found.
+
+    Attributes
+    ----------
+    joints : tuple of JointCheck
+    rows : int
+        Readings of the truth.
+    duration : float
+        From the first to the last of them [s].
+    level : float
+        Of the interval.
+    alarm : Alarm
+        Highest that the monitor raised along the recording; NONE where it has no reference.
+    reasons : Reason
+        Of all its alarms.
+    """
+
+    joints: tuple[JointCheck, ...]
+    rows: int
+    duration: float
+    level: float
+    alarm: Alarm
+    reasons: Reason
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether the interval holds in every joint; None when there is none."""
+        found = [joint.holds for joint in self.joints]
+        return None if None in found else all(found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, SI units; what is not known is None."""
+        return {
+            "joints": [
+                {
+                    "joint": joint.joint,
+                    "unit": joint.unit,
+                    **{
+                        name: None if math.isnan(value) else value
+                        for name, value in (
+                            (key, getattr(joint, key))
+                            for key in ("rmse", "largest", "offset", "offset_sd", "left",
+                                        "half_width", "inside")
+                        )
+                    },
+                    "holds": joint.holds,
+                }
+                for joint in self.joints
+            ],
+            "rows": self.rows,
+            "duration": self.duration,
+            "level": self.level,
+            "holds": self.holds,
+            "alarm": self.alarm.name.lower(),
+            "reasons": [str(reason.name).lower() for reason in Reason if reason in self.reasons],
+        }  # fmt: skip
+
+
+def check_calibration(
+    calibration: Calibration, recording: Recording, level: float = 0.9
+) -> CalibrationCheck:
+    """Compare a calibration with a brief truth.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recording : Recording
+        Short, of the arm as it is now; truth may be missing in most rows (one short motion with a
+        sensor, a touched stop, a marker seen now and then).
+    level : float
+        Which interval to judge by, where the calibration has one.
+
+    Raises
+    ------
+    CalibrationError
+        If the recording does not fit, holds no truth, or the interval is not of that level.
+    """
+    t, error, known = known_error(calibration, recording)
+    zero = find_zero(calibration, recording)
+    allowed = np.full_like(error, math.nan)
+    inside = np.full(error.shape[1], math.nan)
+    if calibration.interval is not None:
+        allowed = half_widths(calibration, recording, level)[known]
+        inside = np.mean(np.abs(error) <= allowed, axis=0)
+    joints = tuple(
+        JointCheck(
+            joint=joint,
+            unit=calibration.units[f"measured/{joint}"],
+            rmse=float(np.sqrt(np.mean(error[:, k] ** 2))),
+            largest=float(np.abs(error[:, k]).max()),
+            offset=float(zero.offset[k]),
+            offset_sd=float(zero.sd[k]),
+            left=float(np.sqrt(np.mean((error[:, k] - zero.offset[k]) ** 2))),
+            half_width=float(allowed[:, k].mean()),
+            inside=float(inside[k]),
+        )
+        for k, joint in enumerate(calibration.joints)
+    )
+    alarm, reasons = _watched(calibration, recording)
+    return CalibrationCheck(joints, len(t), float(t[-1] - t[0]), level, alarm, reasons)
+
+
+def _watched(calibration: Calibration, recording: Recording) -> tuple[Alarm, Reason]:
+    """Highest alarm along the recording, and the reasons of all alarms."""
+    if calibration.reference is None:
+        return Alarm.NONE, Reason.NOTHING
+    trace = Monitor(calibration).run(recording)
+    return Alarm(int(trace.alarm.max())), Reason(int(np.bitwise_or.reduce(trace.reasons)))

@@ -1,0 +1,219 @@
+"""Re-zero a calibration in the loop, from truth that is sparse and noisy."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators.compiled import compiled
+from truejoint.estimators.document import CalibrationData
+
+Array = NDArray[np.float64]
+
+DRIFT: Final = 2.0
+"""How far an offset wanders within an hour, in standard deviations of the calibration's errors."""
+GATE: Final = 4.0
+"""A reading further off than this many standard deviations is left out."""
+PATIENCE: Final = 10
+"""So many readings left out on end, all on one side, are believed after all."""
+PRIOR: Final = 1e3
+"""Standard deviation of the offset before any truth, in those of the calibration's errors."""
+
+# Rows of the state of each joint.
+OFFSET, LOCAL, VAR_OFFSET, COVARIANCE, VAR_LOCAL, REJECTED, SIDE, LAST = 0, 1, 2, 3, 4, 5, 6, 7
+N_STATE: Final = 8
+
+
+class ReZero:
+    """Estimates the offset of each joint, and only that, whenever a true position is known.
+
+    A Kalman filter with two states per joint. The offset drifts as a random walk; it is what is
+    given back. The other is the calibration's own error here and now, which has the size and the
+    correlation time that the model file states: it keeps ten seconds of truth in one corner of the
+    workspace from being taken for a thousand independent readings. A reading that does not fit is
+    left out, until ten on end do not fit on the same side.
+
+    Parameters
+    ----------
+    calibration : CalibrationData
+        Its `reference` states the errors of the corrected positions.
+    truth_sd : float or array_like, shape (n_joints,)
+        Standard deviation of the truth's own noise [rad or m].
+    drift : float
+        How far an offset wanders within an hour, in standard deviations of the errors.
+
+    Attributes
+    ----------
+    offset : ndarray, shape (n_joints,)
+        To be added to the corrected position [rad or m]; 0 before any truth.
+    sd : ndarray, shape (n_joints,)
+        Its standard deviation [rad or m]; infinite before any truth.
+    rejected : ndarray, shape (n_joints,)
+        How many readings on end were left out.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration has no reference, or a number is out of range.
+    """
+
+    def __init__(
+        self,
+        calibration: CalibrationData[Any],
+        *,
+        truth_sd: ArrayLike = 0.0,
+        drift: float = DRIFT,
+    ) -> None:
+        if calibration.reference is None:
+            raise CalibrationError(
+                f"the calibration of {calibration.robot} does not say how large its errors are; "
+                "calibrate it again"
+            )
+        n_joints = len(calibration.joints)
+        noise = np.asarray(truth_sd, dtype=np.float64)
+        if noise.shape not in ((), (n_joints,)) or not (np.isfinite(noise) & (noise >= 0.0)).all():
+            raise CalibrationError(
+                f"truth_sd {truth_sd!r:.80}: give one standard deviation of 0 or more, or one for "
+                f"each of {', '.join(calibration.joints)}"
+            )
+        if not 0.0 <= drift < math.inf:
+            raise CalibrationError(f"drift {drift!r}: give a finite number of 0 or more")
+        self._residual = calibration.reference.residual
+        self._correlation = calibration.reference.correlation
+        # Truth without any noise would make the two states one.
+        self._noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * self._residual)
+        self._drift = (drift * self._residual) ** 2 / 3600.0
+        self._state = np.zeros((N_STATE, n_joints))
+        self.offset = np.zeros(n_joints)
+        self.sd = np.full(n_joints, math.inf)
+        self.rejected = self._state[REJECTED]
+        self.reset()
+        self._warm_up(n_joints)
+
+    def reset(self) -> None:
+        """Forget all truth: after a homing, for instance."""
+        self._state[:] = 0.0
+        self._state[VAR_OFFSET] = (PRIOR * self._residual) ** 2
+        self._state[VAR_LOCAL] = self._residual**2
+        self._state[LAST] = np.nan
+        self.offset[:] = 0.0
+        self.sd[:] = np.inf
+
+    def update(self, t: float, corrected: ArrayLike, truth: ArrayLike) -> None:
+        """Take a reading of the truth; changes `offset` and `sd` in place.
+
+        Parameters
+        ----------
+        t : float
+            Time stamp [s]; readings that go back in time are left out.
+        corrected : array_like, shape (n_joints,)
+            What the calibration gave there, without any offset of this class [rad or m].
+        truth : array_like, shape (n_joints,)
+            True position [rad or m]; NaN for joints whose truth is not known.
+
+        Raises
+        ------
+        CalibrationError
+            If a shape is wrong.
+        """
+        here = np.asarray(corrected, dtype=np.float64)
+        true = np.asarray(truth, dtype=np.float64)
+        if here.shape != self.offset.shape or true.shape != self.offset.shape:
+            raise CalibrationError(
+                f"corrected {here.shape} and truth {true.shape} must hold {len(self.offset)} joints"
+            )
+        take_truth(
+            float(t), here, true, self._residual, self._correlation, self._noise, self._drift,
+            self._state, self.offset, self.sd,
+        )  # fmt: skip
+
+    def advance(self, t: float) -> None:
+        """Let time pass without truth: `sd` grows by the drift; `offset` stays."""
+        no_truth = np.full(len(self.offset), np.nan)
+        self.update(t, no_truth, no_truth)
+
+    def _warm_up(self, n_joints: int) -> None:
+        self.update(0.0, np.zeros(n_joints), np.zeros(n_joints))
+        self.reset()
+
+
+@compiled
+def take_truth(
+    t: float,
+    corrected: Array,
+    truth: Array,
+    residual: Array,
+    correlation: Array,
+    noise: Array,
+    drift: Array,
+    state: Array,
+    offset: Array,
+    sd: Array,
+) -> None:
+    """Advance every joint's filter to `t` and take its reading, if there is one.
+
+    Parameters
+    ----------
+    t : float
+        Time stamp [s].
+    corrected, truth : ndarray, shape (n_joints,)
+        [rad or m]; NaN where not known.
+    residual, correlation, noise : ndarray, shape (n_joints,)
+        Standard deviation [rad or m] and correlation time [s] of the local error, standard
+        deviation of the truth.
+    drift : ndarray, shape (n_joints,)
+        Growth of the offset's variance per second.
+    state : ndarray, shape (8, n_joints)
+        Changed in place.
+    offset, sd : ndarray, shape (n_joints,)
+        Receive the estimate.
+    """
+    for j in range(offset.shape[0]):
+        s = state[:, j]
+        elapsed = t - s[LAST]
+        if not np.isfinite(t) or elapsed < 0.0:  # false for the first: NaN
+            continue
+        if elapsed > 0.0:
+            keep = np.exp(-elapsed / correlation[j])
+            s[LOCAL] *= keep
+            s[VAR_OFFSET] += drift[j] * elapsed
+            s[COVARIANCE] *= keep
+            s[VAR_LOCAL] = keep * keep * s[VAR_LOCAL] + (1.0 - keep * keep) * residual[j] ** 2
+        s[LAST] = t
+        innovation = truth[j] - corrected[j] - s[OFFSET] - s[LOCAL]
+        if np.isfinite(innovation):
+            _take_reading(innovation, noise[j] ** 2, s)
+        if not np.isinf(sd[j]) or np.isfinite(innovation):
+            offset[j] = s[OFFSET]
+            sd[j] = np.sqrt(s[VAR_OFFSET])
+
+
+@compiled
+def _take_reading(innovation: float, noise: float, s: Array) -> None:
+    """Gate, and Joseph-free update of a joint's two states by one reading."""
+    gain_offset = s[VAR_OFFSET] + s[COVARIANCE]
+    gain_local = s[COVARIANCE] + s[VAR_LOCAL]
+    variance = gain_offset + gain_local + noise
+    if not innovation * innovation <= GATE * GATE * variance:
+        side = 1.0 if innovation > 0.0 else -1.0
+        s[REJECTED] = s[REJECTED] + 1.0 if side == s[SIDE] else 1.0
+        s[SIDE] = side
+        if s[REJECTED] < PATIENCE:
+            return
+        # The offset has jumped: forget it, and what it shared with the local error.
+        s[VAR_OFFSET] += innovation * innovation
+        gain_offset += innovation * innovation
+        variance += innovation * innovation
+    s[REJECTED] = 0.0
+    gain_offset /= variance
+    gain_local /= variance
+    s[OFFSET] += gain_offset * innovation
+    s[LOCAL] += gain_local * innovation
+    # P - K S K', written for two states; what rounding may make negative is kept at zero.
+    s[VAR_OFFSET] = max(0.0, s[VAR_OFFSET] - gain_offset * gain_offset * variance)
+    s[COVARIANCE] -= gain_offset * gain_local * variance
+    s[VAR_LOCAL] = max(0.0, s[VAR_LOCAL] - gain_local * gain_local * variance)
