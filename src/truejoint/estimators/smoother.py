@@ -14,7 +14,7 @@ from truejoint.estimators.unscented_factors import (
     wrap,
 )
 from truejoint.estimators.unscented_memory import Array, Integers, copy, matrix, vector
-from truejoint.estimators.unscented_prediction import LIMIT, predict
+from truejoint.estimators.unscented_prediction import LIMIT, predict, within_limit
 from truejoint.estimators.unscented_status import BROKEN_PREDICTION
 
 _BROKEN: Final = int(BROKEN_PREDICTION)
@@ -81,6 +81,28 @@ def _fill_stack(
 
 
 @compiled
+def _move(numbers: Integers, memory: Array, gain: Array, x: Array, later_x: Array) -> bool:
+    """Smoothed state into POINT and the centre's term into DEFICIT; False if out of range."""
+    n = numbers[lay.N]
+    shift = vector(memory, numbers[lay.SHIFT], n)
+    mean = vector(memory, numbers[lay.X_MEAN], n)
+    deficit = vector(memory, numbers[lay.DEFICIT], n)
+    smoothed = vector(memory, numbers[lay.POINT], n)
+    for i in range(n):
+        smoothed[i] = x[i]
+        deficit[i] = 0.0
+        for k in range(n):
+            difference = later_x[k] - mean[k]
+            if numbers[numbers[lay.ANGLES] + k]:
+                difference = wrap(difference)
+            smoothed[i] += gain[i, k] * difference
+            deficit[i] += memory[lay.ROOT_CORRECTION] * gain[i, k] * shift[k]
+        if numbers[numbers[lay.ANGLES] + i]:
+            smoothed[i] = wrap(smoothed[i])
+    return bool(within_limit(smoothed, n, LIMIT))
+
+
+@compiled
 def _smooth_one(
     numbers: Integers,
     memory: Array,
@@ -96,32 +118,17 @@ def _smooth_one(
         return
     gain = matrix(memory, numbers[lay.NOISE], n, n)
     stack = matrix(memory, numbers[lay.STACK], 5 * n + 1, n)
-    shift = vector(memory, numbers[lay.SHIFT], n)
-    mean = vector(memory, numbers[lay.X_MEAN], n)
     deficit = vector(memory, numbers[lay.DEFICIT], n)
-    later = matrix(memory, numbers[lay.P_MEAN], n, n)
-    smoothed = vector(memory, numbers[lay.POINT], n)
+    # P_MEAN has done its duty: it holds the later factor, then the smoothed covariance.
+    scratch = matrix(memory, numbers[lay.P_MEAN], n, n)
     _gain(numbers, memory, inflation, gain)
-    semidefinite_cholesky(later_covariance, n, later)
-    rows = _fill_stack(numbers, memory, inflation, gain, later, stack)
+    if not _move(numbers, memory, gain, x, later_x):
+        return
+    semidefinite_cholesky(later_covariance, n, scratch)
+    rows = _fill_stack(numbers, memory, inflation, gain, scratch, stack)
     correction = memory[lay.CORRECTION]
-    scale = memory[lay.ROOT_CORRECTION]
-    for i in range(n):
-        smoothed[i] = x[i]
-        deficit[i] = 0.0
-        for k in range(n):
-            difference = later_x[k] - mean[k]
-            if numbers[numbers[lay.ANGLES] + k]:
-                difference = wrap(difference)
-            smoothed[i] += gain[i, k] * difference
-            deficit[i] += scale * gain[i, k] * shift[k]
-        if numbers[numbers[lay.ANGLES] + i]:
-            smoothed[i] = wrap(smoothed[i])
-        if correction > 0.0:
-            stack[rows, i] = deficit[i]
-        if not (abs(smoothed[i]) <= LIMIT):
-            return
     if correction > 0.0:
+        copy(deficit, stack[rows], n)
         rows += 1
     combine(
         stack,
@@ -130,10 +137,13 @@ def _smooth_one(
         deficit,
         correction < 0.0,
         numbers[lay.ROOT] == 1,
-        covariance,
+        scratch,
         matrix(memory, numbers[lay.S_MEAN], n, n),
     )
-    copy(smoothed, x, n)
+    if within_limit(vector(memory, numbers[lay.P_MEAN], n * n), n * n, LIMIT**2):
+        copy(vector(memory, numbers[lay.POINT], n), x, n)
+        for i in range(n):
+            copy(scratch[i], covariance[i], n)
 
 
 @compiled

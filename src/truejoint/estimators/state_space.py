@@ -96,8 +96,10 @@ def covariance_factor(covariance: Array) -> Array:
 class StateSpaceModel:
     """A discrete model x[k] = f(x[k-1], u[k], dt) + w, z[k] = h(x[k], u[k]) + v.
 
-    The functions are compiled with ``numba.njit`` and fill `out`; ``cache=True`` keeps them on
-    disk. They may return NaN, which the filter survives with a status; they must not raise.
+    The functions are compiled with ``numba.njit(cache=True, error_model="numpy")`` and fill `out`;
+    the options keep them on disk and let a division by zero give infinity. The filter survives
+    NaN and infinity with a status. An exception counts as a failed function too, but numba prints
+    each one, which takes milliseconds.
 
     Parameters
     ----------
@@ -175,7 +177,7 @@ def _compile(
         raise FilterError(f"{what}: {function!r} is not compiled; decorate it with numba.njit")
     try:
         place = address(function, signature)
-    except NumbaError as error:
+    except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
         reason = " ".join(str(error).split())[:200]
         raise FilterError(f"{what}: numba cannot compile it for {signature}: {reason}") from None
     out = np.full(shape, _UNWRITTEN if len(shape) == 1 else 0.0)

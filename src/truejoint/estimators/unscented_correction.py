@@ -86,7 +86,7 @@ def _observe(numbers: Integers, memory: Array) -> bool:
     for c in range(count):
         z_mean[c] = image[numbers[chosen + c]]
         z_shift[c] = 0.0
-    if not within_limit(z_mean, count):
+    if not within_limit(z_mean, count, LIMIT):
         return False
     for k in range(numbers[lay.POINTS]):
         for i in range(n):
@@ -229,7 +229,8 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
         if numbers[numbers[lay.ANGLES] + i]:
             x[i] = wrap(x[i])
     whole = finish(numbers, memory, stack, points + m, n, lay.SHIFT, lay.P, lay.S)
-    if within_limit(x, n) and within_limit(vector(memory, numbers[lay.S], n * n), n * n):
+    covariance = vector(memory, numbers[lay.P], n * n)
+    if within_limit(x, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2):
         return 0 if whole else _REPAIRED
     _keep_prediction(numbers, memory)
     return _OUT_OF_RANGE

@@ -60,33 +60,43 @@ def semidefinite_cholesky(covariance: Array, size: int, factor: Array) -> bool:
     Returns
     -------
     bool
-        False if a pivot was negative beyond rounding, so that L L' is not the matrix given.
+        False if the matrix is indefinite beyond rounding, so that it is not L L'.
     """
     semidefinite = True
     for j in range(size):
-        pivot = covariance[j, j]
-        for k in range(j):
-            pivot -= factor[j, k] * factor[j, k]
         for i in range(j):
             factor[i, j] = 0.0
-        noise = _PIVOT * covariance[j, j]
-        if pivot > noise:
+        for i in range(j, size):
+            rest = covariance[i, j]
+            for k in range(j):
+                rest -= factor[i, k] * factor[j, k]
+            factor[i, j] = rest
+        pivot = factor[j, j]
+        if pivot > _PIVOT * covariance[j, j]:
             # Root and reciprocal are computed at the same time; 1 / root would wait for the root.
             root = math.sqrt(pivot)
             scale = root * (1.0 / pivot)
             factor[j, j] = root
             for i in range(j + 1, size):
-                rest = covariance[i, j]
-                for k in range(j):
-                    rest -= factor[i, k] * factor[j, k]
-                factor[i, j] = rest * scale
-        else:
-            # `not (a >= b)` instead of `a < b`: it holds for NaN too.
-            if not (pivot >= -noise * size):
-                semidefinite = False
-            for i in range(j, size):
-                factor[i, j] = 0.0
+                factor[i, j] *= scale
+        elif not _drop_column(covariance, size, factor, j):
+            semidefinite = False
     return semidefinite
+
+
+@compiled
+def _drop_column(covariance: Array, size: int, factor: Array, column: int) -> bool:
+    """Zero a column without a pivot; False if more than rounding stood in it."""
+    noise = _PIVOT * covariance[column, column]
+    nothing = factor[column, column] >= -noise * size
+    factor[column, column] = 0.0
+    for i in range(column + 1, size):
+        # Nothing may go along with a direction that does not vary.
+        # `not (a <= b)` instead of `a > b`: it holds for NaN too.
+        if not (factor[i, column] * factor[i, column] <= noise * covariance[i, i]):
+            nothing = False
+        factor[i, column] = 0.0
+    return bool(nothing)
 
 
 @compiled

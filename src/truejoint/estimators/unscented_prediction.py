@@ -35,11 +35,11 @@ _OUT_OF_RANGE: Final = int(FilterStatus.OUT_OF_RANGE)
 
 
 @compiled
-def within_limit(values: Array, count: int) -> bool:
-    """Whether the first `count` numbers are finite and not absurdly large."""
+def within_limit(values: Array, count: int, limit: float) -> bool:
+    """Whether the first `count` numbers are finite and not beyond a limit."""
     for i in range(count):  # noqa: SIM110 - numba compiles no generator expression
         # `not (a <= b)` instead of `a > b`: it holds for NaN too.
-        if not (abs(values[i]) <= LIMIT):
+        if not (abs(values[i]) <= limit):
             return False
     return True
 
@@ -76,14 +76,14 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
     copy(x, point, n)
     call_transition(numbers[lay.F], point, u, dt, theta, image)
     copy(image, centre, n)
-    if not within_limit(centre, n):
+    if not within_limit(centre, n, LIMIT):
         return False
     for k in range(numbers[lay.POINTS]):
         for i in range(n):
             point[i] = x[i] + deviations[k, i]
             image[i] = np.nan
         call_transition(numbers[lay.F], point, u, dt, theta, image)
-        if not within_limit(image, n):
+        if not within_limit(image, n, LIMIT):
             return False
         for i in range(n):
             difference = image[i] - centre[i]
@@ -108,7 +108,7 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     )
     # Any array of the right size holds the factor until it is known to be good.
     factor = matrix(memory, numbers[lay.S_MEAN], n, n)
-    if not within_limit(entries, n * n) or not semidefinite_cholesky(noise, n, factor):
+    if not within_limit(entries, n * n, LIMIT) or not semidefinite_cholesky(noise, n, factor):
         return False
     copy(vector(memory, numbers[lay.S_MEAN], n * n), vector(memory, numbers[lay.Q], n * n), n * n)
     return True
@@ -117,7 +117,7 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
 @compiled
 def _check_inputs(numbers: Integers, memory: Array) -> bool:
     u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
-    return 0.0 <= memory[lay.DT] <= LIMIT and within_limit(u, numbers[lay.INPUTS])
+    return 0.0 <= memory[lay.DT] <= LIMIT and within_limit(u, numbers[lay.INPUTS], LIMIT)
 
 
 @compiled
@@ -151,12 +151,12 @@ def predict(numbers: Integers, memory: Array) -> int:
         copy(x, centre, n)
     status |= _combine_prediction(numbers, memory, moving)
     mean = vector(memory, numbers[lay.X_MEAN], n)
-    factor = vector(memory, numbers[lay.S_MEAN], n * n)
-    if not (within_limit(mean, n) and within_limit(factor, n * n)):
-        covariance = vector(memory, numbers[lay.P_MEAN], n * n)
+    covariance = vector(memory, numbers[lay.P_MEAN], n * n)
+    if not (within_limit(mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
+        factor = vector(memory, numbers[lay.S_MEAN], n * n)
         copy(x, mean, n)
-        copy(vector(memory, numbers[lay.S], n * n), factor, n * n)
         copy(vector(memory, numbers[lay.P], n * n), covariance, n * n)
+        copy(vector(memory, numbers[lay.S], n * n), factor, n * n)
         place_points(numbers, memory, lay.S, 1.0)
         copy(x, centre, n)
         fill(vector(memory, numbers[lay.SHIFT], n), n, 0.0)
