@@ -183,7 +183,7 @@ def test_too_many_terms_are_refused():
 
 
 def test_names_lead_to_estimators():
-    assert estimator_names() == ("offset", "linear", "poly2", "dnn")
+    assert estimator_names()[:4] == ("offset", "linear", "poly2", "dnn")
     for name in estimator_names():
         assert isinstance(get_estimator(name), JointRegressor)
         assert get_estimator(name).name == name

@@ -18,7 +18,8 @@ from truejoint.estimators.document import CalibrationData, decode, encode
 from truejoint.estimators.families import EstimatorData
 from truejoint.estimators.features import FeatureState, check_sample_interval
 from truejoint.estimators.model_file import read_model_file, write_model_file
-from truejoint.estimators.registry import ESTIMATORS
+from truejoint.estimators.registry import families
+from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
 from truejoint.estimators.uncertainty import half_widths
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
@@ -35,10 +36,13 @@ class OnlineState:
     features : FeatureState
     row : ndarray, shape (1, k)
         Features of the last sample.
+    model : object
+        What a `SequenceRegressor` remembers itself; None for any other estimator.
     """
 
     features: FeatureState
     row: Array
+    model: Any = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +97,8 @@ class Calibration(CalibrationData[JointRegressor]):
         """
         self._check(recording)
         X = self.feature_set.compute(recording, self.gap_limit)
+        if isinstance(self.model, SequenceRegressor):
+            return self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
         predicted = self.model.evaluate(X)
         if self.target == "position":
             return predicted
@@ -131,7 +137,8 @@ class Calibration(CalibrationData[JointRegressor]):
 
     def start(self) -> OnlineState:
         """State before the first sample, for `step`."""
-        return OnlineState(self.feature_set.start(), np.empty((1, len(self.feature_set))))
+        memory = self.model.start() if isinstance(self.model, SequenceRegressor) else None
+        return OnlineState(self.feature_set.start(), np.empty((1, len(self.feature_set))), memory)
 
     def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
         """Correct one sample; the same bits as `correct` gives for the whole recording.
@@ -168,7 +175,9 @@ class Calibration(CalibrationData[JointRegressor]):
         seen, last = state.features.clock
         if not math.isfinite(t) or (seen and not t > last):
             raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
-        self.feature_set.step(state.features, t, values, self.gap_limit, state.row[0])
+        fresh = self.feature_set.step(state.features, t, values, self.gap_limit, state.row[0])
+        if isinstance(self.model, SequenceRegressor):
+            return self.model.step(state.model, 0.0 if fresh else t - last, state.row[0])
         predicted: Array = self.model.evaluate(state.row)[0]
         if self.target == "position":
             return predicted
@@ -223,7 +232,7 @@ class Calibration(CalibrationData[JointRegressor]):
                     f"{source}: {signal!r} is in {recording.units[signal]}, the calibration was "
                     f"made with {self.units[signal]}; convert it where the file is read"
                 )
-        if self.feature_set.counts_samples:
+        if self.feature_set.counts_samples or counts_samples(self.model):
             check_sample_interval(recording, float(self.metadata["sample_interval"]))
 
 
@@ -252,12 +261,12 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
 
 
 def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> JointRegressor:
-    families = {cls.family: cls for cls in ESTIMATORS.values()}
-    if data.family not in families:
+    known = families()
+    if data.family not in known:
         raise ModelFileError(
-            f"estimator {name!r} is of family {data.family!r:.60}; known: {', '.join(families)}"
+            f"estimator {name!r} is of family {data.family!r:.60}; known: {', '.join(known)}"
         )
-    return families[data.family].from_arrays(
+    return known[data.family].from_arrays(
         data.params, data.arrays, n_features=n_features, n_outputs=n_outputs
     )
 

@@ -296,8 +296,8 @@ def check_sample_interval(recording: Recording, trained: float) -> None:
     if max(trained, interval) > MAX_RATE_RATIO * min(trained, interval):
         raise CalibrationError(
             f"{recording.provenance.source or 'recording'} has a row every {interval:.4g} s, "
-            f"training every {trained:.4g} s, and features count samples (lag); resample it, or "
-            "use lowpass or rate instead"
+            f"training every {trained:.4g} s, and the model counts samples (lag features, filters, "
+            "differences); resample it, or calibrate at this rate"
         )
 
 

@@ -31,6 +31,7 @@ from truejoint.estimators.features import (
 from truejoint.estimators.linear import FixedOffset
 from truejoint.estimators.reference import fit_reference
 from truejoint.estimators.registry import get_estimator
+from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
@@ -48,7 +49,7 @@ def calibrate(
     *,
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
-    target: Target = "error",
+    target: Target | None = None,
     fit_rate: float | None = None,
     random_state: int | None = None,
     progress: Progress | None = None,
@@ -64,11 +65,13 @@ def calibrate(
     estimator : str or JointRegressor
         A name in `estimator_names`, or an unfitted estimator with parameters of its own.
     features : FeatureSet or iterable of str, optional
-        Inputs of the model; measured position and effort of every channel by default.
+        Inputs of the model; measured position and effort of every channel by default, or those
+        that the estimator was made for.
     joints : sequence of str, optional
         Joints to correct; by default the robot's positioning joints that have truth.
-    target : {"error", "position"}
-        Predict truth minus measured (peng2024, II-J: more accurate), or the position itself.
+    target : {"error", "position"}, optional
+        Predict truth minus measured (peng2024, II-J: more accurate), the default, or the position
+        itself, the only choice for estimators that remember (`SequenceRegressor`).
     fit_rate : float, optional
         Fit to rows at most at this rate [Hz], where more of them would only take longer; features
         with a history still see every row.
@@ -91,22 +94,30 @@ def calibrate(
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     robot = _common_robot(recordings)
     model = _unfitted(estimator, target, random_state)
+    target = target or ("position" if isinstance(model, SequenceRegressor) else "error")
+    if isinstance(model, SequenceRegressor):
+        model.check_recordings(recordings)
+        features = _own_features(model, features)
     chosen = _chosen_joints(robot, recordings, joints)
     feature_set = _chosen_features(robot, recordings, features)
     interval, gap_limit = sample_interval(recordings), default_gap_limit(recordings)
-    if feature_set.counts_samples:
+    if feature_set.counts_samples or counts_samples(model):
         for recording in recordings:
             check_sample_interval(recording, interval)
     units = _common_units(recordings, feature_set, chosen)
-    rows = _gather(recordings, feature_set, chosen, gap_limit, _stride(fit_rate, interval))
+    stride = _stride(fit_rate, interval)
+    rows = _gather(recordings, feature_set, chosen, gap_limit, stride)
     unused = _unused_features(rows.X, feature_set, robot)
     _check_count(rows, model, len(feature_set) - len(unused))
     report = progress or (lambda _fraction: None)
-    model.fit(
-        rows.X,
-        rows.error if target == "error" else rows.truth,
-        lambda fraction: report((1.0 - _BASELINE_SHARE) * fraction),
-    )
+
+    def model_report(fraction: float) -> None:
+        report((1.0 - _BASELINE_SHARE) * fraction)
+
+    if isinstance(model, SequenceRegressor):
+        _fit_in_order(model, recordings, feature_set, chosen, gap_limit, stride, model_report)
+    else:
+        model.fit(rows.X, rows.error if target == "error" else rows.truth, model_report)
     baselines, notes = _fit_baselines(rows, len(feature_set) - len(unused))
     report(1.0)
     fitted = Calibration(
@@ -159,12 +170,16 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
 
 
 def _unfitted(
-    estimator: str | JointRegressor, target: Target, random_state: int | None
+    estimator: str | JointRegressor, target: Target | None, random_state: int | None
 ) -> JointRegressor:
-    if target not in get_args(Target):
+    if target not in (None, *get_args(Target)):
         raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
     model = get_estimator(estimator) if isinstance(estimator, str) else clone(estimator)
-    if isinstance(model, FixedOffset) and target != "error":
+    if isinstance(model, SequenceRegressor) and target == "error":
+        raise CalibrationError(
+            f"{model.name} estimates a position, not an error; use target 'position'"
+        )
+    if isinstance(model, FixedOffset) and target == "position":
         raise CalibrationError(
             "a fixed offset knows no position; use target 'error' with the estimator 'offset'"
         )
@@ -172,6 +187,42 @@ def _unfitted(
         model.set_params(random_state=random_state)
     model.check_params()
     return model
+
+
+def _own_features(
+    model: SequenceRegressor, features: FeatureSet | Iterable[str] | None
+) -> FeatureSet | Iterable[str]:
+    """Features asked for, which must be as many as the model takes; its own by default."""
+    if features is None:
+        return model.inputs
+    chosen = features if isinstance(features, FeatureSet) else FeatureSet.parse(features)
+    if len(chosen) != len(model.inputs):
+        raise CalibrationError(
+            f"{model.name} takes {len(model.inputs)} features, in the order of "
+            f"{', '.join(model.inputs)}; {len(chosen)} are given"
+        )
+    return chosen
+
+
+def _fit_in_order(
+    model: SequenceRegressor,
+    recordings: Sequence[Recording],
+    feature_set: FeatureSet,
+    joints: tuple[str, ...],
+    gap_limit: float,
+    stride: int,
+    progress: Progress,
+) -> None:
+    """Fit a model that remembers: it sees every row, and truth in those that are fitted to."""
+    inputs, truths, steps = [], [], []
+    for recording in recordings:
+        truth = np.array(recording.columns("truth", joints))
+        truth[~np.isfinite(truth).all(axis=1)] = np.nan
+        truth[np.arange(len(truth)) % stride != 0] = np.nan
+        inputs.append(feature_set.compute(recording, gap_limit))
+        truths.append(truth)
+        steps.append(time_steps(np.array(recording.t), gap_limit))
+    model.fit(np.concatenate(inputs), np.concatenate(truths), progress, np.concatenate(steps))
 
 
 def _chosen_joints(
@@ -352,9 +403,7 @@ def _fit_baselines(
 def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
     sessions: list[Mapping[str, Any]] = []
-    for recording, count, without in zip(
-        recordings, rows.counts, rows.without_truth, strict=True
-    ):
+    for recording, count, without in zip(recordings, rows.counts, rows.without_truth, strict=True):
         origin = recording.provenance.to_dict()
         kept = ("source", "sha256", "session", "homing_id", "load", "start")
         sessions.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final
 
 from truejoint.errors import CalibrationError
@@ -18,15 +19,31 @@ ESTIMATORS: Final[dict[str, type[JointRegressor]]] = {
 """Estimators as a class each, whose defaults are those of peng2024."""
 
 
+JAW_ESTIMATORS: Final = (
+    "lsm", "lsm_intercept", "lsm_compensated", "ukf", "ukf_compensated", "play_reset", "play_both",
+    "play_gated",
+)  # fmt: skip
+"""Estimators of a cable-driven jaw from its cables: those of yan2020, and past them."""
+
+
+@cache
+def families() -> dict[str, type[JointRegressor]]:
+    """Every class of estimator by the name that stands in model files."""
+    # Imported here because the filters compile for seconds on their first use ever.
+    from truejoint.estimators.forceps import JAW_CLASSES  # noqa: PLC0415
+
+    return {cls.family: cls for cls in (*ESTIMATORS.values(), *JAW_CLASSES)}
+
+
 def estimator_names() -> tuple[str, ...]:
     """Names that `get_estimator` knows."""
-    return tuple(ESTIMATORS)
+    return (*ESTIMATORS, *JAW_ESTIMATORS)
 
 
 def get_estimator(name: str) -> JointRegressor:
     """Unfitted estimator called `name`; raises CalibrationError naming the known ones."""
-    if name not in ESTIMATORS:
-        raise CalibrationError(
-            f"no estimator called {name!r}; known: {', '.join(estimator_names())}"
-        )
-    return ESTIMATORS[name]()
+    if name in ESTIMATORS:
+        return ESTIMATORS[name]()
+    if name in JAW_ESTIMATORS:
+        return families()[name]()
+    raise CalibrationError(f"no estimator called {name!r}; known: {', '.join(estimator_names())}")

@@ -1,0 +1,158 @@
+"""What the estimators of the forceps' jaw have in common."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Sequence
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators.base import Progress
+from truejoint.estimators.sequence import SequenceRegressor
+from truejoint.recordings import Recording
+
+Array = NDArray[np.float64]
+
+MOTOR: Final = "motor/jaw"
+DRIVE: Final = "cable/drive"
+RESET: Final = "cable/reset"
+MIN_ROWS: Final = 400
+"""Rows that a fit needs at least: two seconds at 200 Hz."""
+_REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
+
+
+class JawEstimator(SequenceRegressor):
+    """Base of the estimators of one jaw from motor angle and cable displacements.
+
+    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward
+    motion differ by friction, and one alone cannot show it.
+    """
+
+    needs_reversal: ClassVar[bool] = True
+
+    def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # whatever they are
+        """Four hundred rows."""
+        return MIN_ROWS
+
+    def check_recordings(self, recordings: Sequence[Recording]) -> None:
+        """Refuse, with CalibrationError, recordings with a load on the jaw."""
+        for recording in recordings:
+            if recording.provenance.load > 0.0:
+                raise CalibrationError(
+                    f"{recording.provenance.source or 'recording'}: a load of "
+                    f"{1e3 * recording.provenance.load:g} g on the jaw; {self.name} learns how "
+                    "motor and cables relate without one: record the calibration unloaded"
+                )
+
+    def _fit_sequence(self, X: Array, y: Array, steps: Array, progress: Progress) -> None:
+        if y.shape[1] != 1:
+            raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
+        known = np.isfinite(y[:, 0])
+        if known.sum() < MIN_ROWS:
+            raise CalibrationError(
+                f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
+            )
+        self._check_motion(X[known], y[known, 0])
+        self._fit_jaw(X, y[:, 0], steps, known, progress)
+        progress(1.0)
+
+    @abstractmethod
+    def _fit_jaw(
+        self, X: Array, y: Array, steps: Array, known: NDArray[np.bool_], progress: Progress
+    ) -> None:
+        """Fit to rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
+
+    def _check_motion(self, X: Array, y: Array) -> None:
+        for name, column in (*zip(self.inputs, X.T, strict=True), ("the jaw's truth", y)):
+            if not np.ptp(column) > 0.0:
+                raise CalibrationError(
+                    f"{self.name}: {name} never changes; move the jaw over its range, and check "
+                    "that the sensor is connected"
+                )
+            own = self.inputs.index(name) if name in self.inputs else None
+            if has_jump(column):
+                raise CalibrationError(
+                    f"{self.name}: {name} jumps between two rows further than it ever moves; check "
+                    "its sensor and cut the recording before the jump"
+                )
+            longest = longest_standstill(column, X, own)
+            if longest > 0.2:
+                raise CalibrationError(
+                    f"{self.name}: {name} stands still for {100 * longest:.0f} % of the rows while "
+                    "the others move on; its sensor is stuck: record the calibration again"
+                )
+        if self.needs_reversal and reversals(y) < 2:
+            raise CalibrationError(
+                f"{self.name}: the jaw reverses {reversals(y)} times in the training rows; friction"
+                " shows only where the motion turns: record a motion there and back, twice"
+            )
+
+
+def reversals(y: Array) -> int:
+    """Count the turns of a motion (n,), ignoring those below a twentieth of its range."""
+    band = _REVERSAL * float(np.ptp(y))
+    count, direction, extreme = 0, 0, float(y[0])
+    for value in y[:: max(1, len(y) // 5000)]:
+        if direction >= 0 and value > extreme:
+            extreme = float(value)
+            direction = direction or (1 if value > y[0] + band else 0)
+        elif direction <= 0 and value < extreme:
+            extreme = float(value)
+            direction = direction or (-1 if value < y[0] - band else 0)
+        elif direction != 0 and abs(value - extreme) > band:
+            count, direction, extreme = count + 1, -direction, float(value)
+    return count
+
+
+def has_jump(column: Array) -> bool:
+    """Whether a signal (n,) changes between two rows by far more than it usually does.
+
+    Far more is thirty times what it exceeds in one row of a hundred, and a fiftieth of its range.
+    """
+    moves = np.abs(np.diff(column))
+    usual = float(np.quantile(moves, 0.99))
+    return bool(moves.max() > max(30.0 * usual, 0.02 * float(np.ptp(column))))
+
+
+def longest_standstill(column: Array, X: Array, own: int | None) -> float:
+    """Longest stretch in which `column` (n,) repeats one value while the others move, of the rows.
+
+    Parameters
+    ----------
+    column : ndarray, shape (n,)
+    X : ndarray, shape (n, k)
+        All signals.
+    own : int or None
+        Which column of `X` it is itself.
+
+    Returns
+    -------
+    float
+        Share of all rows, 0 to 1; a stretch counts if another signal moves by a fifth of its
+        range within it.
+    """
+    changes = np.flatnonzero(np.diff(column)) + 1
+    edges = np.concatenate([[0], changes, [len(column)]])
+    span = np.ptp(X, axis=0)
+    longest = 0
+    for i in np.argsort(np.diff(edges))[::-1][:20]:
+        rows = X[edges[i] : edges[i + 1]]
+        moved = np.ptp(rows, axis=0) > 0.2 * span
+        if own is not None:
+            moved[own] = False
+        if moved.any():
+            longest = int(edges[i + 1] - edges[i])
+            break
+    return longest / len(column)
+
+
+def check_numbers(owner: str, positive: dict[str, Any], *, zero: bool = False) -> None:
+    """Raise CalibrationError unless all values are finite numbers above 0 (or 0, if allowed)."""
+    for name, value in positive.items():
+        number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
+        if not number or not np.isfinite(value) or not (value > 0.0 or (zero and value == 0.0)):
+            rule = "0 or more" if zero else "above 0"
+            raise CalibrationError(f"{owner}: {name} is {value!r:.60}; give a number {rule}")
