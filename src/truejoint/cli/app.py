@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from truejoint.cli import calibrate, collect, datasets, demo, evaluate, trajectory
+from truejoint.cli import calibrate, check, collect, datasets, demo, evaluate, trajectory
 from truejoint.cli.console import err
 from truejoint.errors import TruejointError
 
@@ -38,6 +38,11 @@ app.command(
     epilog="Example: `truejoint evaluate left_arm.safetensors session/random.parquet "
     "--report report.html --tolerance elbow=0.2`",
 )(evaluate.evaluate)
+app.command(
+    "check",
+    epilog="Example: `truejoint check left_arm.safetensors ten_seconds.parquet "
+    "--rezero today.safetensors`",
+)(check.check)
 app.add_typer(datasets.app, name="datasets")
 
 

@@ -13,7 +13,13 @@ from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import load_recordings, only_dataset
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Seed, Split
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators import Calibration, JointRegressor, estimator_names, get_estimator
+from truejoint.estimators import (
+    Calibration,
+    Interval,
+    JointRegressor,
+    estimator_names,
+    get_estimator,
+)
 from truejoint.evaluation import DataCheck, check_data, evaluate
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, get_dataset
@@ -44,9 +50,8 @@ def calibrate(
         list[str] | None, typer.Option("--joint", help="Joint to correct; default: all with truth.")
     ] = None,
     target: Annotated[
-        str | None,
-        typer.Option(help="What the model predicts: error (the default) or position."),
-    ] = None,
+        str, typer.Option(help="What the model predicts: error or position.")
+    ] = "error",
     fit_rate_hz: Annotated[
         float | None,
         typer.Option(help="Fit to rows at most at this rate [Hz]; features still see every row."),
@@ -55,6 +60,18 @@ def calibrate(
         list[str] | None,
         typer.Option("--test", help="Recording to judge on; the accuracy goes into the file."),
     ] = None,
+    interval: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--interval",
+            help="Recording that the fit does not see, to state how far off positions may be: 9 "
+            "or more for 90 %, each after a homing of its own if that is to hold after any homing.",
+        ),
+    ] = None,
+    interval_rezero_s: Annotated[
+        float,
+        typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
+    ] = 0.0,
     reader: Format = None,
     columns: Columns = None,
     robot: Annotated[str | None, typer.Option("--robot", help="For plain CSV files.")] = None,
@@ -71,6 +88,7 @@ def calibrate(
     context: dict[str, Any] = {"reader": reader, "columns": columns, "robot": robot, "arm": arm}
     training = load_recordings(recordings, part=part, split=split, held_out=False, **context)
     testing = load_recordings(test, **context) if test else []
+    unseen = load_recordings(interval, **context) if interval else []
     dataset = only_dataset(recordings)
     if dataset is not None:
         features = features or [dataset]
@@ -84,6 +102,9 @@ def calibrate(
         fit_rate=fit_rate_hz,
         seed=seed,
     )
+    if unseen:
+        with progress(f"Making an interval of {len(unseen)} recordings"):
+            fitted = estimators.with_interval(fitted, unseen, rezero=interval_rezero_s)
     if testing:
         scores = evaluate({estimator: [fitted]}, testing).to_dict()["scores"]
         fitted = fitted.with_metadata(held_out=scores)
@@ -100,7 +121,7 @@ def fit(
     *,
     features: Sequence[str] | None = None,
     joints: Sequence[str] | None = None,
-    target: str | None = None,
+    target: str = "error",
     fit_rate: float | None = None,
     seed: int = 0,
 ) -> tuple[Calibration, DataCheck]:
@@ -178,6 +199,8 @@ def _show(fitted: Calibration, output: Path) -> None:
         f"{facts['duration'] / 60:.1f} min",
         highlight=False,
     )
+    if fitted.interval is not None:
+        _show_interval(fitted, fitted.interval)
     for score in facts.get("held_out", []):
         if score["estimator"] != fitted.estimator:
             continue
@@ -186,3 +209,13 @@ def _show(fitted: Calibration, output: Path) -> None:
             f"  {score['joint']}: {score['rmse'] * shown.scale:.3f} {shown.name} RMSE held out",
             highlight=False,
         )
+
+
+def _show_interval(fitted: Calibration, interval: Interval) -> None:
+    for row, level in enumerate(interval.levels):
+        parts = []
+        for joint, width in zip(fitted.joints, interval.half_widths[row], strict=True):
+            shown = display_unit(fitted.units[f"measured/{joint}"])
+            parts.append(f"{joint} ± {width * shown.scale:.3f} {shown.name}")
+        out.print(f"  {100 * level:g} %: {', '.join(parts)}", highlight=False)
+    out.print(f"  {interval.meaning}", highlight=False)
