@@ -18,6 +18,9 @@ Array = npt.NDArray[np.float64]
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
 _PIVOT = 64.0 * 2.220446049250313e-16
+# Rounding in a pivot grows with the conditioning of the rows before it. Only what is negative
+# beyond this share of the diagonal entry is held for an indefinite matrix.
+_INDEFINITE = 1e-8
 
 
 @compiled
@@ -87,8 +90,8 @@ def semidefinite_cholesky(covariance: Array, size: int, factor: Array) -> bool:
 @compiled
 def _drop_column(covariance: Array, size: int, factor: Array, column: int) -> bool:
     """Zero a column without a pivot; False if more than rounding stood in it."""
-    noise = _PIVOT * covariance[column, column]
-    nothing = factor[column, column] >= -noise * size
+    noise = _INDEFINITE * covariance[column, column]
+    nothing = factor[column, column] >= -noise
     factor[column, column] = 0.0
     for i in range(column + 1, size):
         # Nothing may go along with a direction that does not vary.
@@ -262,6 +265,7 @@ def combine(
         for j in range(size):
             covariance[i, j] -= deficit[i] * deficit[j]
     if semidefinite_cholesky(covariance, size, factor):
+        _square(factor, size, covariance)  # a difference may be indefinite by rounding, L L' not
         return True
     outer_sum(stack, rows, size, covariance)
     semidefinite_cholesky(covariance, size, factor)
