@@ -1,0 +1,168 @@
+"""Coverage of the stated 90 % interval on fresh sessions of the digital twin.
+
+    python -m benchmarks.interval_coverage [--sessions 60] [--minutes 5] [--estimators linear dnn]
+
+One calibration session (one homing; zig-zags in direction J2-J3 of sparsity 1/4, 1/5 and 1/6)
+trains each estimator. Every other session is an arm of its own: cold, freshly homed, a random
+motion of a few minutes. One half of the sessions makes the interval, the other judges it, and the
+other way round, so that every session is judged once. Prints Markdown tables: coverage with its
+sampling error over sessions, and the width beside that of the fixed offset's interval, for three
+uses: as homed, re-zeroed from ten seconds of truth, and an interval that saw one homing only. The
+last row of each estimator is a warning, not a claim. Then two calibrations of different homings are
+compared with what they state.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint import calibrate
+from truejoint.crtk import Arm, simulated_arm
+from truejoint.estimators import (
+    Calibration,
+    cross_check,
+    measure_coverage,
+    with_interval,
+)
+from truejoint.motion import Trajectory, follow, random_motion, zigzag
+from truejoint.recordings import Recorder, Recording
+from truejoint.units import display_unit
+
+Array = NDArray[np.float64]
+
+LEVEL = 0.9
+REZERO = 10.0  # s
+SAME_HOMING = 12  # motions after the training's homing
+TRAINING_SEED, OTHER_SEED, SESSION_SEED = 0, 1, 100
+
+
+def homed_arm(seed: int, load: float = 0.0) -> Arm:
+    """Freshly homed arm on the twin."""
+    arm = simulated_arm("raven2", "left", seed=seed, load=load)
+    arm.enable()
+    arm.home()
+    return arm
+
+
+def record(arm: Arm, trajectory: Trajectory, homing: str, rate: float = 30.0) -> Recording:
+    """Record a motion."""
+    with Recorder(arm, rate, session=trajectory.name, homing_id=homing) as recorder:
+        follow(arm, trajectory)
+    return recorder.recording(f"twin, homing {homing}, {trajectory.name}")
+
+
+def training_session(arm: Arm, seed: int) -> list[Recording]:
+    """Zig-zags that a calibration is fitted to."""
+    return [record(arm, zigzag(arm.robot, "J2-J3", 1 / n), f"h{seed}") for n in (4, 5, 6)]
+
+
+def fresh_session(seed: int, minutes: float) -> Recording:
+    """Random motion after a homing of its own."""
+    arm = homed_arm(seed)
+    return record(arm, random_motion(arm.robot, 60.0 * minutes, seed), f"h{seed}", rate=10.0)
+
+
+@dataclass(frozen=True)
+class Row:
+    """Coverage over all sessions, each judged by an interval that it had no part in."""
+
+    shares: Array
+    half_width: Array
+    offset_half_width: Array
+
+
+def two_fold(calibration: Calibration, sessions: Sequence[Recording], rezero: float) -> Row:
+    """Interval from one half of the sessions, judged on the other, both ways."""
+    halves = [sessions[0::2], sessions[1::2]]
+    found = [
+        measure_coverage(with_interval(calibration, halves[i], rezero=rezero), halves[1 - i], LEVEL)
+        for i in (0, 1)
+    ]
+    return Row(
+        np.concatenate([coverage.shares for coverage in found]),
+        np.mean([coverage.half_width for coverage in found], axis=0),
+        np.mean([coverage.offset_half_width for coverage in found], axis=0),
+    )
+
+
+def one_homing(
+    calibration: Calibration, same: Sequence[Recording], sessions: Sequence[Recording]
+) -> Row:
+    """Interval from motions after the training's own homing, judged on fresh homings."""
+    found = measure_coverage(with_interval(calibration, same), sessions, LEVEL)
+    return Row(found.shares, found.half_width, found.offset_half_width)
+
+
+def print_rows(calibration: Calibration, rows: dict[str, Row]) -> None:
+    """Markdown rows of one estimator."""
+    for use, row in rows.items():
+        n = len(row.shares)
+        error = row.shares.std(axis=0, ddof=1) / np.sqrt(n)
+        for k, joint in enumerate(calibration.joints):
+            shown = display_unit(calibration.units[f"measured/{joint}"])
+            own, offset = row.half_width[k] * shown.scale, row.offset_half_width[k] * shown.scale
+            print(
+                f"| {calibration.estimator} | {use} | {joint} "
+                f"| {100 * row.shares[:, k].mean():.1f} ± {100 * error[k]:.1f} % "
+                f"| {own:.3f} {shown.name} | {offset:.3f} {shown.name} | {own / offset:.2f} |",
+                flush=True,
+            )
+        mean = row.shares.mean(axis=1)
+        print(
+            f"| {calibration.estimator} | {use} | all "
+            f"| {100 * mean.mean():.1f} ± {100 * mean.std(ddof=1) / np.sqrt(n):.1f} % | | | |"
+        )
+
+
+def main() -> None:
+    """Print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--sessions", type=int, default=60)
+    parser.add_argument("--minutes", type=float, default=5.0)
+    parser.add_argument("--estimators", nargs="+", default=["linear", "dnn"])
+    options = parser.parse_args()
+    arm = homed_arm(TRAINING_SEED)
+    training = training_session(arm, TRAINING_SEED)
+    same = [
+        record(arm, random_motion(arm.robot, 60.0 * options.minutes, i), f"h{TRAINING_SEED}", 10.0)
+        for i in range(SAME_HOMING)
+    ]
+    other = training_session(homed_arm(OTHER_SEED), OTHER_SEED)
+    seeds = range(SESSION_SEED, SESSION_SEED + options.sessions)
+    sessions = [fresh_session(seed, options.minutes) for seed in seeds]
+    print(f"{options.sessions} sessions of {options.minutes:g} min, level {100 * LEVEL:g} %\n")
+    print("| estimator | interval | joint | coverage | half-width | fixed offset's | ratio |")
+    print("|---|---|---|---|---|---|---|")
+    pairs = []
+    for name in options.estimators:
+        calibration = calibrate(training, name, random_state=0)
+        print_rows(
+            calibration,
+            {
+                "as homed": two_fold(calibration, sessions, 0.0),
+                f"re-zeroed from {REZERO:g} s": two_fold(calibration, sessions, REZERO),
+                "saw one homing (do not do this)": one_homing(calibration, same, sessions),
+            },
+        )
+        pairs.append((calibration, calibrate(other, name, random_state=1)))
+    print("\n| calibrations of two homings | joint | RMS difference | both intervals | inside |")
+    print("|---|---|---|---|---|")
+    for pair in pairs:
+        first, second = (with_interval(one, sessions) for one in pair)
+        found = cross_check(first, second, sessions[0], LEVEL)
+        for k, joint in enumerate(first.joints):
+            shown = display_unit(first.units[f"measured/{joint}"])
+            print(
+                f"| {first.estimator} | {joint} | {found.difference[k] * shown.scale:.3f} "
+                f"{shown.name} | ± {found.allowed[k] * shown.scale:.3f} {shown.name} "
+                f"| {100 * found.inside[k]:.0f} % |"
+            )
+
+
+if __name__ == "__main__":
+    main()
