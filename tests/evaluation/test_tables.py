@@ -24,10 +24,10 @@ def test_the_table_and_the_picture_show_every_joint(
     console.print(findings_table(check_data([test])))
     text = console.export_text()
     for joint, unit in zip(evaluation.joints, evaluation.units, strict=True):
-        line = next(line for line in text.splitlines() if f" {joint} " in line)
-        assert " deg " in line if unit == "rad" else " mm " in line
+        shown = "deg" if unit == "rad" else "mm"
+        line = next(line for line in text.splitlines() if f" {joint} [{shown}] " in line)
         percent = evaluation.score("dnn", joint).percent_of_offset
         assert f"{percent:.0f} %" in line
-    assert ("tool position" in text) == bool(evaluation.cartesian)
+    assert ("tool [mm]" in text) == bool(evaluation.cartesian)
     picture = plot_corrected(evaluation, tmp_path / "still.png", seconds=5)
     assert picture.read_bytes().startswith(b"\x89PNG")

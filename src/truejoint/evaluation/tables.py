@@ -25,7 +25,6 @@ def score_table(evaluation: Evaluation) -> Table:
     title = f"{evaluation.title}: RMSE on the test, percent of the fixed offset"
     table = Table(title=title, box=box.SIMPLE_HEAD)
     table.add_column("joint")
-    table.add_column("unit")
     for name in evaluation.estimators:
         table.add_column(
             estimator_title(name),
@@ -35,10 +34,11 @@ def score_table(evaluation: Evaluation) -> Table:
     for joint, unit in zip(evaluation.joints, evaluation.units, strict=True):
         scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         shown_unit = display_unit(unit)
-        table.add_row(Text(joint), shown_unit.name, *_cells(scores, shown_unit.scale))
+        name = Text(f"{joint} [{shown_unit.name}]")
+        table.add_row(name, *_cells(scores, shown_unit.scale))
     if evaluation.cartesian:
         table.add_section()
-        table.add_row("tool position", "mm", *_cells(evaluation.cartesian, 1e3))
+        table.add_row(Text("tool [mm]"), *_cells(evaluation.cartesian, 1e3))
     return table
 
 

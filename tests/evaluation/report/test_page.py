@@ -1,5 +1,7 @@
 import json
 import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from html.parser import HTMLParser
 from pathlib import Path
@@ -17,6 +19,14 @@ from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 
 ROBOTS = ["raven2", "davinci_grasper", "bros", "dvrk_psm", "kuka_kr300"]
+CHROMIUM = shutil.which("chromium")
+HEADLESS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--disable-background-networking", "--disable-component-update", "--disable-sync",
+    "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--virtual-time-budget=8000",
+    "--enable-logging=stderr", "--v=0",
+)  # fmt: skip
+OPENED = ("raven2", "davinci_grasper")  # with and without kinematics; a browser is slow to start
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\u2028'\".csv"
 
 
@@ -91,6 +101,26 @@ def test_the_page_loads_nothing(report: tuple[Evaluation, _Page, str]) -> None:
     assert "url(" not in style
     assert "@import" not in style
     assert len(text) < 12e6
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; the page is not opened")
+def test_the_page_opens_without_a_console_error(
+    report: tuple[Evaluation, _Page, str], tmp_path: Path
+) -> None:
+    if report[0].robot not in OPENED:
+        pytest.skip("pages of other robots are made of the same parts")
+    page = tmp_path / "report.html"
+    page.write_text(report[2], encoding="utf-8")
+    assert CHROMIUM is not None
+    opened = subprocess.run(  # noqa: S603  # a fixed command line on a page of our own
+        [CHROMIUM, *HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom",
+         page.as_uri()],
+        capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    said = [line for line in opened.stderr.splitlines() if ":CONSOLE" in line]
+    assert [line for line in said if "INFO:CONSOLE" not in line] == []
+    assert [line for line in said if "Error" in line or "Refused" in line] == []
+    assert opened.stdout.count("js-plotly-plot") >= len(report[0].joints)
 
 
 def test_hostile_names_stay_text(report: tuple[Evaluation, _Page, str]) -> None:
