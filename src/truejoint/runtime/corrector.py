@@ -15,7 +15,7 @@ from truejoint.estimators.model_file import read_model_file
 from truejoint.runtime import layout as lay
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.homing import Homing
-from truejoint.runtime.limits import limits_of
+from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.row_models import row_model
 from truejoint.runtime.status import Status
 
@@ -38,6 +38,9 @@ class Corrector:
         Model file, or what `calibrate` gave.
     level : float
         Probability of the half-width; used where the model has an interval.
+    range_margin : float
+        Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
+        wider there.
 
     Attributes
     ----------
@@ -60,7 +63,7 @@ class Corrector:
     ModelFileError
         If the file is missing, damaged or of a newer format, or lacks what the checks need.
     CalibrationError
-        If the interval does not state that level.
+        If the interval does not state that level, or the margin is not from 0 to 1.
 
     Notes
     -----
@@ -73,14 +76,20 @@ class Corrector:
         "half_width", "joints", "offset", "position", "signals",
     )  # fmt: skip
 
-    def __init__(self, model: str | os.PathLike[str] | Calibration, *, level: float = 0.9) -> None:
+    def __init__(
+        self,
+        model: str | os.PathLike[str] | Calibration,
+        *,
+        level: float = 0.9,
+        range_margin: float = RANGE_MARGIN,
+    ) -> None:
         data = _read(model) if isinstance(model, (str, os.PathLike)) else decode(*encode(model))
         n_joints, n_features = len(data.joints), len(data.feature_set)
         self.joints, self.signals = data.joints, data.signals
         self._n_signals = len(data.signals)
         self._row = row_model(data.model, n_features, n_joints)
         self._model_numbers, self._model_memory = self._row.numbers, self._row.memory
-        self._numbers, self._memory = lay.pack(data, limits_of(data), level)
+        self._numbers, self._memory = lay.pack(data, limits_of(data, range_margin), level)
         self._numbers[lay.FUNCTION] = self._row.address()
         self._sample = self._block(lay.SAMPLE, self._n_signals)
         self.position = self._block(lay.POSITION, n_joints)

@@ -1,0 +1,50 @@
+"""A simulated joint sensor stream at any rate, and a calibration trained on it at 30 Hz."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truejoint.estimators import Calibration, JointRegressor, calibrate
+from truejoint.recordings import Provenance, Recording
+
+JOINTS = ("shoulder", "elbow")
+SIGNALS = ("measured/shoulder", "effort/shoulder", "measured/elbow", "effort/elbow")
+EFFORTS = ("effort/shoulder", "effort/elbow", "effort/unused")
+HISTORY = (
+    *SIGNALS, "lag(effort/elbow, 3)", "rate(measured/shoulder, 0.05)",
+    "lowpass(effort/elbow, 0.05)", "play(measured/elbow, 0.03)",
+)  # fmt: skip
+
+
+def stream(t: np.ndarray, seed: int = 0) -> np.ndarray:
+    """Signals (n, 4) at stamps: smooth positions, and efforts that follow them but for noise."""
+    noise = np.random.default_rng(seed).uniform(-0.02, 0.02, (len(t), 2))
+    positions = 0.5 + 0.2 * np.sin(np.outer(t, [0.9, 1.3]) + np.array([0.0, 1.0]))
+    efforts = 0.4 * np.cos(positions * 3.0) + noise
+    return np.column_stack([positions[:, 0], efforts[:, 0], positions[:, 1], efforts[:, 1]])
+
+
+def recording(t: np.ndarray, seed: int = 0, homing_id: str = "h1") -> Recording:
+    """Recording of the stream with truth: off by an offset, a slope and some effort."""
+    signals = stream(t, seed)
+    columns = {"t": t} | dict(zip(SIGNALS, signals.T, strict=True))
+    columns["effort/unused"] = np.zeros(len(t))
+    for i, joint in enumerate(JOINTS):
+        q, effort = signals[:, 2 * i], signals[:, 2 * i + 1]
+        columns[f"truth/{joint}"] = q + 0.02 + 0.05 * (q - 0.5) - 0.01 * effort
+    origin = Provenance("raven2", arm="left", source="stream", homing_id=homing_id)
+    return Recording.from_columns(columns, origin, dict.fromkeys(EFFORTS, "Nm"))
+
+
+def trained(
+    estimator: str | JointRegressor = "linear",
+    features: tuple[str, ...] = SIGNALS,
+    target: str = "error",
+    homing_id: str = "h1",
+) -> Calibration:
+    """Calibration of a minute at 30 Hz."""
+    t = np.arange(0.0, 60.0, 1 / 30)
+    return calibrate(
+        recording(t, homing_id=homing_id), estimator,
+        features=features, joints=JOINTS, target=target,
+    )  # fmt: skip

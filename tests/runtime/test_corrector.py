@@ -1,0 +1,194 @@
+"""The corrector: the same numbers as the calibration, in the loop and without its weight."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators import NeuralNetwork, PolynomialRegressor
+from truejoint.estimators.interval import Interval
+from truejoint.runtime import Corrector, Status
+
+from .streams import HISTORY, JOINTS, SIGNALS, recording, stream, trained
+
+ESTIMATORS = (
+    "offset", "linear", "poly2", PolynomialRegressor(3),
+    NeuralNetwork(hidden_layer_sizes=(9, 7), epochs=2),
+    NeuralNetwork(hidden_layer_sizes=(5,), epochs=1),
+)  # fmt: skip
+HEAVY = ("sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.stats")
+LOOP = 100.0 + np.arange(0.0, 3.0, 1e-3)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return trained()
+
+
+def ready(model, **options) -> Corrector:
+    corrector = Corrector(model, **options)
+    corrector.set_homing(True, "h1")
+    return corrector
+
+
+def run(corrector: Corrector, t, samples):
+    """Statuses, positions and half-widths of a stream."""
+    rows = []
+    for stamp, sample in zip(t.tolist(), samples, strict=True):
+        status = corrector.step(stamp, sample)
+        rows.append((status, corrector.position.copy(), corrector.half_width.copy()))
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
+@pytest.mark.parametrize("features", [SIGNALS, HISTORY, ("effort/elbow",)], ids=len)
+@pytest.mark.parametrize("target", ["error", "position"])
+def test_corrects_bit_for_bit_as_the_calibration(tmp_path, estimator, features, target):
+    if (estimator, target) == ("offset", "position"):
+        target = "error"
+    made = trained(estimator, features, target)
+    # Small networks that predict positions are wrong enough to be refused otherwise.
+    tolerant = replace(made.envelope, error_lower=-np.ones(2), error_upper=np.ones(2))
+    made = replace(made, envelope=tolerant)
+    # A lag counts samples, so only 30 Hz is as trained; without one the loop may run faster.
+    t = LOOP if features != HISTORY else 100.0 + np.arange(0.0, 20.0, 1 / 30)
+    moving = recording(t, seed=1)
+    expected = made.correct(moving)
+    made.save(tmp_path / "model.safetensors")
+    for model in (made, tmp_path / "model.safetensors"):
+        corrector = ready(model, range_margin=1.0)
+        samples = np.column_stack([moving.column(signal) for signal in corrector.signals])
+        statuses, positions, _ = run(corrector, t, samples)
+        used = statuses == Status.OK
+        assert used.mean() > 0.99
+        np.testing.assert_array_equal(positions[used], expected[used])
+        measured = moving.columns("measured", JOINTS)
+        np.testing.assert_array_equal(positions[~used], measured[~used])
+
+
+def test_shows_what_the_model_says_whatever_the_status(calibration):
+    corrector = Corrector(calibration)
+    moving = recording(LOOP[:5])
+    for t, sample in zip(LOOP[:5], stream(LOOP[:5]), strict=True):
+        assert corrector.step(t, sample) == Status.NOT_HOMED
+    np.testing.assert_allclose(
+        corrector.correction, calibration.predict_error(moving)[-1], rtol=0, atol=1e-15
+    )
+    np.testing.assert_array_equal(corrector.features, stream(LOOP[:5])[-1])
+
+
+@pytest.mark.parametrize(
+    "form", [list, tuple, lambda s: s.astype(np.float32), lambda s: np.repeat(s, 2)[::2]]
+)
+def test_takes_any_row_of_numbers(calibration, form):
+    corrector = ready(calibration)
+    sample = stream(LOOP[:1])[0]
+    assert corrector.step(np.float32(7), form(sample)) == Status.OK
+    expected = sample[[0, 2]] + corrector.correction
+    np.testing.assert_allclose(corrector.position, expected, rtol=1e-6)
+
+
+def test_a_step_allocates_nothing():
+    corrector = ready(trained(NeuralNetwork(epochs=1)))
+    stamps, samples = LOOP.tolist(), list(stream(LOOP))
+    for t, sample in zip(stamps[:100], samples[:100], strict=True):
+        corrector.step(t, sample)
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        for i in range(100, 2000):
+            corrector.step(stamps[i], samples[i])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak - before < 1000
+
+
+def test_loads_without_the_training_stack(tmp_path, calibration):
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    code = (
+        "import sys; from truejoint.runtime import Corrector\n"
+        f"c = Corrector({str(path)!r}); c.set_homing(True, 'h1')\n"
+        f"status = c.step(0.0, {stream(LOOP[:2])[0].tolist()!r})\n"
+        f"print([m for m in {HEAVY} if m in sys.modules], int(status), c.position.tolist())"
+    )
+    done = subprocess.run(  # noqa: S603 - a line of our own
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    expected = calibration.correct(recording(LOOP[:2]))[0]
+    assert done.stdout.strip() == f"[] 0 {expected.tolist()}"
+
+
+def interval(rezero: float = 0.0) -> Interval:
+    widths = np.array([[0.001, 0.002], [0.003, 0.004]])
+    return Interval(
+        levels=np.array([0.8, 0.9]), half_widths=widths, offset_half_widths=widths,
+        raw_half_widths=widths, growth=2.0, rezero=rezero, trajectories=20, homings=1,
+    )  # fmt: skip
+
+
+def test_half_width_is_that_of_the_level_and_grows_outside_the_range(calibration):
+    model = replace(calibration, interval=interval())
+    middle = 0.5 * (model.lower + model.upper)
+    span = model.upper - model.lower
+    corrector = ready(model, level=0.8)
+    assert corrector.step(0.0, middle) == Status.OK
+    np.testing.assert_array_equal(corrector.half_width, [0.001, 0.002])
+    corrector = ready(model)
+    beyond = middle.copy()
+    beyond[0] = model.upper[0] + 0.25 * span[0]
+    corrector.step(0.0, beyond)
+    assert not corrector.step(0.0, beyond) & Status.OUT_OF_RANGE
+    wide = ready(replace(model, envelope=replace(model.envelope, distance=1e9)))
+    assert wide.step(0.0, beyond) == Status.OK
+    np.testing.assert_allclose(wide.half_width, [0.003 * 1.5, 0.004 * 1.5], rtol=1e-12)
+    with pytest.raises(CalibrationError, match="99"):
+        Corrector(model, level=0.99)
+
+
+def test_without_an_interval_the_half_width_is_infinite(calibration):
+    corrector = ready(calibration)
+    assert corrector.step(LOOP[0], stream(LOOP[:1])[0]) == Status.OK
+    np.testing.assert_array_equal(corrector.half_width, np.inf)
+
+
+def test_rezeroing_adds_an_offset_and_makes_its_interval_hold(calibration):
+    corrector = ready(replace(calibration, interval=interval(rezero=10.0)))
+    sample = stream(LOOP[:1])[0]
+    assert corrector.step(0.0, sample) == Status.OK
+    plain = corrector.position.copy()
+    np.testing.assert_array_equal(corrector.half_width, np.inf)
+    assert corrector.rezero([0.01, -0.02]) == Status.OK
+    corrector.step(0.1, sample)
+    np.testing.assert_allclose(
+        corrector.position, plain + np.array([0.01, -0.02]), rtol=0, atol=1e-15
+    )
+    np.testing.assert_array_equal(corrector.half_width, [0.003, 0.004])
+    for wrong in (0.1, [0.1], [0.1, np.nan], [1, 2, 3]):
+        with pytest.raises(CalibrationError, match="shoulder, elbow"):
+            corrector.rezero(wrong)
+    corrector.set_homing(False)
+    np.testing.assert_array_equal(corrector.offset, 0.0)
+
+
+def test_models_that_cannot_be_checked_are_refused(tmp_path, calibration):
+    path = tmp_path / "model.safetensors"
+    replace(calibration, envelope=None).save(path)
+    with pytest.raises(ModelFileError, match=r"model\.safetensors: .*calibrate it again"):
+        Corrector(path)
+    with pytest.raises(ModelFileError, match="absent"):
+        Corrector(tmp_path / "absent")
+    path.write_bytes(path.read_bytes()[:-8])
+    with pytest.raises(ModelFileError, match="damaged"):
+        Corrector(path)
+    for margin in (-0.1, 1.1, np.nan):
+        with pytest.raises(CalibrationError, match="range margin"):
+            Corrector(calibration, range_margin=margin)

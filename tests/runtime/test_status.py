@@ -1,0 +1,346 @@
+"""Fault injection: each row of docs/status.md, and streams of anything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.runtime import Corrector, Status
+from truejoint.runtime.limits import limits_of
+
+from .streams import HISTORY, SIGNALS, recording, stream, trained
+
+RATE = 1000
+FAULT = 1500  # row at which a fault begins
+T = np.arange(0.0, 6.0, 1 / RATE)
+MEASURED = [0, 2]
+# Every operation but the one that counts samples, which needs the rate of training.
+FEATURES = tuple(feature for feature in HISTORY if "lag" not in feature)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return trained(features=FEATURES)
+
+
+@pytest.fixture
+def corrector(calibration):
+    ready = Corrector(calibration)
+    ready.set_homing(True, "h1")
+    return ready
+
+
+def run(corrector: Corrector, t, samples):
+    """Status bits, positions and half-widths of a stream."""
+    bits, positions, widths = [], [], []
+    for stamp, sample in zip(t, samples, strict=True):
+        bits.append(int(corrector.step(float(stamp), sample)))
+        positions.append(corrector.position.copy())
+        widths.append(corrector.half_width.copy())
+    return np.array(bits), np.array(positions), np.array(widths)
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault put into a clean stream, and what must become of it.
+
+    `put` changes stamps and samples in place; flagged rows carry `status` and lie within the
+    `seen` seconds after `FAULT`, the first of them at most `late` after it. With `traceless`, all
+    other rows are corrected as if the flagged ones had never come; without, within half a second.
+    """
+
+    status: Status
+    put: Callable[[np.ndarray, np.ndarray], None]
+    seen: float = 1 / RATE
+    late: float = 0.0
+    traceless: bool = True
+
+
+def value(index: int, number: float, rows: int = 1) -> Callable[[np.ndarray, np.ndarray], None]:
+    def put(_t: np.ndarray, samples: np.ndarray) -> None:
+        samples[FAULT : FAULT + rows, index] = number
+
+    return put
+
+
+def shifted(by: float, rows: int | None = None) -> Callable[[np.ndarray, np.ndarray], None]:
+    def put(t: np.ndarray, _samples: np.ndarray) -> None:
+        t[FAULT : None if rows is None else FAULT + rows] += by
+
+    return put
+
+
+def held(indices: list[int], rows: int) -> Callable[[np.ndarray, np.ndarray], None]:
+    def put(_t: np.ndarray, samples: np.ndarray) -> None:
+        samples[FAULT : FAULT + rows, indices] = samples[FAULT, indices]
+
+    return put
+
+
+def ramp(index: int, top: float, rows: int) -> Callable[[np.ndarray, np.ndarray], None]:
+    """Go to `top` and back slowly enough to be no spike."""
+
+    def put(_t: np.ndarray, samples: np.ndarray) -> None:
+        bump = np.sin(np.linspace(0.0, np.pi, rows)) ** 2
+        part = samples[FAULT : FAULT + rows, index]
+        part += bump * (top - part)
+
+    return put
+
+
+FAULTS = {
+    "NaN in an effort": Fault(Status.NOT_FINITE, value(1, np.nan)),
+    "NaN in a position for a while": Fault(Status.NOT_FINITE, value(2, np.nan, 50), 0.05),
+    "infinite position": Fault(Status.NOT_FINITE, value(0, np.inf)),
+    "NaN stamp": Fault(Status.NOT_FINITE, shifted(np.nan, 1)),
+    "repeated stamp": Fault(Status.STALE, shifted(-1 / RATE, 1)),
+    "stamp of the past": Fault(Status.STALE, shifted(-0.1, 20), 0.02),
+    "clock set back a little": Fault(Status.STALE, shifted(-0.1), 0.101, traceless=False),
+    "clock set back": Fault(Status.TIME_JUMP, shifted(-100.0), traceless=False),
+    "clock set forward": Fault(Status.TIME_JUMP, shifted(100.0), traceless=False),
+    "spike in a position": Fault(Status.SPIKE, value(0, 0.9)),
+    "spike in an effort": Fault(Status.SPIKE, value(3, -0.6)),
+    "position slipped for a while": Fault(Status.SPIKE, value(0, 0.85, 200), 0.2),
+    "one position frozen": Fault(Status.FROZEN, held([0], 2500), 2.5, late=1.5, traceless=False),
+    "one effort frozen": Fault(Status.FROZEN, held([3], 2500), 2.5, late=1.5, traceless=False),
+    "all frozen": Fault(Status.FROZEN, held([0, 1, 2, 3], 2500), 2.5, late=1.1, traceless=False),
+    "far out of range": Fault(Status.OUT_OF_RANGE, value(0, 1e200)),
+    "slowly out of range": Fault(
+        Status.OUT_OF_RANGE, ramp(0, 1.0, 2500), 2.5, late=1.25, traceless=False
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("fault", FAULTS.values(), ids=FAULTS)
+def test_fault_is_flagged_passed_through_and_recovered_from(calibration, corrector, fault):
+    t, samples = T.copy(), stream(T)
+    fault.put(t, samples)
+    bits, positions, widths = run(corrector, t, samples)
+    flagged = (bits & fault.status) != 0
+    assert not bits[:FAULT].any()
+    first = int(np.argmax(flagged))
+    assert FAULT <= first <= FAULT + fault.late * RATE
+    np.testing.assert_array_equal(positions[bits != 0], samples[:, MEASURED][bits != 0])
+    assert np.isinf(widths[bits != 0]).all()
+    over = FAULT + round(fault.seen * RATE)
+    assert not flagged[over:].any()
+    assert not bits[over + RATE // 2 :].any()
+    if fault.traceless:
+        assert not bits[over:].any()
+        kept = np.ones(len(t), dtype=bool)
+        kept[bits != 0] = False
+        clean = calibration.correct(on_stream(t[kept], samples[kept]))
+        np.testing.assert_array_equal(positions[kept], clean)
+
+
+def on_stream(t: np.ndarray, samples: np.ndarray):
+    """Recording of these samples."""
+    made = recording(t)
+    table = made.table.copy()
+    table[list(SIGNALS)] = samples
+    return replace(made, table=table)
+
+
+def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(corrector, calibration):
+    samples = stream(T)
+    samples[FAULT:, 0] += 0.15
+    bits, _, _ = run(corrector, T, samples)
+    limits = limits_of(calibration)
+    needed = 0.15 / (limits.reach[0] / limits.interval)
+    spikes = np.flatnonzero(bits & Status.SPIKE)
+    assert spikes[0] == FAULT
+    assert needed * 0.5 < T[spikes[-1]] - T[FAULT] < needed * 2.0
+    assert len(spikes) == spikes[-1] - spikes[0] + 1
+
+
+def test_features_unlike_any_trained_row_together(calibration):
+    low, high = calibration.lower, calibration.upper
+    rows = stream(T)
+    usual = rows[np.argmin(rows[:, 0])].copy()
+    usual[0] = low[0] + 0.02
+    odd = usual.copy()
+    odd[:2] = low[:2] + 0.02  # the effort of the other end
+    for sample, expected in ((usual, Status.OK), (odd, Status.OUT_OF_DOMAIN), (usual, Status.OK)):
+        assert (low[:4] <= sample).all()
+        assert (sample <= high[:4]).all()
+        corrector = Corrector(calibration)
+        corrector.set_homing(True, "h1")
+        assert corrector.step(0.0, sample) == expected
+
+
+def test_corrections_larger_than_any_error_of_training():
+    made = trained()
+    arrays = made.model.to_arrays()
+    steep = type(made.model).from_arrays(
+        {}, arrays | {"coef": 4.0 * arrays["coef"]}, n_features=4, n_outputs=2
+    )
+    wrong = replace(made, model=steep)
+    corrector = Corrector(wrong)
+    corrector.set_homing(True, "h1")
+    samples = stream(T)
+    bits, positions, _ = run(corrector, T, samples)
+    assert set(np.unique(bits)) == {0, Status.IMPLAUSIBLE}
+    assert (np.diff((bits == 0).astype(int)) == 1).any()  # recovered at least once
+    corrections = wrong.predict_error(recording(T))
+    limits = limits_of(wrong)
+    within = (corrections >= limits.correction_lower) & (corrections <= limits.correction_upper)
+    np.testing.assert_array_equal(bits == 0, within.all(axis=1))
+    np.testing.assert_array_equal(positions[bits != 0], samples[:, MEASURED][bits != 0])
+
+
+@pytest.mark.parametrize(
+    "sample",
+    [(), (1.0,), (0.5,) * 3, (0.5,) * 5, np.zeros((4, 4)), np.zeros((4, 0)), 3.0, None, "abcd",
+     ("a", "b", "c", "d"), (10**400,) * 4, np.array(0.5), {"a": 1}],
+    ids=repr,
+)  # fmt: skip
+def test_sample_that_is_not_a_number_for_each_signal(corrector, sample):
+    good = stream(T[:3])
+    assert corrector.step(0.0, good[0]) == Status.OK
+    assert corrector.step(0.001, sample) == Status.WRONG_SIZE
+    assert np.isnan(corrector.position).all()
+    assert np.isinf(corrector.half_width).all()
+    assert corrector.step(0.002, good[2]) == Status.OK
+
+
+@pytest.mark.parametrize("stamp", ["noon", (), 10**400, 1j], ids=repr)
+def test_stamp_that_is_no_number(corrector, stamp):
+    assert corrector.step(stamp, stream(T[:1])[0]) == Status.WRONG_SIZE
+    assert corrector.step(0.0, stream(T[:1])[0]) == Status.OK
+
+
+def test_a_robot_that_holds_still_is_not_frozen(corrector):
+    samples = stream(T)
+    still = slice(FAULT, FAULT + 4000)
+    samples[still, [0]] = samples[FAULT, 0]
+    samples[still, [2]] = samples[FAULT, 2]
+    noise = np.random.default_rng(5).uniform(-0.02, 0.02, (4000, 2))
+    samples[still, 1::2] = 0.4 * np.cos(3.0 * samples[still, ::2]) + noise
+    bits, _, _ = run(corrector, T[: still.stop], samples[: still.stop])
+    assert not bits.any()
+
+
+def test_a_channel_that_never_changed_in_training_may_stand_still_or_not():
+    corrector = Corrector(trained(features=(*SIGNALS, "effort/unused")))
+    corrector.set_homing(True, "h1")
+    rows = np.column_stack([stream(T), np.zeros(len(T))])
+    rows[2000:, 4] = 7.0
+    bits, positions, _ = run(corrector, T, rows)
+    assert not bits.any()
+    plain = Corrector(trained())
+    plain.set_homing(True, "h1")
+    np.testing.assert_allclose(positions, run(plain, T, stream(T))[1], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("told", "expected"),
+    [
+        ([], Status.NOT_HOMED),
+        ([(False, None)], Status.NOT_HOMED),
+        ([(True, "h1")], Status.OK),
+        ([(True, None)], Status.OK),
+        ([(True, "h2")], Status.HOMED_AGAIN),
+        ([(True, "h1"), (True, None)], Status.OK),
+        ([(True, None), (False, None), (True, None)], Status.HOMED_AGAIN),
+        ([(False, None), (True, None)], Status.HOMED_AGAIN),
+        ([(False, None), (True, "h1")], Status.OK),
+        ([(True, "h2"), (True, None)], Status.HOMED_AGAIN),
+        ([(True, "h2"), (True, "h1")], Status.OK),
+    ],
+)
+def test_homing(calibration, told, expected):
+    corrector = Corrector(calibration)
+    for said in told:
+        status = corrector.set_homing(*said)
+    sample = stream(T[:1])[0]
+    assert corrector.step(0.0, sample) == expected
+    if told:
+        assert status == expected
+    if expected:
+        np.testing.assert_array_equal(corrector.position, sample[MEASURED])
+    rezeroed = corrector.rezero([0.0, 0.0])
+    assert rezeroed == (Status.NOT_HOMED if expected == Status.NOT_HOMED else Status.OK)
+    assert corrector.step(0.1, sample) == rezeroed
+
+
+def test_homing_of_a_model_that_names_none():
+    corrector = Corrector(trained(homing_id=""))
+    assert corrector.set_homing(True, "a") == Status.OK
+    assert corrector.set_homing(True, "b") == Status.HOMED_AGAIN
+    assert corrector.rezero([0.0, 0.0]) == Status.OK
+    assert corrector.set_homing(True, "b") == Status.OK
+
+
+def test_homing_starts_the_history_anew(corrector):
+    corrector.step(100.0, stream(T[:1])[0])
+    corrector.set_homing(False)
+    corrector.set_homing(True, "h1")
+    assert corrector.step(0.0, stream(T[-1:])[0]) == Status.OK
+
+
+def test_documentation_has_a_row_for_every_status():
+    page = Path(__file__, "../../../docs/status.md").resolve().read_text("utf-8")
+    for status in Status:
+        assert f"| `{status.name}` |" in page
+
+
+NUMBERS = st.one_of(
+    st.floats(), st.floats(0.2, 0.8), st.sampled_from([0.0, 1e308, -1e308, 5e-324, 1.5])
+)
+STEPS = st.one_of(
+    st.sampled_from([1e-3, 1e-3, 1 / 30, 0.0, -1e-3, 1e-9, 1e6, -1e6]), st.floats()
+)  # fmt: skip
+
+
+@given(
+    st.lists(
+        st.tuples(STEPS, st.lists(NUMBERS, min_size=3, max_size=5), st.booleans()), max_size=40
+    )
+)
+@settings(max_examples=60, deadline=None)
+def test_streams_of_anything(shared, steps):
+    calibration, corrector = shared
+    limits = limits_of(calibration)
+    corrector.set_homing(False)
+    corrector.set_homing(True, "h1")
+    t, last = 0.0, None
+    for step, numbers, clean in steps:
+        t += step
+        sample = stream(np.array([t]))[0] if clean and abs(t) < 1e6 else np.array(numbers)
+        status = corrector.step(t, sample)
+        if len(sample) != len(SIGNALS):
+            assert status == Status.WRONG_SIZE
+            t = t if np.isfinite(t) else 0.0
+            continue
+        raw = sample[MEASURED]
+        if status == Status.OK:
+            assert np.isfinite(sample).all()
+            assert (sample >= limits.signal_lower).all()
+            assert (sample <= limits.signal_upper).all()
+            assert last is None or limits.shortest_step <= t - last <= limits.longest_step
+            assert np.isfinite(corrector.position).all()
+            difference = corrector.position - raw
+            assert (difference >= limits.correction_lower - 1e-12).all()
+            assert (difference <= limits.correction_upper + 1e-12).all()
+        else:
+            np.testing.assert_array_equal(corrector.position, raw)
+            assert np.isinf(corrector.half_width).all()
+        if not np.isfinite(t):
+            t = 0.0 if last is None else last
+        elif not status & Status.STALE:
+            last = t
+    clean = np.arange(0.0, 2.0, 1e-2)
+    bits, positions, _ = run(corrector, clean, stream(clean))
+    assert not bits[120:].any()
+    assert np.isfinite(positions).all()
+
+
+@pytest.fixture(scope="module")
+def shared(calibration):
+    return calibration, Corrector(calibration)
