@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.inputs import say_dropped
 from truejoint.cli.options import Arm as ArmOption
 from truejoint.cli.options import Force, Json, RobotName, Seed
 from truejoint.crtk import Arm, simulated_arm
@@ -91,9 +92,17 @@ def collect(
             load=load_grams / 1e3,
             state_rate=state_rate_hz,
         )
-        rows.append({"file": str(target), "rows": len(recording), "tracking": report.to_dict()})
+        rows.append(
+            {
+                "file": str(target),
+                "rows": len(recording),
+                "tracking": report.to_dict(),
+                "dropped": dict(recording.provenance.dropped),
+            }
+        )
         if not as_json:
             out.print(f"{target}: {len(recording)} rows; {report}", highlight=False)
+            say_dropped(recording)
     if as_json:
         result_json({"recordings": rows})
 

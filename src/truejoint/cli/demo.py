@@ -10,9 +10,9 @@ import typer
 from truejoint import evaluation
 from truejoint.cli.calibrate import fit
 from truejoint.cli.collect import record
-from truejoint.cli.console import out, progress, say
+from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation, show
-from truejoint.cli.options import Seed
+from truejoint.cli.options import Json, Seed
 from truejoint.crtk import simulated_arm
 from truejoint.estimators import NeuralNetwork
 from truejoint.motion import random_motion, zigzag
@@ -28,6 +28,7 @@ def demo(
         Path, typer.Option("--out", "-o", help="Folder for everything that is made.")
     ] = Path("demo"),
     seed: Seed = 0,
+    as_json: Json = False,
 ) -> None:
     """Home, move, record, calibrate, judge and correct a simulated RAVEN-II.
 
@@ -77,7 +78,16 @@ def demo(
     with progress("   Correcting and comparing with the joint encoders"):
         result = evaluation.evaluate({model.estimator: [model]}, [test])
     report_evaluation(result, folder / "report.html", model, [test], training, force=True)
-    show(result)
+    if as_json:
+        result_json(result.to_dict())
+    else:
+        show(result)
+        _tell_what_next(folder)
+    if not result.verdict.passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _tell_what_next(folder: Path) -> None:
     out.print(
         f"\nOpen {folder / 'report.html'} in a browser.\n"
         f"Correct a recording in Python:\n"
@@ -88,5 +98,3 @@ def demo(
         highlight=False,
         markup=False,
     )
-    if not result.verdict.passed:
-        raise typer.Exit(CHECK_FAILED)

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from truejoint.cli.console import progress
+from truejoint.cli.console import progress, say
 from truejoint.errors import RecordingError
 from truejoint.evaluation import part_by_time, split_by_time
 from truejoint.recordings import Recording, read_recording
@@ -63,9 +63,20 @@ def load_recordings(
         for count, name in enumerate(names, 1):
             recordings += _load(name, reader, given)
             done(count / len(names))
+    for recording in recordings:
+        say_dropped(recording)
     if span is None:
         return recordings
     return [part_by_time(recording, *span) for recording in recordings]
+
+
+def say_dropped(recording: Recording) -> None:
+    """Tell how many rows were dropped when a recording was made or read, and why."""
+    dropped = recording.provenance.dropped
+    if dropped:
+        reasons = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
+        name = Path(recording.provenance.source).name or recording.provenance.session
+        say(f"  {name}: {sum(dropped.values())} rows dropped or without truth ({reasons})")
 
 
 def only_dataset(names: list[str]) -> str | None:
