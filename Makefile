@@ -22,7 +22,7 @@ lint: $(VENV)/.installed-dev ## Check style, types and which package imports whi
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.installed-dev ## Measure accuracy and speed; writes docs/results.md's tables to bench/
+bench: $(VENV)/.installed-bench ## Measure accuracy and speed (an hour); tables go to bench/
 	$(BIN)/python -m benchmarks
 
 clean: ## Remove the virtual environment and everything made
@@ -44,4 +44,9 @@ $(VENV)/.installed: requirements.txt pyproject.toml | $(VENV)/bin/pip
 $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 	@echo "Installing the pinned development packages ..."
 	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-dev.txt
+	@touch $@
+
+$(VENV)/.installed-bench: requirements-bench.txt $(VENV)/.installed-dev
+	@echo "Installing the pinned peers to compare with ..."
+	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-bench.txt
 	@touch $@
