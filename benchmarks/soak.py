@@ -49,12 +49,12 @@ class Loop:
         self.worst = 0.0
         self.busy: list[NDArray[np.float64]] = []
         self.seen: Counter[int] = Counter()
+        self.log: list[list[float]] = []
 
     def run(self, corrector: Corrector | None, stamps: list[float], rows: list[Row]) -> None:
         """Run one stretch; without a corrector, an empty one."""
         busy, statuses = np.zeros(STRETCH), [0] * STRETCH
-        log: list[list[float]] = []
-        missed = 0
+        log, missed = self.log, 0
         deadline = time.perf_counter() + 10 * PERIOD
         for i in range(STRETCH):
             wait_until(deadline)
@@ -77,6 +77,8 @@ class Loop:
         self.seen.update(statuses)
         if not np.isfinite(log).all():
             raise SystemExit("a position was not finite")
+        if len(log) >= BLOCK:
+            log.clear()
 
     def report(self, name: str) -> None:
         """Print a row of the table."""
