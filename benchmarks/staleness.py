@@ -33,6 +33,7 @@ HOUR = 3600.0
 WINDOW = 600.0  # s, for the doubling of the error
 LOAD = 0.5  # kg
 TRUTH_EVERY, TRUTH_FOR = 1800.0, 10.0  # s
+BEGINS = np.arange(0.0, TRUTH_EVERY, 300.0)
 TRUTH_NOISE = np.array([2e-4, 2e-4, 5e-5])  # rad, rad, m
 OUTLIERS, OUTLIER = 0.01, 20.0  # share of the readings, and how many standard deviations off
 
@@ -87,20 +88,23 @@ def doubling_time(t: Array, error: Array, first: Array) -> float:
     return math.nan
 
 
-def rezeroed_errors(calibration: Calibration, recording: Recording) -> tuple[Array, Array]:
-    """Errors of the loop that re-zeroes, outside of the times with truth."""
+def rezeroed_errors(
+    calibration: Calibration, recording: Recording, begin: float = 0.0
+) -> tuple[Array, Array]:
+    """Errors of the loop that re-zeroes from `begin` on, outside of the times with truth."""
     t, corrected, error = errors(calibration, recording)
     rng = np.random.default_rng(0)
     filter_ = ReZero(calibration, truth_sd=TRUTH_NOISE)
     offset = np.empty_like(error)
-    with_truth = t % TRUTH_EVERY < TRUTH_FOR
+    with_truth = (t >= begin) & ((t - begin) % TRUTH_EVERY < TRUTH_FOR)
     for i in range(len(t)):
         if with_truth[i]:
             noise = rng.normal(size=3) * (OUTLIER if rng.random() < OUTLIERS else 1.0)
             truth = corrected[i] + error[i] + TRUTH_NOISE * noise
             filter_.update(t[i], corrected[i], truth)
         offset[i] = filter_.offset
-    return t[~with_truth], (error - offset)[~with_truth]
+    judged = ~with_truth & (t >= begin)
+    return t[judged], (error - offset)[judged]
 
 
 def shown(calibration: Calibration, values: Array) -> str:
@@ -141,11 +145,17 @@ def main() -> None:
         t, error = rezeroed_errors(model, loaded)
         by_hour(model, "500 g, re-zeroed", t, error, options.hours)
         base = rms_between(*errors(model, unloaded)[::2], 0.0, HOUR)
-        ratio = rms_between(t, error, 0.0, t[-1] + 1.0) / base
-        print(
-            f"| {model.estimator} | the same, all over unloaded hour 0 | | "
-            f"| {' / '.join(f'{r:.2f}' for r in ratio)} (wanted: 1.50) |"
-        )
+        runs = (rezeroed_errors(model, loaded, begin) for begin in BEGINS)
+        ratios = [rms_between(t, error, 0.0, t[-1] + 1.0) / base for t, error in runs]
+        for text, values in (
+            ("from the start", ratios[0]),
+            ("mean over six times to begin", np.mean(ratios, axis=0)),
+            ("worst of the six", np.max(ratios, axis=0)),
+        ):
+            print(
+                f"| {model.estimator} | the same over unloaded hour 0, {text} | | "
+                f"| {' / '.join(f'{value:.2f}' for value in values)} (wanted: 1.50) |"
+            )
     print_alarms(models, unloaded, loaded, idle)
 
 

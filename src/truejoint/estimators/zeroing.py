@@ -76,7 +76,8 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
 def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
     """Give the calibration whose offset is that of the truth in a recording.
 
-    The baselines are re-zeroed likewise, each by its own errors. The metadata say so under
+    The baselines are re-zeroed likewise, each by its own errors, and the range of plausible
+    corrections moves along. The metadata say so under
     ``rezeroed``, and ``homing_ids`` becomes the homing of the recording.
 
     Parameters
@@ -104,8 +105,18 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
         "rows": zero.rows,
         "duration": zero.duration,
     }
+    envelope = calibration.envelope
+    if envelope is not None:
+        envelope = replace(
+            envelope,
+            error_lower=envelope.error_lower + zero.offset,
+            error_upper=envelope.error_upper + zero.offset,
+        )
     moved = replace(
-        calibration, model=_shifted(calibration.model, zero.offset), baseline_models=models
+        calibration,
+        model=_shifted(calibration.model, zero.offset),
+        baseline_models=models,
+        envelope=envelope,
     )
     if origin.homing_id:
         moved = moved.with_metadata(homing_ids=[origin.homing_id])

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
+from truejoint.estimators.uncertainty import trained_on
 from truejoint.recordings.recording import Recording
 
 
@@ -33,17 +34,9 @@ def seen_in_training(
     """
     found = []
     for recording in recordings:
-        own, origin = recording.provenance, recording.provenance.to_dict()
-        for session in metadata.get("sessions", ()):
-            if own.sha256 or session["sha256"]:
-                same = own.sha256 == session["sha256"]
-            else:
-                keys = ("source", "session", "homing_id", "start")
-                same = all(origin[key] == session.get(key, origin[key]) for key in keys)
-            if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
-                name = PurePath(own.source).name or "a recording"
-                found.append(f"the model was trained on rows of {name}, which it is tested on")
-                break
+        if trained_on(metadata, recording):
+            name = PurePath(recording.provenance.source).name or "a recording"
+            found.append(f"the model was trained on rows of {name}, which it is tested on")
     return tuple(found)
 
 

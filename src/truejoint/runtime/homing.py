@@ -14,7 +14,8 @@ class Homing:
     Parameters
     ----------
     metadata : mapping
-        Of the calibration; its ``homing_ids`` are those of the training recordings.
+        Of the calibration; its ``homing_ids`` are those of the training recordings or, where it was
+        ``rezeroed`` since, that of the truth it was re-zeroed to.
 
     Attributes
     ----------
@@ -30,6 +31,7 @@ class Homing:
         self._known = {name for name in named if isinstance(name, str)}
         self._id: str | None = None
         self._was_lost = False
+        self._zeroed = "rezeroed" in metadata
         self.status = Status.NOT_HOMED
         self.rezeroed = False
 
@@ -49,7 +51,8 @@ class Homing:
             self.status = Status.OK if fits else Status.HOMED_AGAIN
             self._id = homing_id
         changed = (self.status, self._id) != before
-        self.rezeroed = self.rezeroed and not changed
+        own_zero = self._zeroed and self.status == Status.OK
+        self.rezeroed = own_zero or (self.rezeroed and not changed)
         return changed
 
     def accept(self) -> None:

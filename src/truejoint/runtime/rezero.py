@@ -20,6 +20,9 @@ GATE: Final = 4.0
 """A reading further off than this many standard deviations is left out."""
 PATIENCE: Final = 10
 """So many readings left out on end, all on one side, are believed after all."""
+CORRELATION_MARGIN: Final = 3.0
+"""Errors may resemble each other for longer than in the motions of the reference by this factor:
+a slower motion stays longer where the calibration errs one way."""
 PRIOR: Final = 1e3
 """Standard deviation of the offset before any truth, in those of the calibration's errors."""
 
@@ -32,10 +35,10 @@ class ReZero:
     """Estimates the offset of each joint, and only that, whenever a true position is known.
 
     A Kalman filter with two states per joint. The offset drifts as a random walk; it is what is
-    given back. The other is the calibration's own error here and now, which has the size and the
-    correlation time that the model file states: it keeps ten seconds of truth in one corner of the
-    workspace from being taken for a thousand independent readings. A reading that does not fit is
-    left out, until ten on end do not fit on the same side.
+    given back. The other is the calibration's own error here and now, which has the size and three
+    times the correlation time that the model file states: it keeps ten seconds of truth in one
+    corner of the workspace from being taken for a thousand independent readings. A reading that
+    does not fit is left out, until ten on end do not fit on the same side.
 
     Parameters
     ----------
@@ -83,7 +86,7 @@ class ReZero:
         if not 0.0 <= drift < math.inf:
             raise CalibrationError(f"drift {drift!r}: give a finite number of 0 or more")
         self._residual = calibration.reference.residual
-        self._correlation = calibration.reference.correlation
+        self._correlation = CORRELATION_MARGIN * calibration.reference.correlation
         # Truth without any noise would make the two states one.
         self._noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * self._residual)
         self._drift = (drift * self._residual) ** 2 / 3600.0
