@@ -20,30 +20,35 @@ ESTIMATORS: Final[dict[str, type[JointRegressor]]] = {
 
 
 JAW_ESTIMATORS: Final = (
-    "lsm", "lsm_intercept", "lsm_compensated", "ukf", "ukf_compensated", "play_reset", "play_both",
-    "play_gated",
+    "lsm", "lsm_intercept", "lsm_compensated", "ukf", "ukf_compensated", "play_motor", "play_reset",
+    "play_both", "play_cables", "play_gated", "ukf_friction", "ukf_friction_smoothed",
 )  # fmt: skip
 """Estimators of a cable-driven jaw from its cables: those of yan2020, and past them."""
+
+MOTOR_SIDE_ESTIMATORS: Final = ("ukf_elastic",)
+"""Estimators of a cable-driven jaw of which only the driver's angle and torque are measured."""
 
 
 @cache
 def families() -> dict[str, type[JointRegressor]]:
     """Every class of estimator by the name that stands in model files."""
     # Imported here because the filters compile for seconds on their first use ever.
+    from truejoint.estimators.elastic_joint import ElasticJointFilter  # noqa: PLC0415
     from truejoint.estimators.forceps import JAW_CLASSES  # noqa: PLC0415
 
-    return {cls.family: cls for cls in (*ESTIMATORS.values(), *JAW_CLASSES)}
+    classes = (*ESTIMATORS.values(), *JAW_CLASSES, ElasticJointFilter)
+    return {cls.family: cls for cls in classes}
 
 
 def estimator_names() -> tuple[str, ...]:
     """Names that `get_estimator` knows."""
-    return (*ESTIMATORS, *JAW_ESTIMATORS)
+    return (*ESTIMATORS, *JAW_ESTIMATORS, *MOTOR_SIDE_ESTIMATORS)
 
 
 def get_estimator(name: str) -> JointRegressor:
     """Unfitted estimator called `name`; raises CalibrationError naming the known ones."""
     if name in ESTIMATORS:
         return ESTIMATORS[name]()
-    if name in JAW_ESTIMATORS:
+    if name in estimator_names():
         return families()[name]()
     raise CalibrationError(f"no estimator called {name!r}; known: {', '.join(estimator_names())}")

@@ -34,6 +34,13 @@ def time_steps(t: Array, gap_limit: float) -> Array:
     return np.where((steps > 0.0) & (steps <= gap_limit), steps, 0.0)
 
 
+def regular_steps(n: int) -> Array:
+    """Time steps (n,) [s] of one history whose rows are 5 ms apart."""
+    steps = np.full(n, _REGULAR)
+    steps[:1] = 0.0
+    return steps
+
+
 class SequenceRegressor(JointRegressor):
     """Base of the estimators whose output depends on the rows before.
 
@@ -167,9 +174,7 @@ class SequenceRegressor(JointRegressor):
 
 def _checked_steps(steps: ArrayLike | None, n: int, name: str) -> Array:
     if steps is None:
-        regular = np.full(n, _REGULAR)
-        regular[:1] = 0.0
-        return regular
+        return regular_steps(n)
     intervals = np.array(steps, dtype=np.float64)
     if intervals.shape != (n,) or not (np.isfinite(intervals) & (intervals >= 0.0)).all():
         raise CalibrationError(

@@ -23,6 +23,7 @@ from truejoint.estimators.forceps.rational import (
     RationalModel,
     fit_rational,
 )
+from truejoint.estimators.sequence import regular_steps
 from truejoint.estimators.sigma_points import LambdaSigmaPoints
 from truejoint.estimators.unscented import FilterState, UnscentedFilter
 
@@ -149,7 +150,7 @@ class JawFilter(JawEstimator):
 
     def evaluate(self, X: Array, steps: Array | None = None) -> Array:
         """Jaw angle (n, 1) [rad] for rows `X` (n, 2) in the order of time."""
-        intervals = self._intervals(X, steps)
+        intervals = regular_steps(len(X)) if steps is None else steps
         injected, added = self._compensation(X)
         angle = self._run(X, intervals, injected)[:, 0] + added
         return angle[:, None]
@@ -226,14 +227,6 @@ class JawFilter(JawEstimator):
             (k_r + self.drive_stiffness) * r**2
         )
         return np.diag([angle, 1e-2, self.displacement_noise, self.speed_noise]) ** 2
-
-    @staticmethod
-    def _intervals(X: Array, steps: Array | None) -> Array:
-        if steps is not None:
-            return steps
-        regular = np.full(len(X), 5e-3)
-        regular[:1] = 0.0
-        return regular
 
 
 class CompensatedJawFilter(JawFilter):

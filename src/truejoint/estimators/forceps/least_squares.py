@@ -22,6 +22,7 @@ from truejoint.estimators.forceps.rational import (
     fit_rational,
     rational_row,
 )
+from truejoint.estimators.sequence import regular_steps
 
 Array = NDArray[np.float64]
 
@@ -77,13 +78,11 @@ class JawLeastSquares(JawEstimator):
         return np.asarray(angle - self._error(row[None]))
 
     def _observed(self, X: Array, steps: Array | None) -> Array:
-        if steps is None:
-            steps = np.full(len(X), 5e-3)
-            steps[:1] = 0.0
+        intervals = regular_steps(len(X)) if steps is None else steps
         drive = np.ascontiguousarray(X[:, self.inputs.index(DRIVE)])
         reset = np.ascontiguousarray(X[:, self.inputs.index(RESET)])
         out = np.empty((len(X), kernels.OBSERVED))
-        kernels.observation_rows(steps, drive, reset, out)
+        kernels.observation_rows(intervals, drive, reset, out)
         return out
 
     def _fit_jaw(

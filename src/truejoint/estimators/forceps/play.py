@@ -20,14 +20,15 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, standardisation
 from truejoint.estimators.families import Shape, is_integer, is_number
 from truejoint.estimators.forceps import kernels
-from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator, check_numbers
+from truejoint.estimators.forceps.base import DRIVE, MOTOR, RESET, JawEstimator, check_numbers
+from truejoint.estimators.sequence import regular_steps
 from truejoint.robots.forceps_mechanism import TABLE_1
 
 Array = NDArray[np.float64]
 
-RESET_WIDTHS: Final = (2e-6, 5e-6, 10e-6, 20e-6, 40e-6, 80e-6)
+RESET_WIDTHS: Final = (3e-6, 6e-6, 12e-6, 25e-6, 50e-6, 100e-6, 200e-6)
 """Half-widths of the plays on ``x2`` [m]: the slider's presliding and the cable's hysteresis."""
-MOTOR_WIDTHS: Final = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6, 150e-6, 250e-6)
+MOTOR_WIDTHS: Final = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6, 150e-6, 250e-6, 400e-6)
 """Half-widths of the plays on ``x1`` [m], wider by what the jaw's friction stretches the cable."""
 
 
@@ -155,7 +156,9 @@ class _PlayRegression(JawEstimator):
     def evaluate(self, X: Array, steps: Array | None = None) -> Array:
         """Jaw angle (n, 1) [rad] for rows `X` (n, k) in the order of time."""
         out = np.empty(len(X))
-        kernels.weighted_rows(self.columns(X, _regular(X, steps)), self.weights_, out)
+        kernels.weighted_rows(
+            self.columns(X, regular_steps(len(X)) if steps is None else steps), self.weights_, out
+        )
         return np.asarray((out + self.constant_[0])[:, None])
 
     def start(self) -> BankMemory:
@@ -215,7 +218,7 @@ class ResetPlay(_PlayRegression):
         self,
         degree: int = 4,
         reset_widths: tuple[float, ...] = RESET_WIDTHS,
-        penalty: float = 1e-7,
+        penalty: float = 1e-5,
     ) -> None:
         self.degree = degree
         self.reset_widths = reset_widths
@@ -255,7 +258,7 @@ class BothPlay(_PlayRegression):
         degree: int = 4,
         reset_widths: tuple[float, ...] = RESET_WIDTHS,
         motor_widths: tuple[float, ...] = MOTOR_WIDTHS,
-        penalty: float = 1e-7,
+        penalty: float = 1e-5,
         gear_ratio: float = TABLE_1.gear_ratio,
         wheel_radius: float = TABLE_1.wheel_radius,
     ) -> None:
@@ -284,15 +287,77 @@ class BothPlay(_PlayRegression):
         )
 
 
+class MotorPlay(_PlayRegression):
+    """Jaw angle from the motor alone: powers of and plays on ``x1``, with no sensor on a cable.
+
+    What the strategy without sensors of yan2020, II-B, can reach. Parameters as `BothPlay`.
+    """
+
+    family: ClassVar[str] = "play_motor"
+    inputs: ClassVar[tuple[str, ...]] = (MOTOR,)
+
+    def __init__(
+        self,
+        degree: int = 4,
+        motor_widths: tuple[float, ...] = MOTOR_WIDTHS,
+        penalty: float = 1e-5,
+        gear_ratio: float = TABLE_1.gear_ratio,
+        wheel_radius: float = TABLE_1.wheel_radius,
+    ) -> None:
+        self.degree = degree
+        self.motor_widths = motor_widths
+        self.penalty = penalty
+        self.gear_ratio = gear_ratio
+        self.wheel_radius = wheel_radius
+
+    def check_params(self) -> None:
+        """Raise CalibrationError when a parameter breaks its rule."""
+        super().check_params()
+        check_numbers(self.family, {n: getattr(self, n) for n in ("gear_ratio", "wheel_radius")})
+
+    def displacements(self, X: Array) -> tuple[Array, ...]:
+        """``x1`` (n,) [m] by the motor's angle: (2), (3)."""
+        return (X[:, 0] * (self.wheel_radius / self.gear_ratio),)
+
+    @property
+    def _widths(self) -> tuple[Array, ...]:
+        return (np.array(self.motor_widths, dtype=np.float64),)
+
+
+class CablesPlay(_PlayRegression):
+    """Jaw angle from the encoders on both cables: powers of and plays on ``x2`` and ``x1``.
+
+    Parameters as `BothPlay`, but for the motor's gear.
+    """
+
+    family: ClassVar[str] = "play_cables"
+    inputs: ClassVar[tuple[str, ...]] = (DRIVE, RESET)
+
+    def __init__(
+        self,
+        degree: int = 4,
+        reset_widths: tuple[float, ...] = RESET_WIDTHS,
+        drive_widths: tuple[float, ...] = MOTOR_WIDTHS,
+        penalty: float = 1e-5,
+    ) -> None:
+        self.degree = degree
+        self.reset_widths = reset_widths
+        self.drive_widths = drive_widths
+        self.penalty = penalty
+
+    def displacements(self, X: Array) -> tuple[Array, ...]:
+        """``x2`` and ``x1`` (n,) [m]."""
+        return X[:, 1], X[:, 0]
+
+    @property
+    def _widths(self) -> tuple[Array, ...]:
+        return (
+            np.array(self.reset_widths, dtype=np.float64),
+            np.array(self.drive_widths, dtype=np.float64),
+        )
+
+
 def _cross(bank_columns: Array, bank: Bank) -> Array:
-    """Product (n, 1) of a displacement and its third play: hysteresis that grows with tension."""
-    third = bank.degree + min(2, len(bank.widths) - 1)
-    return bank_columns[:, :1] * bank_columns[:, third : third + 1]
-
-
-def _regular(X: Array, steps: Array | None) -> Array:
-    if steps is not None:
-        return steps
-    regular = np.full(len(X), 5e-3)
-    regular[:1] = 0.0
-    return regular
+    """Product (n, 1) of a displacement and its middle play: hysteresis that grows with tension."""
+    middle = bank.degree + len(bank.widths) // 2
+    return bank_columns[:, :1] * bank_columns[:, middle : middle + 1]

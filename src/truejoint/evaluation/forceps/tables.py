@@ -1,0 +1,66 @@
+"""Tables of the experiments, for a terminal and as Markdown."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from rich import box
+from rich.table import Table
+
+from truejoint.evaluation.digits import fixed
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A table of texts.
+
+    Attributes
+    ----------
+    title : str
+    header : tuple of str
+    rows : tuple of tuple of str
+        The first cell of each row names it.
+    notes : tuple of str
+        Lines below the table.
+    """
+
+    title: str
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def rich(self) -> Table:
+        """For a terminal."""
+        table = Table(
+            title=self.title, box=box.SIMPLE_HEAD, caption="\n".join(self.notes) or None,
+            caption_justify="left",
+        )  # fmt: skip
+        for i, name in enumerate(self.header):
+            table.add_column(name, justify="left" if i == 0 else "right")
+        for row in self.rows:
+            table.add_row(*row)
+        return table
+
+    def markdown(self) -> str:
+        """As Markdown, ending with a line break."""
+        lines = [f"**{self.title}**", "", _line(self.header)]
+        lines.append(_line([":---", *["---:"] * (len(self.header) - 1)]))
+        lines += [_line(row) for row in self.rows]
+        lines += [f"\n{note}" for note in self.notes]
+        return "\n".join(lines) + "\n"
+
+
+def degrees_text(value: float | None, decimals: int = 3) -> str:
+    """Degrees of an angle [rad]; a dash for None or NaN."""
+    return fixed(math.nan if value is None else math.degrees(value), decimals)
+
+
+def reported_text(value: float | None) -> str:
+    """Text of a number that the paper prints in degrees, with its two decimals."""
+    return fixed(math.nan if value is None else value, 2)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
