@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import subprocess
 import sys
 import tracemalloc
@@ -9,10 +10,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, PolynomialRegressor
+from truejoint.estimators.document import encode
 from truejoint.estimators.interval import Interval
+from truejoint.estimators.model_file import to_bytes
 from truejoint.runtime import Corrector, Status
 
 from .streams import HISTORY, JOINTS, SIGNALS, recording, stream, trained
@@ -192,3 +197,37 @@ def test_models_that_cannot_be_checked_are_refused(tmp_path, calibration):
     for margin in (-0.1, 1.1, np.nan):
         with pytest.raises(CalibrationError, match="range margin"):
             Corrector(calibration, range_margin=margin)
+
+
+@given(st.data())
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_mutated_model_files_are_refused_in_one_line(tmp_path, calibration, data):
+    """Also those with a sound hash: someone may sign whatever they like."""
+    document, arrays = encode(calibration)
+    document = copy.deepcopy(document)
+    odd = st.sampled_from([None, -1, "", "x" * 50, [], {}, True, 1e300, ["a"], {"a": 1}])
+    if data.draw(st.booleans()):
+        document[data.draw(st.sampled_from(sorted(document)))] = data.draw(odd)
+    elif data.draw(st.booleans()):
+        name = data.draw(st.sampled_from(sorted(arrays)))
+        number = data.draw(st.sampled_from([np.nan, np.inf, -1e300, 1e300, 0.0]))
+        arrays[name] = np.full_like(arrays[name], number)
+    else:
+        name = data.draw(st.sampled_from(sorted(arrays)))
+        arrays[name] = np.zeros(data.draw(st.sampled_from([(0,), (1,), (3,), (4, 4), (1, 2)])))
+    path = tmp_path / "model.safetensors"
+    path.write_bytes(to_bytes(document, arrays))
+    refusal = ""
+    try:
+        corrector = ready(path)
+    except ModelFileError as error:
+        refusal = str(error)
+    if refusal:
+        assert "\n" not in refusal
+        assert "model.safetensors" in refusal
+        return
+    sample = stream(LOOP[:1])[0]
+    corrector.step(0.0, sample)
+    assert np.isfinite(corrector.position).all()
