@@ -226,6 +226,21 @@ def test_a_robot_that_holds_still_is_not_frozen(corrector):
     assert not bits.any()
 
 
+def test_a_model_that_counts_samples_corrects_at_no_faster_rate():
+    corrector = Corrector(trained(features=HISTORY))
+    corrector.set_homing(True, "h1")
+    bits, positions, _ = run(corrector, T[:500], stream(T[:500]))
+    used = np.flatnonzero(bits == 0)
+    assert (np.diff(T[used]) > 0.02).all()
+    assert (np.delete(bits, used) == Status.STALE).all()
+    np.testing.assert_array_equal(
+        np.delete(positions, used, 0), np.delete(stream(T[:500])[:, MEASURED], used, 0)
+    )
+    trained_rate = np.arange(1.0, 10.0, 1 / 30)
+    bits, _, _ = run(corrector, trained_rate, stream(trained_rate))
+    assert not bits[1:].any()
+
+
 def test_a_channel_that_never_changed_in_training_may_stand_still_or_not():
     corrector = Corrector(trained(features=(*SIGNALS, "effort/unused")))
     corrector.set_homing(True, "h1")

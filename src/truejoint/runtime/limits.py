@@ -12,6 +12,7 @@ from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators.document import CalibrationData
 from truejoint.estimators.envelope import partners
 from truejoint.estimators.families import EstimatorData
+from truejoint.estimators.features import MAX_RATE_RATIO
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -37,7 +38,10 @@ FROZEN_INTERVALS: Final = 30.0
 ERROR_MARGIN: Final = 0.5
 """Share of the trained range of errors by which a correction may lie outside."""
 SHORTEST_STEP: Final = 1e-3
-"""Share of the training sample interval below which two stamps are one."""
+"""Share of the training sample interval below which two stamps are one.
+
+Where features count samples (`lag`) it is 1 / `MAX_RATE_RATIO`: such a model knows no faster rate.
+"""
 
 _ROUNDING: Final = 1e-9
 
@@ -120,6 +124,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
+    shortest = 1.0 / MAX_RATE_RATIO if data.feature_set.counts_samples else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low
     partner = partners(data.signals)
@@ -129,7 +134,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     return Limits(
-        shortest_step=SHORTEST_STEP * seen.interval,
+        shortest_step=shortest * seen.interval,
         longest_step=data.gap_limit,
         interval=seen.interval,
         reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
