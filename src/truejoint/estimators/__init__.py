@@ -17,6 +17,12 @@ if TYPE_CHECKING:
     )
     from truejoint.estimators.fitting import calibrate
     from truejoint.estimators.interval import Interval, needed_trajectories
+    from truejoint.estimators.interval_checks import (
+        Coverage,
+        CrossCheck,
+        cross_check,
+        measure_coverage,
+    )
     from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
     from truejoint.estimators.network import NeuralNetwork
     from truejoint.estimators.registry import (
@@ -24,13 +30,7 @@ if TYPE_CHECKING:
         estimator_names,
         get_estimator,
     )
-    from truejoint.estimators.uncertainty import (
-        Coverage,
-        CrossCheck,
-        cross_check,
-        measure_coverage,
-        with_interval,
-    )
+    from truejoint.estimators.uncertainty import with_interval
     from truejoint.estimators.zeroing import Zero, find_zero, rezeroed
 
 __all__ = [
@@ -70,8 +70,8 @@ __all__ = [
 _HOMES = {
     "BASELINES": "truejoint.estimators.families",
     "Calibration": "truejoint.estimators.calibration",
-    "Coverage": "truejoint.estimators.uncertainty",
-    "CrossCheck": "truejoint.estimators.uncertainty",
+    "Coverage": "truejoint.estimators.interval_checks",
+    "CrossCheck": "truejoint.estimators.interval_checks",
     "ESTIMATORS": "truejoint.estimators.registry",
     "Feature": "truejoint.estimators.features",
     "FeatureSet": "truejoint.estimators.features",
@@ -84,14 +84,14 @@ _HOMES = {
     "PolynomialRegressor": "truejoint.estimators.linear",
     "Zero": "truejoint.estimators.zeroing",
     "calibrate": "truejoint.estimators.fitting",
-    "cross_check": "truejoint.estimators.uncertainty",
+    "cross_check": "truejoint.estimators.interval_checks",
     "default_features": "truejoint.estimators.features",
     "default_gap_limit": "truejoint.estimators.features",
     "estimator_names": "truejoint.estimators.registry",
     "find_zero": "truejoint.estimators.zeroing",
     "get_estimator": "truejoint.estimators.registry",
     "load_calibration": "truejoint.estimators.calibration",
-    "measure_coverage": "truejoint.estimators.uncertainty",
+    "measure_coverage": "truejoint.estimators.interval_checks",
     "needed_trajectories": "truejoint.estimators.interval",
     "rezeroed": "truejoint.estimators.zeroing",
     "run_starts": "truejoint.estimators.features",

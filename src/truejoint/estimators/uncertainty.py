@@ -1,10 +1,10 @@
-"""Intervals for calibrated positions: made of whole trajectories, checked on others."""
+"""Intervals for calibrated positions, made of whole trajectories."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -109,7 +109,8 @@ def with_interval(
     if reference is not None:
         size, time = residual_statistics(calibration, recordings)
         reference = replace(reference, residual=size, correlation=time)
-    return replace(calibration, interval=interval, reference=reference)
+    stated = replace(calibration, interval=interval, reference=reference)
+    return stated.with_metadata(interval_sessions=[_origin(recording) for recording in recordings])
 
 
 def exchangeable_units(
@@ -188,13 +189,23 @@ def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray
 
 
 def trained_on(metadata: Mapping[str, Any], recording: Recording) -> bool:
-    """Whether rows of a recording were in the training that the metadata describe.
+    """Whether rows of a recording were in the training that the metadata describe (`among`)."""
+    return among(metadata.get("sessions", ()), recording)
+
+
+def made_interval_of(metadata: Mapping[str, Any], recording: Recording) -> bool:
+    """Whether the interval of a calibration was made of rows of a recording (`among`)."""
+    return among(metadata.get("interval_sessions", ()), recording)
+
+
+def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
+    """Whether a recording is one of those that metadata list.
 
     Two recordings are the same when their hashes are equal or, where neither has one, source,
     session, homing and start. Parts of one count as the same when their times overlap.
     """
     own = recording.provenance.to_dict()
-    for session in metadata.get("sessions", ()):
+    for session in sessions:
         if own["sha256"] or session["sha256"]:
             same = own["sha256"] == session["sha256"]
         else:
@@ -235,126 +246,6 @@ def required_interval(calibration: Calibration) -> Interval:
             "that it has not seen: truejoint calibrate ... --interval RECORDING"
         )
     return calibration.interval
-
-
-@dataclass(frozen=True, eq=False)
-class Coverage:
-    """How often the truth lay within the stated interval, on trajectories of their own.
-
-    Attributes
-    ----------
-    level : float
-        What was stated.
-    shares : ndarray, shape (n_trajectories, n_joints)
-        Share of the samples of each trajectory that were inside.
-    half_width : ndarray, shape (n_joints,)
-        Mean over samples, widening included [rad or m].
-    offset_half_width : ndarray, shape (n_joints,)
-        Of the fixed offset's interval, made of the same calibration trajectories [rad or m].
-    """
-
-    level: float
-    shares: Array
-    half_width: Array
-    offset_half_width: Array
-
-    @property
-    def mean(self) -> Array:
-        """Coverage (n_joints,): mean over trajectories."""
-        return np.asarray(self.shares.mean(axis=0))
-
-    @property
-    def standard_error(self) -> Array:
-        """Sampling error (n_joints,) of `mean` over trajectories; NaN for a single one."""
-        n = len(self.shares)
-        if n < 2:
-            return np.full(self.shares.shape[1], np.nan)
-        return np.asarray(self.shares.std(axis=0, ddof=1) / math.sqrt(n))
-
-
-def measure_coverage(
-    calibration: Calibration, recordings: Sequence[Recording], level: float = 0.9
-) -> Coverage:
-    """Coverage of the stated interval on recordings that no part of it has seen.
-
-    Where the interval holds after re-zeroing, each recording is re-zeroed as it says.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no such interval, or a recording has no truth.
-    """
-    interval = required_interval(calibration)
-    row = interval.index(level)
-    shares, widths = [], []
-    for recording in recordings:
-        t, error, known = known_error(calibration, recording)
-        scored = np.ones(len(t), dtype=bool)
-        if interval.rezero > 0.0:
-            offset, used = zero_offset(t, error, interval.rezero)
-            error, scored = error - offset, ~used
-        allowed = half_widths(calibration, recording, level)[known]
-        _check_scored(recording, scored, interval.rezero)
-        shares.append((np.abs(error) <= allowed)[scored].mean(axis=0))
-        widths.append(allowed[scored].mean(axis=0))
-    return Coverage(
-        level, np.array(shares), np.mean(widths, axis=0), interval.offset_half_widths[row]
-    )
-
-
-@dataclass(frozen=True, eq=False)
-class CrossCheck:
-    """Whether two independent calibrations disagree more than their intervals allow.
-
-    Attributes
-    ----------
-    level : float
-    difference : ndarray, shape (n_joints,)
-        RMS of the difference of the two corrected positions [rad or m].
-    allowed : ndarray, shape (n_joints,)
-        RMS over rows of ``sqrt(a**2 + b**2)`` of the two half-widths [rad or m].
-    inside : ndarray, shape (n_joints,)
-        Share of the rows in which the difference is no larger than that.
-    """
-
-    level: float
-    difference: Array
-    allowed: Array
-    inside: Array
-
-    @property
-    def consistent(self) -> NDArray[np.bool_]:
-        """Joints (n_joints,) for which at least the stated share is inside."""
-        return np.asarray(self.inside >= self.level)
-
-
-def cross_check(
-    first: Calibration, second: Calibration, recording: Recording, level: float = 0.9
-) -> CrossCheck:
-    """Compare two calibrations of one arm, made independently, on a recording without truth.
-
-    Errors that are independent add in squares, and so do intervals. Two calibrations that differ
-    by more than both state cannot both be right; two that agree may share an error.
-
-    Raises
-    ------
-    CalibrationError
-        If they correct different joints, either states no such interval, or the recording does
-        not fit.
-    """
-    if first.joints != second.joints:
-        raise CalibrationError(
-            f"the calibrations correct {', '.join(first.joints)} and {', '.join(second.joints)}; "
-            "compare two of the same joints"
-        )
-    difference = first.correct(recording) - second.correct(recording)
-    allowed = np.hypot(half_widths(first, recording, level), half_widths(second, recording, level))
-    return CrossCheck(
-        level,
-        np.sqrt(np.mean(difference**2, axis=0)),
-        np.sqrt(np.mean(allowed**2, axis=0)),
-        np.mean(np.abs(difference) <= allowed, axis=0),
-    )
 
 
 def known_error(
@@ -406,7 +297,7 @@ def _scores(
         shift, used = zero_offset(t, error, rezero)
         error, scored = error - shift, ~used
         offset_error = offset_error - zero_offset(t, offset_error, rezero)[0]
-        _check_scored(recording, scored, rezero)
+        check_scored(recording, scored, rezero)
     widening = 1.0 + growth * range_excess_of(calibration, recording)[known][scored]
     return (
         np.abs(error[scored]) / widening[:, None],
@@ -424,12 +315,23 @@ def _thresholds(units: Sequence[Sequence[Array]], level: float) -> list[float]:
     ]
 
 
-def _check_scored(recording: Recording, scored: NDArray[np.bool_], rezero: float) -> None:
+def check_scored(recording: Recording, scored: NDArray[np.bool_], rezero: float) -> None:
+    """Raise CalibrationError when no row (n,) is left to judge after re-zeroing."""
     if not scored.any():
         raise CalibrationError(
             f"{_source(recording)}: all of its truth lies within the {rezero:g} s that re-zero it; "
             "nothing is left to judge, so give a longer recording"
         )
+
+
+def _origin(recording: Recording) -> dict[str, Any]:
+    """Tell a recording from others, as JSON values."""
+    kept = ("source", "sha256", "session", "homing_id", "load", "start")
+    origin = recording.provenance.to_dict()
+    return {key: origin[key] for key in kept} | {
+        "first": float(recording.t[0]),
+        "last": float(recording.t[-1]),
+    }
 
 
 def _source(recording: Recording) -> str:

@@ -8,6 +8,7 @@ from truejoint.evaluation.report import render_report, write_report
 from truejoint.evaluation.results import (
     CartesianScore,
     Evaluation,
+    IntervalScore,
     JointVerdict,
     RecordingScore,
     Score,
@@ -27,6 +28,7 @@ __all__ = [
     "DataCheck",
     "Evaluation",
     "Finding",
+    "IntervalScore",
     "JointCalibration",
     "JointCoverage",
     "JointVerdict",

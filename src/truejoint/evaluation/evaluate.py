@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation.heldout import other_homings, seen_in_training
+from truejoint.evaluation.intervals import interval_scores
 from truejoint.evaluation.metrics import tool_error, tool_positions
 from truejoint.evaluation.results import (
     BASELINES,
@@ -138,6 +139,7 @@ def _judged(
     )
     traces = tuple(test.trace for test in tested)
     limits = [joint.limit for joint in verdict.joints]
+    intervals, interval_note = interval_scores(calibrations[chosen][0], recordings)
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -154,6 +156,8 @@ def _judged(
         worst=worst_stretches(traces, chosen, joints, units, limits, window=window),
         window=window,
         verdict=verdict,
+        intervals=intervals,
+        interval_note=interval_note,
         training=json_values(metadata),
         traces=traces,
     )

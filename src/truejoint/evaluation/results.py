@@ -112,6 +112,34 @@ class RecordingScore:
 
 
 @dataclass(frozen=True)
+class IntervalScore:
+    """How often the truth lay within the stated interval of one joint, at one level.
+
+    Attributes
+    ----------
+    joint, unit : str
+    level : float
+        Stated probability.
+    coverage : float
+        Mean over the test recordings of the share of samples inside.
+    standard_error : float
+        Sampling error of that over recordings; NaN with a single one.
+    half_width : float
+        Mean over the samples [rad or m].
+    offset_half_width : float
+        Of the fixed offset's interval, made of the same recordings as the model's.
+    """
+
+    joint: str
+    unit: str
+    level: float
+    coverage: float
+    standard_error: float
+    half_width: float
+    offset_half_width: float
+
+
+@dataclass(frozen=True)
 class Stretch:
     """A window of one test recording in which the chosen model was at its worst.
 
@@ -250,6 +278,10 @@ class Evaluation:
     window : float
         Length [s] of the stretches.
     verdict : Verdict
+    intervals : tuple of IntervalScore
+        One row per stated level and joint of the chosen model's first seed.
+    interval_note : str
+        What the interval is for, or why there is none.
     training : mapping
         What the chosen model says about its training; JSON values.
     traces : tuple of Trace
@@ -271,6 +303,8 @@ class Evaluation:
     worst: tuple[Stretch, ...]
     window: float
     verdict: Verdict
+    intervals: tuple[IntervalScore, ...]
+    interval_note: str
     training: Mapping[str, Any]
     traces: tuple[Trace, ...] = field(repr=False)
 
@@ -300,6 +334,8 @@ class Evaluation:
                 {**asdict(row), "recording": self.traces[row.recording].name} for row in self.worst
             ],
             "window": self.window,
+            "intervals": [asdict(row) for row in self.intervals],
+            "interval_note": self.interval_note,
             "test": [
                 {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
                 for t in self.traces

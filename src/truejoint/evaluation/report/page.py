@@ -127,6 +127,7 @@ def render_report(
         headlines=view.headlines(evaluation),
         all_scores=view.bias_rows(evaluation),
         recording_rows=view.recording_rows(evaluation),
+        interval_rows=view.interval_rows(evaluation),
         direction_rows=view.direction_rows(evaluation),
         cartesian_rows=view.cartesian_rows(evaluation),
         checks={

@@ -119,6 +119,27 @@ def headlines(evaluation: Evaluation) -> list[Headline]:
     return found
 
 
+def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """One row a stated level and joint: coverage, and half-widths beside the fixed offset's."""
+    rows = []
+    for score in evaluation.intervals:
+        unit = display_unit(score.unit)
+        widths = [unit.scale * score.half_width, unit.scale * score.offset_half_width]
+        error = f" ± {100 * score.standard_error:.1f}" if score.standard_error >= 0.0 else ""
+        ratio = score.half_width / score.offset_half_width if score.offset_half_width > 0 else 1.0
+        rows.append(
+            {
+                "joint": score.joint,
+                "unit": unit.name,
+                "level": f"{100 * score.level:g} %",
+                "coverage": f"{100 * score.coverage:.1f}{error} %",
+                "widths": shown(widths),
+                "percent": percent_text(100 * ratio),
+            }
+        )
+    return rows
+
+
 def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     """One row a test recording, worst first: provenance and RMSE before and after, by joint."""
     scores = {(r.recording, r.estimator, r.joint): r for r in evaluation.recording_scores}
