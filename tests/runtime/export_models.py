@@ -8,7 +8,9 @@ import numpy as np
 
 from truejoint.estimators import Calibration
 from truejoint.estimators.base import JointRegressor
+from truejoint.estimators.envelope import fit_envelope
 from truejoint.estimators.features import FeatureSet
+from truejoint.estimators.interval import Interval
 from truejoint.recordings import Provenance, Recording
 
 PLAIN = ("measured/elbow", "effort/elbow", "effort/roll", "measured/insertion")
@@ -41,8 +43,13 @@ def calibration(
     joints: Sequence[str] = ("shoulder", "elbow", "insertion"),
     target: str = "error",
     seed: int = 0,
+    rezero: float | None = None,
+    homing_ids: Sequence[str] = ("h1",),
 ) -> Calibration:
-    """Calibration of which every learnt number is random; its predictions are of order 0.01."""
+    """Calibration of which every learnt number is random; its predictions are of order 0.01.
+
+    With `rezero` it has an interval, which holds after so many seconds of truth.
+    """
     rng = np.random.default_rng(seed)
     feature_set = FeatureSet.parse(features)
     training = recording(columns(features, joints), seed=seed)
@@ -57,17 +64,28 @@ def calibration(
     model = type(estimator).from_arrays(
         estimator.get_params(), arrays, n_features=len(feature_set), n_outputs=len(joints)
     )
+    needed = columns(features, joints)
+    error = model.evaluate(X)
+    if target == "position":
+        error = error - training.columns("measured", joints)
+    widths = np.sort(rng.uniform(0.001, 0.01, (2, len(joints))), axis=0)
     return Calibration(
         robot="raven2",
         arm="left",
         joints=tuple(joints),
         feature_set=feature_set,
         target=target,
-        units={name: training.units[name] for name in columns(features, joints)},
+        units={name: training.units[name] for name in needed},
         gap_limit=0.3,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
         model=model,
         baseline_models={},
-        metadata={"sample_interval": 1 / 30, "data_sha256": "0" * 64},
-    )
+        metadata={
+            "sample_interval": 1 / 30, "data_sha256": "0" * 64, "homing_ids": list(homing_ids),
+        },
+        envelope=fit_envelope([training], needed, 0.3, X, error),
+        interval=None
+        if rezero is None
+        else Interval(np.array([0.8, 0.9]), widths, widths, widths, 2.0, rezero, 12, 12),
+    )  # fmt: skip

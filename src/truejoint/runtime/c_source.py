@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
@@ -42,11 +42,15 @@ def check_prefix(prefix: str) -> str:
 def number(value: float, precision: Precision) -> str:
     """Hexadecimal C99 constant that is exactly `value`, or the float nearest to it.
 
+    Infinity and NaN become the macros of math.h.
+
     Raises
     ------
     ExportError
-        If it is not finite, or does not fit a float.
+        If a finite value does not fit a float.
     """
+    if not np.isfinite(value):
+        return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
     with np.errstate(over="ignore"):
         kept = float(value) if precision == "double" else float(np.float32(value))
     if not np.isfinite(kept):
@@ -90,7 +94,7 @@ def render(template: str, context: Mapping[str, Any], precision: Precision) -> s
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
     )
-    environment.filters |= {
+    filters: dict[str, Callable[[Any], str]] = {
         "number": lambda value: number(value, precision),
         "exact": lambda value: number(value, "double"),
         "table": lambda values: table(values, precision),
@@ -98,6 +102,7 @@ def render(template: str, context: Mapping[str, Any], precision: Precision) -> s
         "integers": integer_table,
         "comment": comment,
     }
+    environment.filters.update(filters)
     single = precision == "float"
     names = {"real": precision, "suffix": "f" if single else "", "single": single}
     return environment.get_template(template).render(**names, **context)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.errors import ExportError
 from truejoint.estimators import Calibration
 from truejoint.estimators.base import JointRegressor
-from truejoint.estimators.linear import polynomial_terms
+from truejoint.estimators.families import polynomial_terms
 from truejoint.runtime.c_source import Precision, check_precision, write_files
 
 Array = NDArray[np.float64]

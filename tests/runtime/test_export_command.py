@@ -1,0 +1,74 @@
+"""`truejoint export`."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+from truejoint.cli.export import export
+from truejoint.errors import ExportError
+from truejoint.estimators import LinearRegressor
+
+from .export_models import calibration
+
+app = typer.Typer()
+app.command()(export)
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "model.tj"
+    calibration(LinearRegressor()).save(path)
+    return path
+
+
+def run(*words: object):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def test_c_source_is_written_where_asked(model, tmp_path):
+    result = run(model, "--to", "c", "--out", tmp_path / "c", "--prefix", "arm", "--json")
+    assert result.exit_code == 0, result.output
+    files = json.loads(result.output)["files"]
+    assert sorted(files) == sorted(str(path) for path in (tmp_path / "c").iterdir())
+    assert str(tmp_path / "c" / "arm.c") in files
+
+
+def test_the_check_is_named(model, tmp_path):
+    result = run(model, "--to", "c", "--out", tmp_path, "--precision", "float")
+    assert result.exit_code == 0, result.output
+    assert "raven2_left_check.c -lm -o check && ./check" in result.output.replace("\n", "")
+    assert "float" in (tmp_path / "raven2_left.c").read_text()
+
+
+def test_onnx_graph_is_written_where_asked(model, tmp_path):
+    pytest.importorskip("onnx", reason="the extra [onnx] is not installed")
+    result = run(model, "--to", "onnx", "--out", tmp_path / "onnx")
+    assert result.exit_code == 0, result.output
+    assert [path.name for path in (tmp_path / "onnx").iterdir()] == ["raven2_left.onnx"]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("--to", "rust"), "'rust' is neither 'c' nor 'onnx'"),
+        (("--to", "onnx", "--level", "0.9"), "are for --to c"),
+        (("--to", "onnx", "--prefix", "a b"), "prefix"),
+        (("--to", "c", "--precision", "half"), "precision"),
+    ],
+)
+def test_a_wrong_call_is_refused(model, tmp_path, words, said):
+    result = run(model, *words, "--out", tmp_path / "out")
+    assert isinstance(result.exception, ExportError)
+    assert said in str(result.exception)
+    assert not (tmp_path / "out").exists()
+
+
+def test_nothing_is_overwritten_unless_forced(model, tmp_path):
+    words = (model, "--to", "c", "--out", tmp_path)
+    assert run(*words).exit_code == 0
+    assert isinstance(run(*words).exception, ExportError)
+    assert run(*words, "--force").exit_code == 0
