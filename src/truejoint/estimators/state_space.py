@@ -21,6 +21,7 @@ from truejoint.estimators.unscented_memory import (
     TRANSITION,
     Array,
     address,
+    matrix,
 )
 
 # How far from symmetric or from semidefinite, relative to the variances, rounding may leave a
@@ -186,8 +187,8 @@ def _compile(
             function.py_func(*given, out)
     except IndexError as error:
         raise FilterError(f"{what}: {error}; check its names and parameters") from None
-    except (ArithmeticError, ValueError):
-        # Zero may lie outside the model; compiled, it gives NaN there.
+    except (ArithmeticError, ValueError, NotImplementedError):
+        # Zero may lie outside the model; compiled, it gives NaN there. Or it runs compiled only.
         return place
     if np.any(out == _UNWRITTEN):
         element = int(np.flatnonzero(out == _UNWRITTEN)[0])
@@ -199,27 +200,37 @@ def _compile(
 def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:  # noqa: ARG001 - a transition's arguments
     """Next state A x + B u, with A and B row by row at the head of the parameters."""
     n, p = len(x), len(u)
+    A, B = matrix(parameters, 0, n, n), matrix(parameters, n * n, n, p)
     for i in range(n):
         total = 0.0
         for j in range(n):
-            total += parameters[i * n + j] * x[j]
+            total += A[i, j] * x[j]
         for j in range(p):
-            total += parameters[n * n + i * p + j] * u[j]
+            total += B[i, j] * u[j]
         out[i] = total
 
 
 @compiled
 def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
-    """Measurement C x + D u, with C and D after A and B in the parameters."""
-    n, p, m = len(x), len(u), len(out)
-    start = n * (n + p)
+    """Measurement C x, with C after A and B in the parameters."""
+    n, m = len(x), len(out)
+    C = matrix(parameters, n * (n + len(u)), m, n)
     for i in range(m):
         total = 0.0
         for j in range(n):
-            total += parameters[start + i * n + j] * x[j]
-        for j in range(p):
-            total += parameters[start + m * n + i * p + j] * u[j]
+            total += C[i, j] * x[j]
         out[i] = total
+
+
+@compiled
+def linear_measurement_with_input(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Measurement C x + D u, with C and D after A and B in the parameters."""
+    n, p, m = len(x), len(u), len(out)
+    linear_measurement(x, u, parameters, out)
+    D = matrix(parameters, n * (n + p) + m * n, m, p)
+    for i in range(m):
+        for j in range(p):
+            out[i] += D[i, j] * u[j]
 
 
 def linear_model(
@@ -267,7 +278,7 @@ def linear_model(
         parts.append(part.ravel())
     return StateSpaceModel(
         linear_transition,
-        linear_measurement,
+        linear_measurement_with_input if parts[3].any() else linear_measurement,
         process_noise,
         measurement_noise,
         states=states,

@@ -13,13 +13,14 @@ import numpy as np
 
 from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.unscented_factors import solve_rows, wrap
+from truejoint.estimators.unscented_factors import inlined, solve_rows, wrap
 from truejoint.estimators.unscented_memory import (
     Array,
     Integers,
     call_measurement,
     copy,
     fill,
+    integers,
     matrix,
     vector,
 )
@@ -69,8 +70,9 @@ def _choose_measurements(numbers: Integers, memory: Array) -> int:
 def _observe(numbers: Integers, memory: Array) -> bool:
     """Send the sigma points through the measurement function, (19); False if unusable."""
     n, m = numbers[lay.N], numbers[lay.M]
-    count, chosen = numbers[lay.OBSERVED], numbers[lay.CHOSEN]
-    angles = numbers[lay.ANGLES] + n
+    count = numbers[lay.OBSERVED]
+    chosen = integers(numbers, numbers[lay.CHOSEN], count)
+    angles = integers(numbers, numbers[lay.ANGLES] + n, m)
     u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
     theta = vector(memory, numbers[lay.THETA], numbers[lay.PARAMETERS])
     centre = vector(memory, numbers[lay.CENTRE], n)
@@ -84,7 +86,7 @@ def _observe(numbers: Integers, memory: Array) -> bool:
     copy(centre, point, n)
     call_measurement(numbers[lay.H], point, u, theta, image)
     for c in range(count):
-        z_mean[c] = image[numbers[chosen + c]]
+        z_mean[c] = image[chosen[c]]
         z_shift[c] = 0.0
     if not within_limit(z_mean, count, LIMIT):
         return False
@@ -94,11 +96,11 @@ def _observe(numbers: Integers, memory: Array) -> bool:
         fill(image, m, np.nan)
         call_measurement(numbers[lay.H], point, u, theta, image)
         for c in range(count):
-            i = numbers[chosen + c]
+            i = chosen[c]
             difference = image[i] - z_mean[c]
             if not (abs(difference) <= LIMIT):
                 return False
-            if numbers[angles + i]:
+            if angles[i]:
                 difference = wrap(difference)
             z_deviations[k, c] = difference
             z_shift[c] += difference
@@ -113,7 +115,8 @@ def _observe(numbers: Integers, memory: Array) -> bool:
 def _innovate(numbers: Integers, memory: Array) -> int:
     """Innovation, its covariance, (20), and its NIS; status bits."""
     n, m = numbers[lay.N], numbers[lay.M]
-    count, chosen = numbers[lay.OBSERVED], numbers[lay.CHOSEN]
+    count = numbers[lay.OBSERVED]
+    chosen = integers(numbers, numbers[lay.CHOSEN], count)
     points = numbers[lay.POINTS]
     if not _observe(numbers, memory):
         return _MEASUREMENT_FAILED
@@ -129,16 +132,18 @@ def _innovate(numbers: Integers, memory: Array) -> int:
         for c in range(count):
             stack[k, c] = root * z_deviations[k, c]
     for j in range(m):
+        row = stack[points + j]
         for c in range(count):
-            stack[points + j, c] = noise[numbers[chosen + c], j]
+            row[c] = noise[chosen[c], j]
     whole = finish(numbers, memory, stack, points + m, count, lay.Z_SHIFT, lay.P_ZZ, lay.S_ZZ)
     status = 0 if whole else _REPAIRED
     factor = matrix(memory, numbers[lay.S_ZZ], count, count)
+    angles = integers(numbers, numbers[lay.ANGLES] + n, m)
     nis, logarithm, product, rank = 0.0, 0.0, 1.0, 0
     for c in range(count):
-        i = numbers[chosen + c]
+        i = chosen[c]
         difference = z[i] - z_mean[c]
-        innovation[i] = wrap(difference) if numbers[numbers[lay.ANGLES] + n + i] else difference
+        innovation[i] = wrap(difference) if angles[i] else difference
         rest = innovation[i]
         for k in range(c):
             rest -= factor[c, k] * white[k]
@@ -158,7 +163,7 @@ def _innovate(numbers: Integers, memory: Array) -> int:
     return status
 
 
-@compiled
+@inlined
 def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
     """Draw sigma points again from the predicted mean and covariance, (18)."""
     n = numbers[lay.N]
@@ -167,10 +172,10 @@ def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
     fill(vector(memory, numbers[lay.SHIFT], n), n, 0.0)
 
 
-@compiled
+@inlined
 def _gain(numbers: Integers, memory: Array) -> None:
     """Covariance of state and measurement, (21), divided by that of the measurement, (22)."""
-    n, count = numbers[lay.N], numbers[lay.OBSERVED]
+    n, count, points = numbers[lay.N], numbers[lay.OBSERVED], numbers[lay.POINTS]
     shift = vector(memory, numbers[lay.SHIFT], n)
     z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
     deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
@@ -179,12 +184,10 @@ def _gain(numbers: Integers, memory: Array) -> None:
     weight = memory[lay.ROOT_WEIGHT] ** 2
     for i in range(n):
         for c in range(count):
-            minus, plus = 0.0, 0.0
-            for k in range(0, numbers[lay.POINTS], 2):
-                minus += deviations[k, i] * z_deviations[k, c]
-                plus += deviations[k + 1, i] * z_deviations[k + 1, c]
-            centre = memory[lay.CORRECTION] * shift[i] * z_shift[c]
-            gain[i, c] = weight * (minus + plus) + centre
+            total = 0.0
+            for k in range(points):
+                total += deviations[k, i] * z_deviations[k, c]
+            gain[i, c] = weight * total + memory[lay.CORRECTION] * shift[i] * z_shift[c]
     solve_rows(matrix(memory, numbers[lay.S_ZZ], count, count), count, gain, n)
 
 
@@ -197,7 +200,8 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
     (23), but it cannot turn indefinite.
     """
     n, m = numbers[lay.N], numbers[lay.M]
-    count, chosen = numbers[lay.OBSERVED], numbers[lay.CHOSEN]
+    count = numbers[lay.OBSERVED]
+    chosen = integers(numbers, numbers[lay.CHOSEN], count)
     points = numbers[lay.POINTS]
     x = vector(memory, numbers[lay.X], n)
     x_mean = vector(memory, numbers[lay.X_MEAN], n)
@@ -211,22 +215,25 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
     stack = matrix(memory, numbers[lay.STACK], 4 * n + m + 1, n)
     root = memory[lay.ROOT_WEIGHT]
     _gain(numbers, memory)
+    angles = integers(numbers, numbers[lay.ANGLES], n)
+    for j in range(m):
+        row = stack[points + j]
+        for i in range(n):
+            total = 0.0
+            for c in range(count):
+                total += gain[i, c] * noise[chosen[c], j]
+            row[i] = total
     for i in range(n):
         for k in range(points):
             rest = deviations[k, i]
             for c in range(count):
                 rest -= gain[i, c] * z_deviations[k, c]
             stack[k, i] = root * rest
-        for j in range(m):
-            total = 0.0
-            for c in range(count):
-                total += gain[i, c] * noise[numbers[chosen + c], j]
-            stack[points + j, i] = total
         x[i] = x_mean[i]
         for c in range(count):
-            x[i] += gain[i, c] * innovation[numbers[chosen + c]]
+            x[i] += gain[i, c] * innovation[chosen[c]]
             shift[i] -= gain[i, c] * z_shift[c]
-        if numbers[numbers[lay.ANGLES] + i]:
+        if angles[i]:
             x[i] = wrap(x[i])
     whole = finish(numbers, memory, stack, points + m, n, lay.SHIFT, lay.P, lay.S)
     covariance = vector(memory, numbers[lay.P], n * n)
@@ -236,7 +243,7 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
     return _OUT_OF_RANGE
 
 
-@compiled
+@inlined
 def _keep_prediction(numbers: Integers, memory: Array) -> None:
     """Take the prediction for the state."""
     n = numbers[lay.N]

@@ -8,19 +8,28 @@ arrays that the caller owns and allocate nothing.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import TypeVar, cast
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 
 from truejoint.estimators.compiled import compiled
 
 Array = npt.NDArray[np.float64]
+Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
 _PIVOT = 64.0 * 2.220446049250313e-16
 # Rounding in a pivot grows with the conditioning of the rows before it. Only what is negative
 # beyond this share of the diagonal entry is held for an indefinite matrix.
 _INDEFINITE = 1e-8
+
+
+def inlined(kernel: Kernel) -> Kernel:
+    """Compile a kernel as `compiled` does, into its callers: passing many arrays costs more."""
+    return cast("Kernel", njit(cache=True, error_model="numpy", forceinline=True)(kernel))
 
 
 @compiled
@@ -67,36 +76,38 @@ def semidefinite_cholesky(covariance: Array, size: int, factor: Array) -> bool:
     """
     semidefinite = True
     for j in range(size):
-        for i in range(j):
-            factor[i, j] = 0.0
-        for i in range(j, size):
+        pivot = covariance[j, j]
+        for k in range(j):
+            pivot -= factor[j, k] * factor[j, k]
+            factor[k, j] = 0.0
+        if not (pivot > _PIVOT * covariance[j, j]):
+            semidefinite &= _drop_column(covariance, size, factor, j, pivot)
+            continue
+        # Root and reciprocal are computed at the same time; 1 / root would wait for the root.
+        root = math.sqrt(pivot)
+        scale = root * (1.0 / pivot)
+        factor[j, j] = root
+        for i in range(j + 1, size):
             rest = covariance[i, j]
             for k in range(j):
                 rest -= factor[i, k] * factor[j, k]
-            factor[i, j] = rest
-        pivot = factor[j, j]
-        if pivot > _PIVOT * covariance[j, j]:
-            # Root and reciprocal are computed at the same time; 1 / root would wait for the root.
-            root = math.sqrt(pivot)
-            scale = root * (1.0 / pivot)
-            factor[j, j] = root
-            for i in range(j + 1, size):
-                factor[i, j] *= scale
-        elif not _drop_column(covariance, size, factor, j):
-            semidefinite = False
+            factor[i, j] = rest * scale
     return semidefinite
 
 
 @compiled
-def _drop_column(covariance: Array, size: int, factor: Array, column: int) -> bool:
+def _drop_column(covariance: Array, size: int, factor: Array, column: int, pivot: float) -> bool:
     """Zero a column without a pivot; False if more than rounding stood in it."""
     noise = _INDEFINITE * covariance[column, column]
-    nothing = factor[column, column] >= -noise
+    nothing = pivot >= -noise
     factor[column, column] = 0.0
     for i in range(column + 1, size):
-        # Nothing may go along with a direction that does not vary.
-        # `not (a <= b)` instead of `a > b`: it holds for NaN too.
-        if not (factor[i, column] * factor[i, column] <= noise * covariance[i, i]):
+        rest = covariance[i, column]
+        for k in range(column):
+            rest -= factor[i, k] * factor[column, k]
+        # Nothing may go along with a direction that does not vary. `not (a <= b)` instead of
+        # `a > b`: it holds for NaN too.
+        if not (rest * rest <= noise * covariance[i, i]):
             nothing = False
         factor[i, column] = 0.0
     return bool(nothing)
@@ -117,16 +128,9 @@ def outer_sum(stack: Array, rows: int, size: int, covariance: Array) -> None:
     """
     for i in range(size):
         for j in range(i + 1):
-            # Four sums side by side: one sum would wait for each addition to end.
-            one, two, three, four = 0.0, 0.0, 0.0, 0.0
-            for k in range(0, rows - 3, 4):
-                one += stack[k, i] * stack[k, j]
-                two += stack[k + 1, i] * stack[k + 1, j]
-                three += stack[k + 2, i] * stack[k + 2, j]
-                four += stack[k + 3, i] * stack[k + 3, j]
-            for k in range(rows - rows % 4, rows):
-                one += stack[k, i] * stack[k, j]
-            total = (one + two) + (three + four)
+            total = 0.0
+            for k in range(rows):
+                total += stack[k, i] * stack[k, j]
             covariance[i, j] = total
             covariance[j, i] = total
 
@@ -221,7 +225,7 @@ def downdate(factor: Array, size: int, vector: Array) -> bool:
     return True
 
 
-@compiled
+@inlined
 def combine(
     stack: Array,
     rows: int,
@@ -265,7 +269,10 @@ def combine(
         for j in range(size):
             covariance[i, j] -= deficit[i] * deficit[j]
     if semidefinite_cholesky(covariance, size, factor):
-        _square(factor, size, covariance)  # a difference may be indefinite by rounding, L L' not
+        for i in range(size):
+            if factor[i, i] == 0.0:
+                # Without a pivot the difference may be indefinite by rounding; L L' cannot be.
+                _square(factor, size, covariance)
         return True
     outer_sum(stack, rows, size, covariance)
     semidefinite_cholesky(covariance, size, factor)

@@ -202,6 +202,16 @@ def vector(_typing: Any, memory: Any, offset: Any, length: Any) -> Any:
 
 
 @intrinsic
+def integers(_typing: Any, numbers: Any, offset: Any, length: Any) -> Any:
+    """View of `length` integers of `numbers` from `offset` on, without counting references."""
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return _view(context, builder, signature, args, [args[2]])
+
+    return types.int64[::1](numbers, types.intp, types.intp), generate
+
+
+@intrinsic
 def matrix(_typing: Any, memory: Any, offset: Any, rows: Any, columns: Any) -> Any:
     """View of `memory` from `offset` on as a matrix, row by row, without counting references."""
 

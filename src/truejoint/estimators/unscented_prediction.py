@@ -12,7 +12,7 @@ import numpy as np
 
 from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.unscented_factors import combine, semidefinite_cholesky, wrap
+from truejoint.estimators.unscented_factors import combine, inlined, semidefinite_cholesky, wrap
 from truejoint.estimators.unscented_memory import (
     Array,
     Integers,
@@ -20,6 +20,7 @@ from truejoint.estimators.unscented_memory import (
     call_transition,
     copy,
     fill,
+    integers,
     matrix,
     vector,
 )
@@ -44,7 +45,7 @@ def within_limit(values: Array, count: int, limit: float) -> bool:
     return True
 
 
-@compiled
+@inlined
 def place_points(numbers: Integers, memory: Array, factor_block: int, scale: float) -> None:
     """Deviations of 2 n sigma points, plus and minus reach times a factor's columns: (15), (18)."""
     n = numbers[lay.N]
@@ -52,10 +53,12 @@ def place_points(numbers: Integers, memory: Array, factor_block: int, scale: flo
     deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
     reach = scale * memory[lay.REACH]
     for j in range(n):
+        # One row at a time: numba takes each computed index for possibly negative.
+        below, above = deviations[2 * j], deviations[2 * j + 1]
         for i in range(n):
             step = reach * factor[i, j]
-            deviations[2 * j, i] = -step
-            deviations[2 * j + 1, i] = step
+            below[i] = -step
+            above[i] = step
     numbers[lay.POINTS] = 2 * n
 
 
@@ -70,6 +73,7 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
     point = vector(memory, numbers[lay.POINT], n)
     image = vector(memory, numbers[lay.IMAGE], n)
     deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    angles = integers(numbers, numbers[lay.ANGLES], n)
     dt = memory[lay.DT]
     # NaN first: a function that fails to write an element is found out.
     fill(image, n, np.nan)
@@ -87,7 +91,7 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
             return False
         for i in range(n):
             difference = image[i] - centre[i]
-            deviations[k, i] = wrap(difference) if numbers[numbers[lay.ANGLES] + i] else difference
+            deviations[k, i] = wrap(difference) if angles[i] else difference
     return True
 
 
@@ -164,10 +168,11 @@ def predict(numbers: Integers, memory: Array) -> int:
     if numbers[lay.SECOND] == 0:
         # Points for the process noise too, so that the predicted measurement feels it.
         for j in range(n):
+            below, above = deviations[2 * n + 2 * j], deviations[2 * n + 2 * j + 1]
             for i in range(n):
                 step = memory[lay.REACH] * noise[i, j] if moving else 0.0
-                deviations[2 * n + 2 * j, i] = -step
-                deviations[2 * n + 2 * j + 1, i] = step
+                below[i] = -step
+                above[i] = step
         numbers[lay.POINTS] = 4 * n
     return status
 
@@ -182,6 +187,7 @@ def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
     deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
     noise = matrix(memory, numbers[lay.Q], n, n)
     stack = matrix(memory, numbers[lay.STACK], 3 * n + 1, n)
+    angles = integers(numbers, numbers[lay.ANGLES], n)
     root = memory[lay.ROOT_WEIGHT]
     for i in range(n):
         total = 0.0
@@ -190,19 +196,20 @@ def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
             stack[k, i] = root * deviations[k, i]
         shift[i] = root * root * total
         mean[i] = centre[i] + shift[i]
-        if numbers[numbers[lay.ANGLES] + i]:
+        if angles[i]:
             mean[i] = wrap(mean[i])
     rows = 2 * n
     if moving:
         for j in range(n):
+            row = stack[rows]
             for i in range(n):
-                stack[rows, i] = noise[i, j]
+                row[i] = noise[i, j]
             rows += 1
     whole = finish(numbers, memory, stack, rows, n, lay.SHIFT, lay.P_MEAN, lay.S_MEAN)
     return 0 if whole else _REPAIRED
 
 
-@compiled
+@inlined
 def finish(
     numbers: Integers,
     memory: Array,
@@ -221,8 +228,7 @@ def finish(
     for i in range(size):
         deficit[i] = scale * shift[i]
     if correction > 0.0:
-        for i in range(size):
-            stack[rows, i] = deficit[i]
+        copy(deficit, stack[rows], size)
         rows += 1
     return combine(
         stack,

@@ -125,9 +125,11 @@ def test_linear_functions_are_the_matrix_products() -> None:
     )  # fmt: skip
     x, u, after, z = rng.normal(size=3), rng.normal(size=2), np.empty(3), np.empty(4)
     linear_transition(x, u, 1.0, model.parameters, after)
-    linear_measurement(x, u, model.parameters, z)
+    model.measurement(x, u, model.parameters, z)
     np.testing.assert_allclose(after, A @ x + B @ u, rtol=1e-13)
     np.testing.assert_allclose(z, C @ x + D @ u, rtol=1e-13)
+    linear_measurement(x, u, model.parameters, z)
+    np.testing.assert_allclose(z, C @ x, rtol=1e-13)
     with pytest.raises(FilterError, match=r"C: shape is \(3, 3\), must be \(1, 3\)"):
         linear_model(A, B, A, D, np.eye(3), [[1.0]], states=("a", "b", "c"),
                      measurements=("z",), inputs=("u", "v"))  # fmt: skip
