@@ -319,26 +319,13 @@ class UnscentedFilter:
             If shapes do not fit together, or the prior is wrong.
         """
         state = self.initial_state(x0, P0)
-        n, m = len(state.x), len(state.z)
-        measured = _table(z, m, "z")
+        measured = _table(z, len(state.z), "z")
         rows = len(measured)
         control = np.zeros((rows, 0)) if u is None else _table(u, len(state.u), "u")
         if control.shape != (rows, len(state.u)):
             raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
         steps = _time_steps(dt, t, rows)
-        result = FilterResult(
-            x=np.empty((rows, n)),
-            P=np.empty((rows, n, n)),
-            innovation=np.empty((rows, m)),
-            nis=np.empty(rows),
-            loglik=np.empty(rows),
-            inflation=np.empty(rows),
-            status=np.empty(rows, dtype=np.int64),
-            u=control,
-            dt=steps,
-            x0=state.x.copy(),
-            P0=state.P.copy(),
-        )
+        result = _empty_result(state, control, steps)
         unscented_kernels.run(
             state.numbers,
             state.memory,
@@ -346,7 +333,7 @@ class UnscentedFilter:
             control,
             steps,
             result.x,
-            result.P.reshape(rows, n * n),
+            result.P.reshape(rows, -1),
             result.innovation,
             result.nis,
             result.loglik,
@@ -385,6 +372,23 @@ class UnscentedFilter:
             P,
         )
         return SmoothedResult(x=x, P=P, x0=x0, P0=P0)
+
+
+def _empty_result(state: FilterState, control: Array, steps: Array) -> FilterResult:
+    rows, n, m = len(steps), len(state.x), len(state.z)
+    return FilterResult(
+        x=np.empty((rows, n)),
+        P=np.empty((rows, n, n)),
+        innovation=np.empty((rows, m)),
+        nis=np.empty(rows),
+        loglik=np.empty(rows),
+        inflation=np.empty(rows),
+        status=np.empty(rows, dtype=np.int64),
+        u=control,
+        dt=steps,
+        x0=state.x.copy(),
+        P0=state.P.copy(),
+    )
 
 
 def _numbers(values: npt.ArrayLike, what: str) -> Array:
