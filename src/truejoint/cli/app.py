@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from truejoint.cli import calibrate, check, collect, datasets, demo, evaluate, trajectory
+from truejoint.cli import calibrate, check, collect, datasets, demo, evaluate, export, trajectory
 from truejoint.cli.console import err
 from truejoint.errors import TruejointError
 
@@ -43,6 +43,9 @@ app.command(
     epilog="Example: `truejoint check left_arm.safetensors ten_seconds.parquet "
     "--rezero today.safetensors`",
 )(check.check)
+app.command(
+    "export", epilog="Example: `truejoint export left_arm.safetensors --to c --out controller`"
+)(export.export)
 app.add_typer(datasets.app, name="datasets")
 
 
