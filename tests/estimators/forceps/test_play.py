@@ -97,6 +97,7 @@ def test_steps_give_the_bits_of_the_whole(pair, model):
     [
         ResetPlay(degree=0),
         ResetPlay(reset_widths=()),
+        ResetPlay(reset_widths=(1e-5, -1e-5)),
         BothPlay(motor_widths=(0.0,)),
         BothPlay(penalty=-1.0),
         GatedPlay(gate=0.0),

@@ -62,7 +62,7 @@ class GatedPlay(JawEstimator):
     family: ClassVar[str] = "play_gated"
     inputs: ClassVar[tuple[str, ...]] = (MOTOR, RESET)
 
-    def __init__(self, gate: float = 4.0, smallest_gate: float = 9e-4) -> None:
+    def __init__(self, gate: float = 5.0, smallest_gate: float = 9e-4) -> None:
         self.gate = gate
         self.smallest_gate = smallest_gate
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from truejoint.estimators.compiled import compiled
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 OBSERVED = 7
 """Columns of the observation matrix (29)."""
@@ -92,6 +93,20 @@ def bank_rows(
     memory = np.zeros(widths.shape[0])
     for i in range(steps.shape[0]):
         bank_row(steps[i] == 0.0, values[i], scale, degree, widths, memory, out[i])
+
+
+@compiled
+def product_row(row: Array, pairs: Integers, out: Array) -> None:
+    """Products of the first column with columns `pairs` (k,) of one row, into `out` (k,)."""
+    for i in range(pairs.shape[0]):
+        out[i] = row[0] * row[pairs[i]]
+
+
+@compiled
+def product_rows(rows: Array, pairs: Integers, out: Array) -> None:
+    """`product_row` of every row, into `out` (n, k)."""
+    for i in range(rows.shape[0]):
+        product_row(rows[i], pairs, out[i])
 
 
 @compiled

@@ -25,10 +25,11 @@ from truejoint.estimators.sequence import regular_steps
 from truejoint.robots.forceps_mechanism import TABLE_1
 
 Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 
 RESET_WIDTHS: Final = (3e-6, 6e-6, 12e-6, 25e-6, 50e-6, 100e-6, 200e-6)
 """Half-widths of the plays on ``x2`` [m]: the slider's presliding and the cable's hysteresis."""
-MOTOR_WIDTHS: Final = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6, 150e-6, 250e-6, 400e-6)
+MOTOR_WIDTHS: Final = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6, 150e-6, 250e-6, 400e-6, 600e-6)
 """Half-widths of the plays on ``x1`` [m], wider by what the jaw's friction stretches the cable."""
 
 
@@ -134,7 +135,9 @@ class _PlayRegression(JawEstimator):
         values = self.displacements(X)
         banks = self._banks()
         blocks = [bank.compute(v, steps) for bank, v in zip(banks, values, strict=True)]
-        return np.ascontiguousarray(np.hstack([*blocks, _cross(blocks[0], banks[0])]))
+        products = np.empty((len(X), sum(len(widths) // 2 for widths in self._widths)))
+        kernels.product_rows(np.hstack(blocks), self._pairs, products)
+        return np.ascontiguousarray(np.hstack([*blocks, products]))
 
     def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
         """Give the shapes of scales, weights and constant."""
@@ -176,7 +179,7 @@ class _PlayRegression(JawEstimator):
                 interval == 0.0, value[0], bank.scale, bank.degree, bank.widths, plays, block
             )
             first += bank.size
-        state.row[-1:] = _cross(state.row[None], self._banks()[0])[0]
+        kernels.product_row(state.row, self._pairs, state.row[first:])
         return np.array([kernels.weighted(state.row, self.weights_) + self.constant_[0]])
 
     def _banks(self) -> tuple[Bank, ...]:
@@ -186,7 +189,19 @@ class _PlayRegression(JawEstimator):
         )
 
     def _count(self) -> int:
-        return sum(int(self.degree) + len(widths) for widths in self._widths) + 1
+        """Count the columns: powers, plays and a product for every other play."""
+        return sum(int(self.degree) + len(widths) + len(widths) // 2 for widths in self._widths)
+
+    @property
+    def _pairs(self) -> Integers:
+        """Columns of every other play of each bank: hysteresis that grows with tension."""
+        pairs: list[int] = []
+        first = 0
+        for widths in self._widths:
+            first += int(self.degree)
+            pairs += range(first + 1, first + len(widths), 2)
+            first += len(widths)
+        return np.array(pairs, dtype=np.int64)
 
     def _fit_jaw(
         self, X: Array, y: Array, steps: Array, known: NDArray[np.bool_], progress: Progress
@@ -355,9 +370,3 @@ class CablesPlay(_PlayRegression):
             np.array(self.reset_widths, dtype=np.float64),
             np.array(self.drive_widths, dtype=np.float64),
         )
-
-
-def _cross(bank_columns: Array, bank: Bank) -> Array:
-    """Product (n, 1) of a displacement and its middle play: hysteresis that grows with tension."""
-    middle = bank.degree + len(bank.widths) // 2
-    return bank_columns[:, :1] * bank_columns[:, middle : middle + 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -94,13 +94,11 @@ class Loaded:
         """Table 3, beside the paper's."""
         methods = list(self.cases[0].errors)
         rows = [self._row(case, methods) for case in self.cases]
-        header = (
-            "load", "jaw turns", "I: paper", "II: paper", "IV: paper",
-            *(f"{METHODS[m].title} {phase}" for m in methods for phase in _JUDGED),
-        )  # fmt: skip
+        header = ("load", "jaw turns", "paper", *(METHODS[method].title for method in methods))
         notes = (
-            "RMS error in degrees against the reference encoder: phase I moving, II still, IV "
-            "loaded. The paper's numbers are of its filter, direction of the load not stated.",
+            "RMS error in degrees against the reference encoder in phases I, moving / II, still / "
+            "IV, loaded. The paper's numbers are of its filter; which way it loaded it does not "
+            "say.",
         )
         return TextTable(f"yan2020 Table 3, specimen {self.specimen}", header, tuple(rows), notes)
 
@@ -110,11 +108,10 @@ class Loaded:
         return (
             f"{1e3 * case.mass:.0f} g {case.direction}",
             degrees_text(case.jaw_motion, 2),
-            *(reported_text(reported.get(phase, none).rms) for phase in _JUDGED),
+            _phases(reported_text(reported.get(phase, none).rms) for phase in _JUDGED),
             *(
-                degrees_text(case.errors[method][phase].rms)
+                _phases(degrees_text(case.errors[method][phase].rms) for phase in _JUDGED)
                 for method in methods
-                for phase in _JUDGED
             ),
         )
 
@@ -158,6 +155,10 @@ def compare_loaded(
             if progress is not None:
                 progress(len(cases) / (len(directions) * len(masses)))
     return Loaded(specimen, seed, tuple(cases))
+
+
+def _phases(texts: Iterable[str]) -> str:
+    return "/".join(texts)
 
 
 def _case(run: ForcepsRun, test: LoadTest, estimates: dict[str, Array]) -> LoadCase:
