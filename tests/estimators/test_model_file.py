@@ -54,7 +54,9 @@ def same(one, other, recording) -> bool:
     return corrected[0] == corrected[1] and to_bytes(*encode(one)) == to_bytes(*encode(other))
 
 
-@pytest.mark.parametrize("estimator", ESTIMATORS, ids=lambda estimator: str(estimator).partition(" at 0x")[0])
+@pytest.mark.parametrize(
+    "estimator", ESTIMATORS, ids=lambda estimator: str(estimator).partition(" at 0x")[0]
+)
 @pytest.mark.parametrize("target", ["error", "position"])
 def test_round_trip_is_bit_for_bit(tmp_path, recording, build, estimator, target):
     if (estimator, target) == ("offset", "position"):
