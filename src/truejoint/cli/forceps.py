@@ -12,6 +12,8 @@ from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.options import Force, Json, Seed
 from truejoint.errors import TruejointError
 from truejoint.evaluation.forceps import (
+    compare_forces,
+    compare_homing,
     compare_loaded,
     compare_strategies,
     compare_unloaded,
@@ -122,6 +124,38 @@ def strategies(
     _show(result, "strategies", folder, draw, force=force, as_json=as_json)
 
 
+@app.command(epilog="Example: `truejoint forceps load --specimen B`")
+def load(
+    specimen_name: Specimen = "A",
+    parameters: Parameters = None,
+    seed: Seed = 0,
+    folder: Out = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """External load in mNm and grams, its dead band, and the stiffness from one known weight."""
+    forceps, name = _chosen(specimen_name, parameters)
+    with progress(f"Weighing on specimen {name}") as done:
+        result = compare_forces(forceps, specimen=name, seed=seed, progress=done)
+    _show(result, "load", folder, None, force=force, as_json=as_json)
+
+
+@app.command(epilog="Example: `truejoint forceps rezero --specimen B`")
+def rezero(
+    specimen_name: Specimen = "A",
+    parameters: Parameters = None,
+    seed: Seed = 0,
+    folder: Out = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Home with a wrong zero of the reset encoder, and find it from one unloaded cycle."""
+    forceps, name = _chosen(specimen_name, parameters)
+    with progress(f"Homing specimen {name}") as done:
+        result = compare_homing(forceps, specimen=name, seed=seed, progress=done)
+    _show(result, "rezero", folder, None, force=force, as_json=as_json)
+
+
 @app.command(
     epilog="Example: `truejoint forceps population --count 100 --keep population.jsonl -o results/`"
 )
@@ -201,7 +235,7 @@ def _show(
     result: Result,
     name: str,
     folder: Path | None,
-    draw: Callable[[Path], None],
+    draw: Callable[[Path], None] | None,
     *,
     force: bool,
     as_json: bool,
@@ -211,14 +245,16 @@ def _show(
     if folder is not None:
         import json  # noqa: PLC0415
 
-        files = [folder / f"{name}{suffix}" for suffix in (".md", ".json", ".png")]
+        suffixes = (".md", ".json") if draw is None else (".md", ".json", ".png")
+        files = [folder / f"{name}{suffix}" for suffix in suffixes]
         there = [path for path in files if path.exists()]
         if there and not force:
             raise TruejointError(f"{there[0]}: is there already; choose another --out, or --force")
         folder.mkdir(parents=True, exist_ok=True)
         files[0].write_text(table.markdown(), encoding="utf-8")
         files[1].write_text(json.dumps(result.to_dict(), indent=2) + "\n", encoding="utf-8")
-        draw(files[2])
+        if draw is not None:
+            draw(files[2])
         say(f"Written: {', '.join(str(path) for path in files)}")
     if as_json:
         result_json(result.to_dict())

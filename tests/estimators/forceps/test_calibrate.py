@@ -78,7 +78,7 @@ def one_way(pair: Pair) -> Recording:
 
 
 def test_a_motion_without_reversal_is_refused(pair):
-    with pytest.raises(CalibrationError, match="reverses [01] times"):
+    with pytest.raises(CalibrationError, match=r"reverses [01] times"):
         calibrate(one_way(pair), "ukf_compensated")
 
 

@@ -97,9 +97,11 @@ class Fitted:
     method: Method
     model: JointRegressor
 
-    def estimate(self, run: ForcepsRun) -> Array:
-        """Jaw angle (n,) [rad] in every row of a run."""
+    def estimate(self, run: ForcepsRun, reset_zero: float = 0.0) -> Array:
+        """Jaw angle (n,) [rad] in every row of a run, with ``x2`` less a known zero [m]."""
         X = columns(run, self.method.inputs)
+        if _RESET in self.method.inputs:
+            X[:, self.method.inputs.index(_RESET)] -= reset_zero
         if isinstance(self.model, SequenceRegressor):
             return np.asarray(self.model.predict(X, _steps(run)))
         estimate = np.asarray(self.model.predict(X))
