@@ -50,8 +50,9 @@ def calibrate(
         list[str] | None, typer.Option("--joint", help="Joint to correct; default: all with truth.")
     ] = None,
     target: Annotated[
-        str, typer.Option(help="What the model predicts: error or position.")
-    ] = "error",
+        str | None,
+        typer.Option(help="What the model predicts: error (the default) or position."),
+    ] = None,
     fit_rate_hz: Annotated[
         float | None,
         typer.Option(help="Fit to rows at most at this rate [Hz]; features still see every row."),
@@ -121,7 +122,7 @@ def fit(
     *,
     features: Sequence[str] | None = None,
     joints: Sequence[str] | None = None,
-    target: str = "error",
+    target: str | None = None,
     fit_rate: float | None = None,
     seed: int = 0,
 ) -> tuple[Calibration, DataCheck]:

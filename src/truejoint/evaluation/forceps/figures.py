@@ -8,7 +8,9 @@ from typing import Any, Final
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
 from truejoint.evaluation.forceps.loaded import Loaded
@@ -100,7 +102,7 @@ def plot_loaded(result: Loaded, path: Path) -> None:
 def plot_population(study: PopulationStudy, path: Path) -> None:
     """Distribution of each method's RMS error over the specimens, and each against the UKF's."""
     figure, axes = _figure(
-        1, 2, (12.0, 4.8), f"{len(study.rms)} virtual forceps, trajectory (28), against the encoder"
+        1, 2, (12.0, 5.6), f"{len(study.rms)} virtual forceps, trajectory (28), against the encoder"
     )
     left, right = axes[0]
     for method in study.methods:
@@ -111,18 +113,19 @@ def plot_population(study: PopulationStudy, path: Path) -> None:
             alpha=1.0 if method in _COLOURS else 0.5,
         )  # fmt: skip
     left.set(xlabel="RMS error [deg]", ylabel="share of specimens below")
-    left.legend(fontsize=7)
+    figure.legend(loc="outside lower center", ncols=4, fontsize=8)
+    _plain_ticks(left.xaxis)
     if PAPERS_BEST in study.methods:
         paper = np.degrees(study.of(PAPERS_BEST))
         for method in (m for m in _COLOURS if m in study.methods and m != PAPERS_BEST):
             right.loglog(
                 paper, np.degrees(study.of(method)), ".", color=_COLOURS[method],
-                label=METHODS[method].title,
             )  # fmt: skip
         ends = [0.8 * paper.min(), 1.2 * paper.max()]
         right.plot(ends, ends, "k-", lw=0.8)
         right.set(xlabel=f"{METHODS[PAPERS_BEST].title} [deg]", ylabel="method [deg]")
-        right.legend(fontsize=7)
+        _plain_ticks(right.xaxis)
+        _plain_ticks(right.yaxis)
     figure.savefig(path, dpi=_DPI)
 
 
@@ -152,6 +155,13 @@ def _figure(
         axes = figure.subplots(rows, columns, squeeze=False)
     figure.suptitle(title)
     return figure, [list(row) for row in axes]
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis in plain degrees."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())
 
 
 def _legend(axis: Axes) -> None:
