@@ -36,7 +36,11 @@ def families() -> dict[str, type[JointRegressor]]:
     from truejoint.estimators.elastic_joint import ElasticJointFilter  # noqa: PLC0415
     from truejoint.estimators.forceps import JAW_CLASSES  # noqa: PLC0415
 
-    classes = (*ESTIMATORS.values(), *JAW_CLASSES, ElasticJointFilter)
+    classes: tuple[type[JointRegressor], ...] = (
+        *ESTIMATORS.values(),
+        *JAW_CLASSES,
+        ElasticJointFilter,
+    )
     return {cls.family: cls for cls in classes}
 
 

@@ -1,0 +1,269 @@
+"""Jaw angle and torque of the da Vinci grasper from its motor side, as published and held out.
+
+    python -m benchmarks.grasper [--part honest|easy|sensors ...]
+
+honest   Whole recordings held out, causal: frequency index 3, or load indices 3 and 7.
+easy     As published (O'Neill, Stephens, Kowalewski, RA-L 3(4), 2018;
+         MRDLab/mis-tool-characterization:RAL-2018): every signal, truth included, filtered forward
+         and backward; the first and last second left out; closing strokes only (driver at -0.25
+         rad/s or faster); training and test samples drawn at random from the same strokes. It is
+         not causal, and each test sample has training samples a millisecond away.
+sensors  The filter on other sensors than the driver's, whole recordings held out.
+
+Prints Markdown tables. Angle RMSE in deg, torque RMSE in mNm.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import butter, sosfiltfilt
+
+from truejoint import calibrate
+from truejoint.estimators import JointRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.estimators.elastic_joint import ElasticJointFilter
+from truejoint.estimators.features import FeatureSet
+from truejoint.estimators.linear import LinearRegressor
+from truejoint.estimators.sequence import time_steps
+from truejoint.recordings import Recording
+from truejoint.recordings.datasets import DATASETS, open_dataset
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+DATASET = DATASETS["davinci_grasper_umn"]
+GAP = 0.1
+"""Time without a sample [s] after which a history starts anew."""
+STATIC = ("measured/jaw", "rate(measured/jaw, 0.05)", "effort/jaw", "current/jaw")
+HISTORY = DATASET.features
+FIT_RATE = 40.0
+"""Rows fitted to [1/s] of each recording; features and filters see all."""
+SEEDS = (0, 1, 2)
+
+# RAL-2018/compileData.m, segmentData.m and neuralNetDriver.m
+CUTOFF = 50.0
+CLOSING = -0.25
+MARGIN = 1.0
+TRAIN_SHARE, VALIDATION_SHARE = 0.70, 0.15
+SURROGATES = {
+    "driver torque": "effort/jaw",
+    "measured current": "current/jaw",
+    "gearbox differential": "differential/jaw",
+    "commanded current": "command/jaw",
+}
+EASY_ROWS = 40_000
+"""Training samples drawn of the 70 %, so that the networks take seconds."""
+
+
+@dataclass(frozen=True)
+class Bench:
+    """Rows of some recordings: features by set, what the filter sees, and the truth."""
+
+    features: dict[tuple[str, ...], Array]
+    driver: Array
+    steps: Array
+    truth: Array
+    measured: Array
+    session: NDArray[np.str_]
+
+
+def gather(recordings: list[Recording], sets: tuple[tuple[str, ...], ...]) -> Bench:
+    """All rows of the recordings, in order."""
+
+    def columns(*names: str) -> Array:
+        return np.concatenate([r.table[list(names)].to_numpy(np.float64) for r in recordings])
+
+    return Bench(
+        {
+            s: np.concatenate([FeatureSet.parse(s).compute(r, GAP) for r in recordings])
+            for s in sets
+        },
+        columns("driver/jaw", "effort/jaw"),
+        np.concatenate([time_steps(np.array(r.t), GAP) for r in recordings]),
+        columns("truth/jaw", "truth_effort/jaw"),
+        columns("measured/jaw"),
+        np.concatenate([np.full(len(r.t), r.provenance.session) for r in recordings]),
+    )
+
+
+def scores(errors: Array) -> tuple[float, float]:
+    """Angle [deg] and torque [mNm] RMSE of errors (n, 2)."""
+    angle, torque = np.sqrt(np.mean(errors**2, axis=0))
+    return float(np.degrees(angle)), float(1e3 * torque)
+
+
+def regression(
+    make: Callable[[int], JointRegressor],
+    features: tuple[str, ...],
+    bench: Bench,
+    train: Mask,
+    test: Mask,
+    seeds: tuple[int, ...] = (0,),
+) -> tuple[float, float]:
+    """Fit one model to the position's error and one to the torque; RMSE, mean over seeds."""
+    X = bench.features[features]
+    targets = bench.truth - np.column_stack([bench.measured, np.zeros(len(bench.measured))])
+    found = []
+    for seed in seeds:
+        errors = [
+            make(seed).fit(X[train], target[train]).predict(X[test]) - target[test]
+            for target in targets.T
+        ]
+        found.append(scores(np.column_stack(errors)))
+    angle, torque = np.mean(found, axis=0)
+    return float(angle), float(torque)
+
+
+def offset(bench: Bench, train: Mask, test: Mask) -> tuple[float, float]:
+    """Add a constant to the measured position; take the torque's mean."""
+    targets = bench.truth - np.column_stack([bench.measured, np.zeros(len(bench.measured))])
+    return scores(targets[test] - targets[train].mean(axis=0))
+
+
+def elastic(
+    bench: Bench, train: Mask, test: Mask, filtered: Mask, *, smoothed: bool = False
+) -> tuple[float, float]:
+    """Fit the unscented filter to angle and torque of `train`; run it over rows `filtered`."""
+    seen = np.isin(bench.session, np.unique(bench.session[train]))
+    truth = np.where(train[:, None], bench.truth, np.nan)
+    model = ElasticJointFilter().fit(bench.driver[seen], truth[seen], None, bench.steps[seen])
+    estimate = model.estimate(bench.driver[filtered], bench.steps[filtered], smoothed=smoothed)
+    return scores((estimate.outputs - bench.truth[filtered])[test[filtered]])
+
+
+METHODS: dict[str, Callable[[Bench, Mask, Mask], tuple[float, float]]] = {
+    "offset": offset,
+    "linear": lambda *rows: regression(lambda _s: LinearRegressor(), STATIC, *rows),
+    "play, linear": lambda *rows: regression(lambda _s: LinearRegressor(), HISTORY, *rows),
+    "play, quadratic": lambda *rows: regression(lambda _s: PolynomialRegressor(), HISTORY, *rows),
+    "dnn, play features": lambda *rows: regression(
+        lambda seed: NeuralNetwork(**DATASET.settings["dnn"], random_state=seed),
+        HISTORY,
+        *rows,
+        seeds=SEEDS[:1],
+    ),
+}
+
+
+def honest() -> None:
+    """Whole recordings held out."""
+    recordings = open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
+    bench = gather(recordings, (STATIC, HISTORY))
+    fitted = np.arange(len(bench.truth)) % round(1000.0 / FIT_RATE) == 0
+    found: dict[str, list[float]] = {}
+    for split in DATASET.splits:
+        held_out = [
+            r.provenance.session for r in recordings if split.holds_out(r.provenance.session)
+        ]
+        test = np.isin(bench.session, held_out)
+        for name, method in METHODS.items():
+            found.setdefault(name, []).extend(method(bench, fitted & ~test, test))
+        found.setdefault("ukf_elastic", []).extend(elastic(bench, fitted & ~test, test, test))
+    table("honest: whole recordings held out, causal", [s.name for s in DATASET.splits], found)
+    training = [r for r in recordings if r.provenance.session not in held_out]
+    calibration = calibrate(training, "ukf_elastic", fit_rate=FIT_RATE)
+    errors = [
+        (calibration.correct(r) - r.columns("truth", ("jaw",)))[:, 0]
+        for r in recordings
+        if r.provenance.session in held_out
+    ]
+    rmse = np.degrees(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
+    print(f"\nthe same by way of `calibrate` and `correct`, {split.name}: {rmse:.3f} deg")
+
+
+def published(recording: Recording) -> tuple[Recording, Mask]:
+    """Filter every signal as published, and tell which rows are closing strokes."""
+    low_pass = butter(3, CUTOFF, fs=1000.0, output="sos")
+    table = recording.table.copy()
+    driver, motor = table["driver/jaw"].to_numpy(), table["motor/jaw"].to_numpy()
+    table["differential/jaw"] = motor + 35.0 * driver
+    for name in table.columns:
+        if name != "t":
+            table[name] = sosfiltfilt(low_pass, table[name].to_numpy())
+    t = table["t"].to_numpy()
+    table["velocity/jaw"] = np.gradient(table["driver/jaw"].to_numpy(), 1e-3)
+    closing = table["velocity/jaw"].to_numpy() <= CLOSING
+    units = dict(recording.units) | {"differential/jaw": "rad", "velocity/jaw": "rad/s"}
+    inside = (t >= t[0] + MARGIN) & (t <= t[-1] - MARGIN)
+    columns = {name: table[name].to_numpy() for name in table.columns}
+    return Recording.from_columns(columns, recording.provenance, units), closing & inside
+
+
+def easy() -> None:
+    """As published."""
+    pairs = [published(r) for r in open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")]
+    inputs = {name: ("driver/jaw", "velocity/jaw", s) for name, s in SURROGATES.items()}
+    bench = gather([r for r, _ in pairs], (STATIC, HISTORY, *inputs.values()))
+    strokes = np.flatnonzero(np.concatenate([mask for _, mask in pairs]))
+    order = np.random.default_rng(0).permutation(strokes)
+    first, second = (round(s * len(order)) for s in (TRAIN_SHARE, TRAIN_SHARE + VALIDATION_SHARE))
+    train, test = np.zeros(len(bench.truth), bool), np.zeros(len(bench.truth), bool)
+    train[order[:first][:EASY_ROWS]], test[order[second:]] = True, True
+    found: dict[str, list[float]] = {}
+    for name, method in METHODS.items():
+        found[name] = list(method(bench, train, test))
+    for name, features in inputs.items():
+        found[f"network of 30 on angle, velocity, {name}"] = list(
+            regression(
+                lambda seed: NeuralNetwork(
+                    hidden_layer_sizes=(30,), weight_decay=0.0, learning_rate=5e-3,
+                    random_state=seed,
+                ),
+                features, bench, train, test,
+            )
+        )  # fmt: skip
+    every = np.ones_like(test)
+    found["ukf_elastic"] = list(elastic(bench, train, test, every))
+    found["ukf_elastic, smoothed"] = list(elastic(bench, train, test, every, smoothed=True))
+    found["published, network of 30"] = [0.37, 4.42]
+    table(f"easy: as published, {len(order)} samples, not causal", ["strokes"], found)
+
+
+def sensors() -> None:
+    """Give the filter other sensors, by way of `calibrate`; angle only."""
+    recordings = open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
+    layouts = [
+        ("driver/jaw", "effort/jaw"), ("motor/jaw", "effort/jaw"),
+        ("driver/jaw", "current/jaw"), ("motor/jaw", "current/jaw"),
+    ]  # fmt: skip
+    print("\n| the filter's sensors | " + " | ".join(s.name for s in DATASET.splits) + " |")
+    print("|---|" + "---|" * len(DATASET.splits))
+    for layout in layouts:
+        cells = []
+        for split in DATASET.splits:
+            out = [split.holds_out(r.provenance.session) for r in recordings]
+            training = [r for r, held in zip(recordings, out, strict=True) if not held]
+            model = calibrate(training, "ukf_elastic", features=layout, fit_rate=FIT_RATE)
+            errors = [
+                (model.correct(r) - r.columns("truth", ("jaw",)))[:, 0]
+                for r, held in zip(recordings, out, strict=True)
+                if held
+            ]
+            rmse = float(np.degrees(np.sqrt(np.mean(np.concatenate(errors) ** 2))))
+            cells.append(f"{rmse:.2f}")
+        print(f"| {', '.join(layout)} | " + " | ".join(cells) + " |", flush=True)
+
+
+def table(title: str, parts: list[str], found: dict[str, list[float]]) -> None:
+    """Print angle and torque of each part."""
+    print(f"\n| {title} | " + " | ".join(f"{p} [deg] | {p} [mNm]" for p in parts) + " |")
+    print("|---|" + "---|---|" * len(parts))
+    for name, values in found.items():
+        print(f"| {name} | " + " | ".join(f"{v:.2f}" for v in values) + " |", flush=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    parts = {"honest": honest, "easy": easy, "sensors": sensors}
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--part", nargs="+", choices=list(parts), default=list(parts))
+    for name in parser.parse_args().part:
+        parts[name]()
+
+
+if __name__ == "__main__":
+    main()
