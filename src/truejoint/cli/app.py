@@ -11,7 +11,17 @@ from typing import Annotated
 
 import typer
 
-from truejoint.cli import calibrate, check, collect, datasets, demo, evaluate, export, trajectory
+from truejoint.cli import (
+    calibrate,
+    check,
+    collect,
+    datasets,
+    demo,
+    evaluate,
+    export,
+    forceps,
+    trajectory,
+)
 from truejoint.cli.console import err
 from truejoint.errors import TruejointError
 
@@ -46,6 +56,7 @@ app.command(
 app.command(
     "export", epilog="Example: `truejoint export left_arm.safetensors --to c --out controller`"
 )(export.export)
+app.add_typer(forceps.app, name="forceps")
 app.add_typer(datasets.app, name="datasets")
 
 
