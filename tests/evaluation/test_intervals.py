@@ -2,33 +2,49 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import base64
+import io
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
-from truejoint.estimators import Calibration, calibrate, with_interval
-from truejoint.evaluation import evaluate, render_report
+from truejoint.estimators import (
+    Calibration,
+    calibrate,
+    measure_coverage,
+    rezeroed,
+    with_interval,
+)
+from truejoint.evaluation import IntervalScore, evaluate, interval_table, render_report
 from truejoint.recordings import Provenance, Recording
 
 JOINTS = ("shoulder", "elbow", "insertion")
 
 
-def motion(seed: int) -> Recording:
+def motion(seed: int, *, homing: str = "", shift: float = 0.0, load: float = np.nan) -> Recording:
     """Half a minute of smooth motion with an error that follows the position."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 30.0, 0.05)
-    columns: Mapping[str, np.ndarray] = {"t": t}
+    columns: dict[str, np.ndarray] = {"t": t}
     for k, joint in enumerate(JOINTS):
         position = 0.5 + 0.1 * np.sin(0.4 * (k + 1) * t + rng.uniform(0, 6))
         noise = rng.normal(0.0, 1e-3, len(t))
         columns |= {
             f"measured/{joint}": position,
             f"effort/{joint}": np.cos(t) + rng.normal(0, 0.1, len(t)),
-            f"truth/{joint}": position + 0.02 * (position - 0.4) + noise,
+            f"truth/{joint}": position + 0.02 * (position - 0.4) + shift + noise,
         }
-    origin = Provenance("raven2", arm="left", source=f"m{seed}.parquet", session=str(seed))
+    origin = Provenance(
+        "raven2",
+        arm="left",
+        source=f"m{seed}.parquet",
+        session=str(seed),
+        homing_id=homing,
+        load=load,
+    )
     return Recording.from_columns(columns, origin)
 
 
@@ -36,6 +52,19 @@ def motion(seed: int) -> Recording:
 def calibration() -> Calibration:
     features = [f"measured/{joint}" for joint in JOINTS]
     return calibrate([motion(0), motion(1)], "linear", features=features)
+
+
+@pytest.fixture(scope="module")
+def one_homing(calibration) -> Calibration:
+    return with_interval(calibration, [motion(seed, homing="h1") for seed in range(10, 22)])
+
+
+@pytest.fixture(scope="module")
+def many_homings(calibration) -> Calibration:
+    recordings = [
+        motion(seed, homing=f"h{seed}", shift=2e-3 * np.sin(seed)) for seed in range(10, 22)
+    ]
+    return with_interval(calibration, recordings)
 
 
 @pytest.fixture(scope="module")
@@ -64,24 +93,155 @@ def test_coverage_is_that_of_the_stated_bounds(stated):
     assert "after the homing of its 12 trajectories only" in found.interval_note
 
 
+def test_coverage_equals_that_of_the_estimators_package(many_homings):
+    tests = [motion(seed, homing=f"h{seed}", shift=3e-3) for seed in (30, 31, 32)]
+    found = evaluate({"linear": [many_homings]}, tests)
+    for level in many_homings.interval.levels:
+        expected = measure_coverage(many_homings, tests, level)
+        rows = [score for score in found.intervals if score.level == level]
+        np.testing.assert_allclose([row.coverage for row in rows], expected.mean)
+        np.testing.assert_allclose([row.standard_error for row in rows], expected.standard_error)
+        np.testing.assert_allclose([row.half_width for row in rows], expected.half_width)
+        np.testing.assert_allclose(np.transpose([row.shares for row in rows]), expected.shares)
+
+
+def test_recordings_after_one_homing_count_as_one_where_any_homing_may_come(many_homings):
+    tests = [motion(30, homing="a"), motion(31, homing="a"), motion(32, homing="b")]
+    found = evaluate({"linear": [many_homings]}, tests)
+    assert found.interval_trajectories == ("homing a", "homing b")
+    apart = measure_coverage(many_homings, tests, 0.9).shares
+    for k, score in enumerate(s for s in found.intervals if s.level == 0.9):
+        assert score.shares == pytest.approx([apart[:2, k].mean(), apart[2, k]])
+
+
+def test_a_homing_that_the_interval_does_not_hold_for_gives_no_number(one_homing):
+    tests = [motion(30, homing="h2", shift=0.01), motion(31, homing="h1")]
+    found = evaluate({"linear": [one_homing]}, tests)
+    assert found.interval_trajectories == ("m31.parquet",)
+    (objection,) = found.interval_objections
+    assert "not judged on m30.parquet: the interval holds after the homing h1, not" in objection
+    assert found.traces[0].lower is None
+    assert found.traces[1].lower is not None
+    alone = evaluate({"linear": [one_homing]}, tests[:1])
+    assert alone.intervals == ()
+    assert "holds after the homing h1, not after another" in render_report(alone)
+    assert "found inside" not in render_report(alone)
+
+
+def test_after_rezeroing_the_interval_of_one_homing_goes_with_the_new_one(one_homing):
+    again = rezeroed(one_homing, motion(40, homing="h2", shift=0.01))
+    tests = [motion(30, homing="h2", shift=0.01), motion(31, homing="h1")]
+    assert evaluate({"linear": [again]}, tests).interval_trajectories == ("m30.parquet",)
+    verdict = evaluate({"linear": [again]}, [motion(40, homing="h2", shift=0.01)]).verdict
+    assert any("re-zeroed on truth of m40.parquet" in remark for remark in verdict.remarks)
+
+
+def test_a_homing_that_is_not_named_is_told(one_homing):
+    found = evaluate({"linear": [one_homing]}, [motion(30)])
+    assert found.intervals
+    assert "Not all recordings name their homing" in found.interval_note
+
+
+def test_recordings_that_a_part_of_the_fit_saw_are_not_judged(stated):
+    tests = [motion(0), motion(12), motion(13), motion(30)]
+    found = evaluate({"linear": [stated]}, tests)
+    assert found.interval_trajectories == ("m30.parquet",)
+    assert found.interval_objections == (
+        "Coverage is not judged on m0.parquet: used in the fit.",
+        "Coverage is not judged on m12.parquet, m13.parquet: used to make the interval.",
+    )
+    fresh = evaluate({"linear": [stated]}, [motion(30)])
+    assert [s.coverage for s in found.intervals] == [s.coverage for s in fresh.intervals]
+
+
+def test_too_few_inside_is_told_from_sampling_error():
+    def score(*shares):
+        error = np.std(shares, ddof=1) / np.sqrt(len(shares)) if len(shares) > 1 else np.nan
+        return IntervalScore("elbow", "rad", 0.9, np.mean(shares), error, 1e-3, 2e-3, shares)
+
+    assert score(0.91, 0.88, 0.90).agreement == "agrees"
+    assert score(0.60, 0.62, 0.61).agreement == "too few inside"
+    assert score(0.99, 0.98, 0.99).agreement == "more inside"
+    assert score(0.2).agreement == ""
+    # Student's t with 1 degree of freedom: tan(0.475 pi).
+    assert score(0.5, 0.7).margin == pytest.approx(0.1 * np.tan(0.475 * np.pi))
+
+
+def test_the_band_holds_the_share_that_is_told(stated):
+    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
+    assert found.interval_level == 0.9
+    for k, score in enumerate(s for s in found.intervals if s.level == 0.9):
+        inside = [
+            np.mean((t.lower <= t.truth) & (t.truth <= t.upper), axis=0)[k] for t in found.traces
+        ]
+        assert score.shares == pytest.approx(inside)
+
+
+def test_the_band_of_a_rezeroed_interval_follows_the_truth(calibration):
+    recordings = [motion(seed, shift=0.01 * seed) for seed in range(10, 22)]
+    again = with_interval(calibration, recordings, rezero=5.0)
+    found = evaluate({"linear": [again]}, [motion(30, homing="any", shift=0.5)])
+    (trace,) = found.traces
+    assert (np.isnan(trace.lower).all(axis=1) == (trace.t < 5.0)).all()
+    kept = trace.t >= 5.0
+    inside = (trace.lower[kept] <= trace.truth[kept]) & (trace.truth[kept] <= trace.upper[kept])
+    assert inside.mean() > 0.8
+    shares = [s.shares[0] for s in found.intervals if s.level == 0.9]
+    assert shares == pytest.approx(inside.mean(axis=0))
+
+
+def figures_of(page: str) -> dict[str, dict]:
+    start = page.index('id="figures">') + len('id="figures">')
+    return {f["key"]: f for f in json.loads(page[start : page.index("</script>", start)])}
+
+
+def numbers(values: dict) -> np.ndarray:
+    return np.frombuffer(base64.b64decode(values["bdata"]), "<f4")
+
+
 def test_the_report_shows_stated_beside_found(stated):
-    page = render_report(evaluate({"linear": [stated]}, [motion(30), motion(31)]))
+    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
+    page = render_report(found)
     section = page[page.index('<section id="intervals">') :]
     section = section[: section.index("</section>")]
     assert "Stated uncertainty" in section
-    assert section.count('<tr><th scope="row">') == 6
-    assert "90 %" in section
+    assert section.count('<tr><th scope="row">') + section.count('<tr class="chosen">') == 6
+    assert "2 trajectories" in section
+    figures = figures_of(page)
+    for key in ("calibration", "coverage"):
+        assert f'id="figure-{key}"' in section
+        assert [d["name"] for d in figures[key]["variants"][0]["data"]][1:] == list(JOINTS)
+    shown = figures["calibration"]["variants"][0]["data"][1]
+    rows = [score for score in found.intervals if score.joint == "shoulder"]
+    np.testing.assert_allclose(numbers(shown["x"]), [80, 90], rtol=1e-6)
+    np.testing.assert_allclose(numbers(shown["y"]), [100 * r.coverage for r in rows], rtol=1e-6)
+    bars = numbers(shown["error_y"]["array"])
+    np.testing.assert_allclose(bars, [100 * r.standard_error for r in rows], rtol=1e-5)
 
 
-def test_an_interval_that_is_judged_on_what_it_was_made_of_is_told(stated):
-    found = evaluate({"linear": [stated]}, [motion(12), motion(30)])
-    assert "made of m12.parquet, which it is judged on here" in found.interval_note
+def test_the_curves_have_the_band_of_the_interval(stated):
+    found = evaluate({"linear": [stated]}, [motion(30)])
+    page = render_report(found)
+    upper, errors = (
+        d for d in figures_of(page)["time-0"]["variants"][0]["data"] if d["name"] == "90 % interval"
+    )
+    width = np.degrees(stated.interval.half_width(0.9)[0])
+    inner = numbers(errors["y"])
+    assert np.nanmin(inner) <= -width * (1 - 1e-5)
+    assert np.nanmax(inner) >= width * (1 - 1e-5)
+    assert np.nanmedian(np.abs(inner)) == pytest.approx(width, rel=1e-4)
+    assert upper["fill"] == "toself"
+    assert "stated at 90 %" in page[: page.index('<table class="main">')]
 
 
 def test_without_an_interval_the_page_says_so(calibration):
     found = evaluate({"linear": [calibration]}, [motion(30)])
     assert found.intervals == ()
-    assert "The model states no interval" in render_report(found)
+    assert np.isnan(found.interval_level)
+    page = render_report(found)
+    assert "The model states no interval" in page
+    assert "90 % interval" not in page
+    assert {"calibration", "coverage"}.isdisjoint(figures_of(page))
 
 
 def test_an_interval_that_cannot_be_judged_does_not_stop_the_evaluation(calibration):
@@ -90,4 +250,35 @@ def test_an_interval_that_cannot_be_judged_does_not_stop_the_evaluation(calibrat
     longer = replace(stated.interval, rezero=1e4)
     found = evaluate({"linear": [replace(stated, interval=longer)]}, [motion(30)])
     assert found.intervals == ()
-    assert "nothing is left to judge" in found.interval_note
+    assert "all truth lies within the 10000 s" in found.interval_objections[0]
+    assert "all truth lies" in render_report(found)
+
+
+def test_the_terminal_shows_it_too(stated):
+    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
+    console = Console(width=100, file=io.StringIO())
+    console.print(interval_table(found))
+    text = console.file.getvalue()
+    assert "on 2 test trajectories" in text
+    assert text.count("90 %") == 3
+    shoulder = next(s for s in found.intervals if s.joint == "shoulder")
+    assert f"{100 * shoulder.coverage:.1f} ± {100 * shoulder.standard_error:.1f} %" in text
+    assert "shoulder [deg]" in text
+
+
+def test_masses_that_differ_are_compared(calibration):
+    tests = [motion(30, load=0.0), motion(31, load=0.5, shift=0.01), motion(32)]
+    page = render_report(evaluate({"linear": [calibration]}, tests))
+    layout = figures_of(page)["residual-1"]["variants"][0]["layout"]
+    masses = next(a for a in layout.values() if isinstance(a, dict) and "tickvals" in a)
+    assert masses["title"]["text"] == "hung mass [g]"
+    assert masses["tickvals"] == [0.0, 500.0]
+    table = page[page.index("By hung mass") :]
+    table = table[: table.index("</section>")]
+    assert table.count('<th scope="row">500 g') == 3
+    assert table.count('<th scope="row">0 g') == 3
+    error = tests[1].column("truth/elbow") - calibration.correct(tests[1])[:, 1]
+    assert f">{np.degrees(np.sqrt(np.mean(error**2))):.3f}<" in table
+    alike = render_report(evaluate({"linear": [calibration]}, [motion(30, load=0.0), motion(32)]))
+    assert "By hung mass" not in alike
+    assert "hung mass [g]" not in alike

@@ -14,7 +14,7 @@ from truejoint.cli.inputs import load_recordings, parse_tolerances
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Split
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators import Calibration, load_calibration
-from truejoint.evaluation import Evaluation, check_data, score_table, write_report
+from truejoint.evaluation import Evaluation, check_data, interval_table, score_table, write_report
 from truejoint.recordings import Recording
 
 CHECK_FAILED = 1
@@ -107,10 +107,15 @@ def report_evaluation(
 
 
 def show(result: Evaluation) -> None:
-    """Print the table and the verdict."""
+    """Print the tables and the verdict."""
     out.print(score_table(result))
     for name, note in result.baseline_notes.items():
         say(f"{name}: {note}")
+    if result.intervals or result.interval_objections:
+        if result.intervals:
+            out.print(interval_table(result))
+        for line in (result.interval_note, *result.interval_objections):
+            say(line)
     colour = "green" if result.verdict.passed else "red"
     out.print(result.verdict.text, style=colour, highlight=False)
     for line in (*result.verdict.objections, *result.verdict.remarks):

@@ -19,7 +19,7 @@ from truejoint.evaluation.results import (
 )
 from truejoint.evaluation.splits import part_by_time, split_by_file, split_by_time
 from truejoint.evaluation.still import plot_corrected
-from truejoint.evaluation.tables import findings_table, score_table
+from truejoint.evaluation.tables import findings_table, interval_table, score_table
 from truejoint.evaluation.verdict import judge
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
     "estimator_title",
     "evaluate",
     "findings_table",
+    "interval_table",
     "judge",
     "max_abs",
     "mean_error",

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation.heldout import other_homings, seen_in_training
-from truejoint.evaluation.intervals import interval_scores
+from truejoint.evaluation.heldout import other_homings, rezeroed_on, seen_in_training
+from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_error, tool_positions
 from truejoint.evaluation.results import (
     BASELINES,
@@ -135,11 +135,12 @@ def _judged(
         chosen,
         tolerance=tolerance,
         objections=seen_in_training(metadata, recordings),
-        remarks=other_homings(metadata, recordings),
+        remarks=other_homings(metadata, recordings) + rezeroed_on(metadata, recordings),
     )
-    traces = tuple(test.trace for test in tested)
+    found = judge_interval(
+        calibrations[chosen][0], recordings, [test.trace for test in tested], chosen
+    )
     limits = [joint.limit for joint in verdict.joints]
-    intervals, interval_note = interval_scores(calibrations[chosen][0], recordings)
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -153,13 +154,16 @@ def _judged(
         recording_scores=recording_scores(tested, joints, units),
         cartesian=cartesian_scores(tested),
         cartesian_note=note,
-        worst=worst_stretches(traces, chosen, joints, units, limits, window=window),
+        worst=worst_stretches(found.traces, chosen, joints, units, limits, window=window),
         window=window,
         verdict=verdict,
-        intervals=intervals,
-        interval_note=interval_note,
+        intervals=found.scores,
+        interval_trajectories=found.trajectories,
+        interval_level=found.level,
+        interval_note=found.note,
+        interval_objections=found.objections,
         training=json_values(metadata),
-        traces=traces,
+        traces=found.traces,
     )
 
 

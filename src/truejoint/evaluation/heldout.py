@@ -53,3 +53,20 @@ def other_homings(metadata: Mapping[str, Any], recordings: Sequence[Recording]) 
         f"The test has homings that training has not seen ({', '.join(other[:4])}); positions of "
         "two homings differ by an offset that no model knows.",
     )
+
+
+def rezeroed_on(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Tell when the offset was taken from the recording that the test is on, or from a part of it.
+
+    Parameters and result as in `seen_in_training`; ``rezeroed`` holds the ``source`` and the
+    ``homing_id`` of that truth.
+    """
+    since = metadata.get("rezeroed") or {}
+    key = (since.get("source"), since.get("homing_id"))
+    for origin in (recording.provenance for recording in recordings):
+        if origin.source and key == (origin.source, origin.homing_id):
+            return (
+                f"The model was re-zeroed on truth of {PurePath(origin.source).name}, which it is "
+                "tested on; what is left of the offset shows only in other recordings.",
+            )
+    return ()

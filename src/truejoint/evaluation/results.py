@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 Array = NDArray[np.float64]
 
@@ -121,13 +122,15 @@ class IntervalScore:
     level : float
         Stated probability.
     coverage : float
-        Mean over the test recordings of the share of samples inside.
+        Mean over the test's trajectories of the share of samples inside.
     standard_error : float
-        Sampling error of that over recordings; NaN with a single one.
+        Sampling error of that over trajectories; NaN with a single one.
     half_width : float
-        Mean over the samples [rad or m].
+        Mean over the samples, widening outside the trained range included [rad or m].
     offset_half_width : float
-        Of the fixed offset's interval, made of the same recordings as the model's.
+        Of the fixed offset's interval, made of the same recordings as the model's [rad or m].
+    shares : tuple of float
+        Share of the samples inside, of each trajectory that was judged.
     """
 
     joint: str
@@ -137,6 +140,23 @@ class IntervalScore:
     standard_error: float
     half_width: float
     offset_half_width: float
+    shares: tuple[float, ...]
+
+    @property
+    def margin(self) -> float:
+        """Two-sided 95 % margin of `coverage` by Student's t; NaN with a single trajectory."""
+        if len(self.shares) < 2:
+            return math.nan
+        return float(stdtrit(len(self.shares) - 1, 0.975)) * self.standard_error
+
+    @property
+    def agreement(self) -> str:
+        """``"agrees"``, ``"too few inside"``, ``"more inside"``, or empty when one cannot tell."""
+        if math.isnan(self.margin):
+            return ""
+        if self.coverage + self.margin < self.level:
+            return "too few inside"
+        return "more inside" if self.coverage - self.margin > self.level else "agrees"
 
 
 @dataclass(frozen=True)
@@ -233,6 +253,9 @@ class Trace:
         Corrected positions [rad or m] by estimator; of its first seed.
     tool : mapping of str to ndarray (n, 3)
         Tool positions [m] of ``"truth"`` and of each estimator; empty without kinematics.
+    lower, upper : ndarray, shape (n, n_joints), or None
+        Bounds of the stated interval [rad or m], NaN in rows that it says nothing of; None where
+        no interval holds.
     """
 
     name: str
@@ -247,6 +270,15 @@ class Trace:
     effort_unit: Mapping[str, str]
     estimates: Mapping[str, Array]
     tool: Mapping[str, Array]
+    lower: Array | None = None
+    upper: Array | None = None
+
+
+def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
+    """Known masses [kg] hung on the tool, ascending; empty unless they differ."""
+    loads = [trace.provenance.get("load") for trace in traces]
+    known = sorted({float(load) for load in loads if load is not None})
+    return tuple(known) if len(known) > 1 else ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,8 +312,14 @@ class Evaluation:
     verdict : Verdict
     intervals : tuple of IntervalScore
         One row per stated level and joint of the chosen model's first seed.
+    interval_trajectories : tuple of str
+        What the shares in `intervals` are of: recordings, or all recordings after one homing.
+    interval_level : float
+        Level of the bounds in `traces`; NaN without an interval.
     interval_note : str
-        What the interval is for, or why there is none.
+        What the interval is for, or that there is none.
+    interval_objections : tuple of str
+        Recordings of the test that the interval is not judged on, and why.
     training : mapping
         What the chosen model says about its training; JSON values.
     traces : tuple of Trace
@@ -304,7 +342,10 @@ class Evaluation:
     window: float
     verdict: Verdict
     intervals: tuple[IntervalScore, ...]
+    interval_trajectories: tuple[str, ...]
+    interval_level: float
     interval_note: str
+    interval_objections: tuple[str, ...]
     training: Mapping[str, Any]
     traces: tuple[Trace, ...] = field(repr=False)
 
@@ -334,8 +375,10 @@ class Evaluation:
                 {**asdict(row), "recording": self.traces[row.recording].name} for row in self.worst
             ],
             "window": self.window,
-            "intervals": [asdict(row) for row in self.intervals],
+            "intervals": [{**asdict(row), "agreement": row.agreement} for row in self.intervals],
+            "interval_trajectories": list(self.interval_trajectories),
             "interval_note": self.interval_note,
+            "interval_objections": list(self.interval_objections),
             "test": [
                 {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
                 for t in self.traces

@@ -10,8 +10,14 @@ from rich.table import Table
 from rich.text import Text
 
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text
-from truejoint.evaluation.results import CartesianScore, Evaluation, Score, estimator_title
+from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown
+from truejoint.evaluation.results import (
+    CartesianScore,
+    Evaluation,
+    IntervalScore,
+    Score,
+    estimator_title,
+)
 from truejoint.units import display_unit
 
 _LEVEL_STYLE = {"fail": "bold red", "warn": "yellow", "info": "dim"}
@@ -34,8 +40,8 @@ def score_table(evaluation: Evaluation) -> Table:
     for joint, unit in zip(evaluation.joints, evaluation.units, strict=True):
         scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         shown_unit = display_unit(unit)
-        name = Text(f"{joint} [{shown_unit.name}]")
-        table.add_row(name, *_cells(scores, shown_unit.scale))
+        label = Text(f"{joint} [{shown_unit.name}]")
+        table.add_row(label, *_cells(scores, shown_unit.scale))
     if evaluation.cartesian:
         table.add_section()
         table.add_row(Text("tool [mm]"), *_cells(evaluation.cartesian, 1e3))
@@ -54,6 +60,37 @@ def _cells(scores: Sequence[Score] | Sequence[CartesianScore], scale: float) -> 
         text.append(f" {percent_text(percent):>6}", style="not bold dim")
         cells.append(text)
     return cells
+
+
+def interval_table(evaluation: Evaluation) -> Table:
+    """Stated levels by joint: share of the test inside, and half-widths beside the offset's."""
+    count = len(evaluation.interval_trajectories)
+    title = f"Stated interval, on {count} test {'trajectories' if count != 1 else 'trajectory'}"
+    table = Table(title=title, box=box.SIMPLE_HEAD)
+    table.add_column("joint")
+    for name in ("stated", "found inside", "half-width", "fixed offset's"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for joint in evaluation.joints:
+        rows = [score for score in evaluation.intervals if score.joint == joint]
+        for score in rows:
+            unit = display_unit(score.unit)
+            widths = shown([unit.scale * score.half_width, unit.scale * score.offset_half_width])
+            table.add_row(
+                Text(f"{joint} [{unit.name}]" if score is rows[0] else ""),
+                f"{100 * score.level:g} %",
+                coverage_text(score),
+                *widths,
+                Text(score.agreement, style="yellow" if score.agreement != "agrees" else "dim"),
+                end_section=score is rows[-1],
+            )
+    return table
+
+
+def coverage_text(score: IntervalScore) -> str:
+    """Coverage with its sampling error, such as ``"91.3 ± 1.2 %"``."""
+    error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
+    return f"{100 * score.coverage:.1f}{error} %"
 
 
 def findings_table(check: DataCheck, title: str = "Data checks") -> Table:

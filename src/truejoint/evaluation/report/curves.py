@@ -17,12 +17,15 @@ from truejoint.evaluation.report.plot import (
     columns,
     curve,
     every,
+    extreme_rows,
     layout,
+    outline,
     packed,
     plain,
     thinned,
 )
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation, Stretch, Trace, estimator_title
+from truejoint.evaluation.signals import gaps
 from truejoint.units import DisplayUnit, display_unit
 
 Array = NDArray[np.float64]
@@ -47,7 +50,8 @@ def menu_order(evaluation: Evaluation) -> list[int]:
 def over_time(evaluation: Evaluation) -> list[Figure]:
     """Return one figure a joint: corrected and true position, and the error, over time."""
     order = menu_order(evaluation)
-    curves = 6 * len(order) * len(evaluation.joints)
+    banded = any(trace.lower is not None for trace in evaluation.traces)
+    curves = (14 if banded else 6) * len(order) * len(evaluation.joints)
     buckets = int(np.clip(_BUDGET / (_CURVE_BYTES * curves), 150, 1800))
     figures = []
     for column, joint in enumerate(evaluation.joints):
@@ -107,6 +111,8 @@ def _part(trace: Trace, rows: NDArray[np.bool_]) -> Trace:
         effort_unit={},
         estimates={name: values[rows] for name, values in trace.estimates.items()},
         tool={},
+        lower=None if trace.lower is None else trace.lower[rows],
+        upper=None if trace.upper is None else trace.upper[rows],
     )
 
 
@@ -131,6 +137,7 @@ def _tracking(
             curve(*upper, title, colour, xaxis="x", yaxis="y", visible=visible),
             curve(*lower, title, colour, xaxis="x", yaxis="y2", visible=visible, showlegend=False),
         ]
+    data = _bands(evaluation, trace, column, unit, buckets) + data
     true = curve(*thinned(trace.t, truth, buckets), "True", COLOURS["truth"], width=1.5, dash="dot")
     data.insert(0, {**true, "xaxis": "x", "yaxis": "y"})
     axes = {
@@ -139,6 +146,37 @@ def _tracking(
         "yaxis2": axis(f"error [{unit.name}]", domain=[0.0, 0.36], zeroline=True),
     }
     return {"data": data, "layout": layout(380 if raw else 330, **axes)}
+
+
+def _bands(
+    evaluation: Evaluation, trace: Trace, column: int, unit: DisplayUnit, buckets: int
+) -> list[Spec]:
+    """Where the interval says that the truth is, and the errors that it allows."""
+    if trace.lower is None or trace.upper is None:
+        return []
+    lower, upper = (unit.scale * bound[:, column] for bound in (trace.lower, trace.upper))
+    estimate = unit.scale * trace.estimates[evaluation.chosen][:, column]
+    rows = np.flatnonzero(np.isfinite(lower))
+    if len(rows) < 2:
+        return []
+    widest = extreme_rows(upper[rows] - lower[rows], buckets // 4)
+    rows = rows[np.union1d(extreme_rows(estimate[rows], buckets), widest)]
+    pieces = np.searchsorted(gaps(trace.t), rows, side="left")
+    t, low, high, middle = trace.t[rows], lower[rows], upper[rows], estimate[rows]
+    name = f"{100 * evaluation.interval_level:g} % interval"
+    options: Spec = {
+        "width": 0,
+        "fill": "toself",
+        "fillcolor": "rgba(0,114,178,0.17)",
+        "hoverinfo": "skip",
+        "legendrank": 1001,
+        "xaxis": "x",
+    }
+    around, errors = outline(t, low, high, pieces), outline(t, middle - high, middle - low, pieces)
+    return [
+        curve(*around, name, COLOURS["chosen"], yaxis="y", **options),
+        curve(*errors, name, COLOURS["chosen"], yaxis="y2", showlegend=False, **options),
+    ]
 
 
 def _shown_estimators(evaluation: Evaluation, *, raw: bool) -> list[tuple[str, str, bool]]:

@@ -19,7 +19,7 @@ from plotly.offline import get_plotlyjs
 
 from truejoint.errors import RecordingError
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.report import curves, residuals, space, view
+from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
 from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
 from truejoint.recordings.recording import Recording
@@ -102,7 +102,9 @@ def render_report(
 ) -> str:
     """Return the page that `write_report` writes."""
     sections = _sections(evaluation, training)
+    interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section.figures]
+    figures += interval_figures
     environment = jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
@@ -128,6 +130,8 @@ def render_report(
         all_scores=view.bias_rows(evaluation),
         recording_rows=view.recording_rows(evaluation),
         interval_rows=view.interval_rows(evaluation),
+        interval_figures=interval_figures,
+        load_rows=view.load_rows(evaluation),
         direction_rows=view.direction_rows(evaluation),
         cartesian_rows=view.cartesian_rows(evaluation),
         checks={
@@ -171,7 +175,7 @@ def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str
             "time",
             "Corrected against true position",
             "Click a name in a legend to show or hide it; the raw position is hidden at first. "
-            "Long curves are thinned in a way that keeps every peak.",
+            "Long curves are thinned in a way that keeps every peak." + _band_text(evaluation),
             curves.over_time(evaluation),
         ),
         Section("residuals", "Residuals", "", residuals.residuals(evaluation)),
@@ -180,6 +184,15 @@ def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str
         Section("tool", "Tool position", "", [tool] if tool else []),
     ]
     return {section.key: section for section in parts}
+
+
+def _band_text(evaluation: Evaluation) -> str:
+    if all(trace.lower is None for trace in evaluation.traces):
+        return ""
+    return (
+        f" The band is the stated {100 * evaluation.interval_level:g} % interval: above, where the "
+        "true position should be; below, errors that it allows."
+    )
 
 
 def _figure_values(figure: Figure) -> dict[str, Any]:

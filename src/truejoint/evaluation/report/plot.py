@@ -162,6 +162,29 @@ def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:
     return np.insert(t[keep], breaks, t[keep][breaks]), np.insert(values[keep], breaks, np.nan)
 
 
+def outline(t: Array, low: Array, high: Array, pieces: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return the closed outline of a band between two curves, one for each piece, NaN between them.
+
+    Parameters
+    ----------
+    t, low, high : ndarray, shape (n,)
+        Stamps [s], and the edges of the band in any unit.
+    pieces : ndarray of int, shape (n,)
+        Rows of one piece share a number; numbers ascend.
+
+    Returns
+    -------
+    t, edge : ndarray, shape (m,)
+    """
+    x: list[Array] = []
+    y: list[Array] = []
+    end = np.array([np.nan])
+    for rows in np.split(np.arange(len(t)), np.flatnonzero(np.diff(pieces)) + 1):
+        x += [t[rows], t[rows][::-1], end]
+        y += [high[rows], low[rows][::-1], end]
+    return np.concatenate(x), np.concatenate(y)
+
+
 def extreme_rows(values: Array, buckets: int) -> NDArray[np.int64]:
     """Rows of the smallest and largest value of each bucket, in order, and both ends."""
     n = len(values)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -22,7 +23,7 @@ from truejoint.evaluation.report.plot import (
     layout,
     packed,
 )
-from truejoint.evaluation.results import Evaluation, estimator_phrase
+from truejoint.evaluation.results import Evaluation, estimator_phrase, hung_masses
 from truejoint.units import display_unit
 
 Array = NDArray[np.float64]
@@ -38,10 +39,12 @@ class _Panel:
 
     title: str
     values: Array
+    steps: tuple[float, ...] = ()
+    """Values that it has, where it takes only a few."""
 
 
 def residuals(evaluation: Evaluation) -> list[Figure]:
-    """Return one figure a joint: error against position, velocity, effort and time."""
+    """Return one figure a joint: error against position, velocity, effort, hung mass and time."""
     figures = []
     for column, joint in enumerate(evaluation.joints):
         unit = display_unit(evaluation.units[column])
@@ -84,6 +87,14 @@ def _panels(evaluation: Evaluation, column: int) -> list[_Panel]:
         values = np.concatenate([trace.effort[joint] for trace in traces])
         label = f" [{effort.name}]" if effort.name != "1" else " [no unit]"
         panels.append(_Panel(f"effort{label}", effort.scale * values))
+    masses = hung_masses(traces)
+    if masses:
+        loads = [trace.provenance.get("load") for trace in traces]
+        values = np.repeat(
+            [math.nan if load is None else 1e3 * load for load in loads],
+            [len(trace.t) for trace in traces],
+        )
+        panels.append(_Panel("hung mass [g]", values, tuple(1e3 * mass for mass in masses)))
     panels.append(_Panel("time [s]", _end_to_end([trace.t for trace in traces])))
     return panels
 
@@ -103,7 +114,9 @@ def _spec(panels: Sequence[_Panel], error: Array, moves: Array, title: str) -> S
     margin = 0.05 * (high - low) or 1e-9
     for i, (panel, domain) in enumerate(zip(panels, columns(len(panels), 0.035), strict=True)):
         suffix = str(i + 1) if i else ""
-        axes[f"xaxis{suffix}"] = axis(panel.title, domain=domain, anchor=f"y{suffix}", nticks=6)
+        axes[f"xaxis{suffix}"] = axis(
+            panel.title, domain=domain, anchor=f"y{suffix}", **_ticks(panel)
+        )
         axes[f"yaxis{suffix}"] = axis(
             title if i == 0 else "",
             anchor=f"x{suffix}",
@@ -116,9 +129,22 @@ def _spec(panels: Sequence[_Panel], error: Array, moves: Array, title: str) -> S
             ("moving up", BLUE, moves > 0),
             ("moving down", ORANGE, moves < 0),
         ):
-            if rows.any():
+            if rows.any() and panel.steps:
+                side = 1 if name == "moving up" else -1
+                data += _bars(panel, rows, error, name, colour, side, place)
+            elif rows.any():
                 data += _cloud(panel.values[rows], error[rows], name, colour, place, first=i == 0)
     return {"data": data, "layout": layout(270, **axes)}
+
+
+def _ticks(panel: _Panel) -> Spec:
+    if not panel.steps:
+        return {"nticks": 6}
+    margin = 0.2 * (panel.steps[-1] - panel.steps[0])
+    return {
+        "tickvals": list(panel.steps),
+        "range": [panel.steps[0] - margin, panel.steps[-1] + margin],
+    }
 
 
 def _cloud(x: Array, y: Array, name: str, colour: str, place: Spec, *, first: bool) -> list[Spec]:
@@ -151,6 +177,45 @@ def _cloud(x: Array, y: Array, name: str, colour: str, place: Spec, *, first: bo
     )
     median = curve(centre, middle, name, colour, width=1.8, showlegend=first, **place)
     return [dots, band, median]
+
+
+def _bars(
+    panel: _Panel,
+    rows: NDArray[np.bool_],
+    error: Array,
+    name: str,
+    colour: str,
+    side: int,
+    place: Spec,
+) -> list[Spec]:
+    """Median and middle 90 % of the error at each of a few values, beside the other direction's."""
+    apart = 0.04 * (panel.steps[-1] - panel.steps[0])
+    found = [
+        (step + side * apart, *np.quantile(error[rows & (panel.values == step)], [0.05, 0.5, 0.95]))
+        for step in panel.steps
+        if (rows & (panel.values == step)).sum() >= _FEW
+    ]
+    x, low, middle, high = np.array(found, dtype=float).reshape(-1, 4).T
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": packed(x),
+            "y": packed(middle),
+            "error_y": {
+                "array": packed(high - middle),
+                "arrayminus": packed(middle - low),
+                "thickness": 1.5,
+                "width": 4,
+                "color": colour,
+            },
+            "marker": {"color": colour, "size": 7},
+            "name": name,
+            "legendgroup": name,
+            "showlegend": False,
+            **place,
+        }
+    ]
 
 
 def binned(x: Array, y: Array) -> tuple[Array, Array, Array, Array]:

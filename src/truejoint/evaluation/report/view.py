@@ -16,7 +16,9 @@ from truejoint.evaluation.results import (
     RAW,
     Evaluation,
     estimator_title,
+    hung_masses,
 )
+from truejoint.evaluation.tables import coverage_text
 from truejoint.units import DisplayUnit, display_unit
 
 
@@ -50,6 +52,7 @@ class Headline:
     unit: str
     percent: str
     limit: str
+    interval: str
     passed: bool | None
 
 
@@ -99,6 +102,7 @@ def headlines(evaluation: Evaluation) -> list[Headline]:
                 unit.name,
                 percent_text(score.percent_of_offset),
                 f"{against} {unit.name}",
+                _interval_line(evaluation, verdict.joint),
                 verdict.passed,
             )
         )
@@ -113,30 +117,76 @@ def headlines(evaluation: Evaluation) -> list[Headline]:
                     "mm",
                     percent_text(row.percent_of_offset),
                     f"fixed offset {limit} mm",
+                    "",
                     None,
                 )
             )
     return found
 
 
+def _interval_line(evaluation: Evaluation, joint: str) -> str:
+    """Half-width of the band's level and its coverage; empty where none was judged."""
+    for score in evaluation.intervals:
+        if score.joint == joint and score.level == evaluation.interval_level:
+            unit = display_unit(score.unit)
+            (width,) = shown([unit.scale * score.half_width])
+            return (
+                f"± {width} {unit.name} stated at {100 * score.level:g} %; "
+                f"{100 * score.coverage:.1f} % found inside"
+            )
+    return ""
+
+
 def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     """One row a stated level and joint: coverage, and half-widths beside the fixed offset's."""
     rows = []
-    for score in evaluation.intervals:
+    for score in sorted(evaluation.intervals, key=lambda s: evaluation.joints.index(s.joint)):
         unit = display_unit(score.unit)
         widths = [unit.scale * score.half_width, unit.scale * score.offset_half_width]
-        error = f" ± {100 * score.standard_error:.1f}" if score.standard_error >= 0.0 else ""
         ratio = score.half_width / score.offset_half_width if score.offset_half_width > 0 else 1.0
+        worst = int(np.argmin(score.shares))
         rows.append(
             {
                 "joint": score.joint,
                 "unit": unit.name,
                 "level": f"{100 * score.level:g} %",
-                "coverage": f"{100 * score.coverage:.1f}{error} %",
+                "coverage": coverage_text(score),
+                "agreement": score.agreement or "\N{EN DASH}",
+                "worst": f"{100 * score.shares[worst]:.1f} %",
+                "worst_name": evaluation.interval_trajectories[worst],
                 "widths": shown(widths),
                 "percent": percent_text(100 * ratio),
+                "trajectories": len(score.shares),
+                "band": score.level == evaluation.interval_level,
             }
         )
+    return rows
+
+
+def load_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """RMSE before and after by hung mass; empty unless the test has several known masses."""
+    masses = hung_masses(evaluation.traces)
+    rows = []
+    for mass in masses:
+        traces = [trace for trace in evaluation.traces if trace.provenance.get("load") == mass]
+        for column, joint in enumerate(evaluation.joints):
+            unit = display_unit(evaluation.units[column])
+            numbers = []
+            for name in (OFFSET, evaluation.chosen):
+                error = unit.scale * np.concatenate(
+                    [t.estimates[name][:, column] - t.truth[:, column] for t in traces]
+                )
+                numbers += [float(error.mean()), float(np.sqrt(np.mean(error**2)))]
+            decimals = decimals_for((numbers[1], numbers[3]))
+            rows.append(
+                {
+                    "load": f"{1e3 * mass:.0f} g",
+                    "joint": joint,
+                    "unit": unit.name,
+                    "recordings": len(traces),
+                    "values": [fixed(value, decimals) for value in numbers],
+                }
+            )
     return rows
 
 
