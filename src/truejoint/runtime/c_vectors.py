@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from truejoint.estimators import Calibration
 from truejoint.estimators.document import CalibrationData
 from truejoint.estimators.families import EstimatorData
+from truejoint.estimators.sequence import SequenceRegressor
+from truejoint.runtime.c_reference import SteppingCorrector
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import Limits
@@ -58,6 +60,8 @@ class Vector:
         Of the re-zeroing, part of the position [rad or m].
     forgets : bool
         Whether the action ended the history of the features.
+    filter_status : int
+        Bits of `FilterStatus` of the last sample that was used.
     """
 
     t: float
@@ -71,6 +75,7 @@ class Vector:
     correction: Array = field(default_factory=_nothing)
     offset: Array = field(default_factory=_nothing)
     forgets: bool = False
+    filter_status: int = 0
 
 
 def make_vectors(
@@ -107,7 +112,7 @@ def make_vectors(
         stream = [replace(v, sample=v.sample.astype(dtype).astype(float))
                   for v in _stream(data, limits, scale)]  # fmt: skip
         vectors = answer(
-            Corrector(calibration, level=level, range_margin=range_margin),
+            reference_corrector(calibration, level, range_margin),
             calibration.metadata,
             stream,
             offset,
@@ -116,6 +121,12 @@ def make_vectors(
         scale /= 2
         if good > _START / 2 or scale < 1e-2:
             return vectors, offset
+
+
+def reference_corrector(calibration: Calibration, level: float, range_margin: float) -> Corrector:
+    """Corrector that says what the C source must give."""
+    kind = SteppingCorrector if isinstance(calibration.model, SequenceRegressor) else Corrector
+    return kind(calibration, level=level, range_margin=range_margin)
 
 
 def answer(
@@ -145,6 +156,7 @@ def answer(
                 correction=corrector.correction.copy(),
                 offset=corrector.offset.copy(),
                 forgets=forgets,
+                filter_status=getattr(corrector, "filter_status", 0),
             )
         )
     return answered

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -11,10 +11,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.errors import ExportError
 from truejoint.estimators import Calibration
 from truejoint.estimators.document import CalibrationData, decode, encode
 from truejoint.estimators.families import EstimatorData
 from truejoint.estimators.interval import inverse_span
+from truejoint.estimators.sequence import SequenceRegressor
+from truejoint.runtime.c_history import FILTER_MEANINGS, history_context
 from truejoint.runtime.c_models import BLOCK, model_context
 from truejoint.runtime.c_source import (
     Precision,
@@ -23,7 +26,7 @@ from truejoint.runtime.c_source import (
     render,
     write_files,
 )
-from truejoint.runtime.c_vectors import homing_ids, make_vectors, single_error
+from truejoint.runtime.c_vectors import Vector, homing_ids, make_vectors, single_error
 from truejoint.runtime.limits import RANGE_MARGIN, Limits, limits_of
 from truejoint.runtime.status import Status
 
@@ -97,27 +100,16 @@ def export_c(
     data = decode(*encode(calibration))
     limits = limits_of(data, range_margin)
     context = {"prefix": prefix, "guard": prefix.upper(), "level": level}
-    context |= _calibration_context(data, limits, level, 8 if precision == "double" else 4)
+    context |= _model_context(calibration, data.model, precision)
+    size = 8 if precision == "double" else 4
+    context |= _calibration_context(data, limits, level, size, context["room"])
     context |= {"title": calibration.title, "estimator": calibration.estimator}
     vectors, offset = make_vectors(
         calibration, data, limits, level, range_margin,
         np.float64 if precision == "double" else np.float32,
     )  # fmt: skip
     context |= {"rows": vectors, "vector_offset": offset}
-    tolerance, notes = (
-        DOUBLE_TOLERANCE,
-        ["Double precision: equal to Python within 1e-12 (rad, m)."],
-    )
-    if precision == "float":
-        error = single_error(data, vectors)
-        good = [float(np.abs(v.position).max()) for v in vectors if v.status == Status.OK]
-        largest = max(good, default=0.0)
-        tolerance = 4 * error + 4 * float(np.finfo(np.float32).eps) * largest
-        notes = [
-            "Single precision, but for time stamps: computed so, positions of the test vectors are",
-            f"within {error:.1e} (rad, m) of those in double precision.",
-        ]
-    context |= {"tolerance": tolerance, "precision_notes": notes}
+    context |= _precision_context(data, vectors, precision)
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in {
@@ -142,33 +134,63 @@ def check_command(paths: Sequence[Path]) -> str:
     return f"cc -std=c99 -O2 {sources} -lm -o check && ./check"
 
 
+def _model_context(
+    calibration: Calibration, data: EstimatorData, precision: Precision
+) -> dict[str, Any]:
+    """Values of the templates that say what the estimator is made of."""
+    nothing = {"is_filter": False, "memory": ()}
+    if not isinstance(calibration.model, SequenceRegressor):
+        template, values = model_context(data)
+    elif precision == "double":
+        template, values = history_context(calibration.model)
+    else:
+        raise ExportError(
+            f"estimator {calibration.estimator!r} adds up what it remembers; export it in double"
+        )
+    return nothing | dict(values) | {"model_template": template}
+
+
+def _precision_context(
+    data: CalibrationData[EstimatorData], vectors: list[Vector], precision: Precision
+) -> dict[str, Any]:
+    """What the header says about rounding, and how much of it the check allows."""
+    if precision == "double":
+        notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
+        return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
+    error = single_error(data, vectors)
+    good = [float(np.abs(v.position).max()) for v in vectors if v.status == Status.OK]
+    largest = max(good, default=0.0)
+    notes = [
+        "Single precision, but for time stamps: computed so, positions of the test vectors are",
+        f"within {error:.1e} (rad, m) of those in double precision.",
+    ]
+    rounding = float(np.finfo(np.float32).eps) * largest
+    return {"tolerance": 4 * error + 4 * rounding, "precision_notes": notes}
+
+
 def _calibration_context(
-    data: CalibrationData[EstimatorData], limits: Limits, level: float, size: int
+    data: CalibrationData[EstimatorData], limits: Limits, level: float, size: int, room: int
 ) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of.
 
-    `size` is that of a number in bytes.
+    `size` is that of a number in bytes, `room` how many the model needs on the stack.
     """
     features, signals = data.feature_set.features, data.signals
-    template, model = model_context(data.model)
     # The length of a whitened row is all that counts, so a triangular factor does as well.
     factor = np.asarray(np.linalg.qr(limits.whitening.T, mode="r")).T
     extra = -len(factor) % BLOCK
     whitening = np.pad(factor, ((0, extra), (0, extra)))
     interval, k = data.interval, len(features)
     return {
-        **model,
-        "model_template": template,
-        "stack_bytes": size * (model["room"] + k + 2 * len(whitening) + len(data.joints)) + 256,
+        "stack_bytes": size * (room + k + 2 * len(whitening) + len(data.joints)) + 256,
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
         "homing_ids": homing_ids(data.metadata),
+        "zeroed": "rezeroed" in data.metadata,
         "signals": _named(signals, data.units.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
-        "statuses": [
-            {"name": status.name or "OK", "value": int(status), "meaning": meaning}
-            for status, meaning in MEANINGS.items()
-        ],
+        "statuses": _bits(MEANINGS),
+        "filter_statuses": _bits(FILTER_MEANINGS),
         "n_signals": len(signals),
         "n_joints": len(data.joints),
         "n_features": k,
@@ -196,6 +218,13 @@ def _calibration_context(
         "growth": 0.0 if interval is None else interval.growth,
         "needs_rezero": interval is not None and interval.rezero > 0.0,
     }
+
+
+def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
+    return [
+        {"name": bit.name or "OK", "value": int(bit), "meaning": meaning}
+        for bit, meaning in meanings.items()
+    ]
 
 
 def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, str]]:
