@@ -38,7 +38,10 @@ class TextTable:
             caption_justify="left",
         )  # fmt: skip
         for i, name in enumerate(self.header):
-            table.add_column(name, justify="left" if i == 0 else "right")
+            first = i == 0
+            table.add_column(
+                name, justify="left" if first else "right", min_width=20 if first else None
+            )
         for row in self.rows:
             table.add_row(*row)
         return table
