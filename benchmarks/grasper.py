@@ -36,13 +36,13 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 DATASET = DATASETS["davinci_grasper_umn"]
-GAP = 0.1
+GAP = 0.01
 """Time without a sample [s] after which a history starts anew."""
 STATIC = ("measured/jaw", "rate(measured/jaw, 0.05)", "effort/jaw", "current/jaw")
 HISTORY = DATASET.features
 FIT_RATE = 40.0
 """Rows fitted to [1/s] of each recording; features and filters see all."""
-SEEDS = (0, 1, 2)
+SEEDS = (0,)
 
 # RAL-2018/compileData.m, segmentData.m and neuralNetDriver.m
 CUTOFF = 50.0
@@ -144,7 +144,7 @@ METHODS: dict[str, Callable[[Bench, Mask, Mask], tuple[float, float]]] = {
         lambda seed: NeuralNetwork(**DATASET.settings["dnn"], random_state=seed),
         HISTORY,
         *rows,
-        seeds=SEEDS[:1],
+        seeds=SEEDS,
     ),
 }
 
@@ -153,7 +153,8 @@ def honest() -> None:
     """Whole recordings held out."""
     recordings = open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
     bench = gather(recordings, (STATIC, HISTORY))
-    fitted = np.arange(len(bench.truth)) % round(1000.0 / FIT_RATE) == 0
+    stride = round(1000.0 / FIT_RATE)
+    fitted = np.concatenate([np.arange(len(r.t)) % stride == 0 for r in recordings])
     found: dict[str, list[float]] = {}
     for split in DATASET.splits:
         held_out = [
