@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Final, Literal
 
 from rich import box
 from rich.table import Table
 
 from truejoint.evaluation.digits import fixed
+
+_CELL: Final = 24
+"""Cells up to this wide are kept in one piece."""
 
 
 @dataclass(frozen=True)
@@ -38,10 +42,9 @@ class TextTable:
             caption_justify="left",
         )  # fmt: skip
         for i, name in enumerate(self.header):
-            first = i == 0
-            table.add_column(
-                name, justify="left" if first else "right", min_width=20 if first else None
-            )
+            justify: Literal["left", "right"] = "left" if i == 0 else "right"
+            widest = max((len(row[i]) for row in self.rows), default=0)
+            table.add_column(name, justify=justify, min_width=min(widest, _CELL), overflow="fold")
         for row in self.rows:
             table.add_row(*row)
         return table
