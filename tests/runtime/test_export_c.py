@@ -163,6 +163,18 @@ def test_long_streams_stay_equal(tmp_path, estimator):
 
 
 @needs_compiler
+def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
+    model = calibration(LinearRegressor(), rezero=10.0).with_metadata(rezeroed={"at": 1.0})
+    library = exported(tmp_path, model)
+    assert library.functions.check() == 0
+    assert assert_same_as_corrector(library, model, 400, 3) > 0.3
+    library.functions.start()
+    t, samples = random_stream(model, 400, 3)
+    status, _position, half_width = library.run(t, samples, 3)
+    assert np.isfinite(half_width[status == 0]).all()
+
+
+@needs_compiler
 def test_many_signals_are_checked_in_a_loop(tmp_path):
     names = [f"measured/s{i}" for i in range(40)]
     model = calibration(LinearRegressor(), names, ("elbow",), rezero=0.0)

@@ -99,7 +99,7 @@ def export_c(
     check_precision(precision)
     data = decode(*encode(calibration))
     limits = limits_of(data, range_margin)
-    context = {"prefix": prefix, "guard": prefix.upper(), "level": level}
+    context: dict[str, Any] = {"prefix": prefix, "guard": prefix.upper(), "level": level}
     context |= _model_context(calibration, data.model, precision)
     size = 8 if precision == "double" else 4
     context |= _calibration_context(data, limits, level, size, context["room"])
@@ -138,7 +138,7 @@ def _model_context(
     calibration: Calibration, data: EstimatorData, precision: Precision
 ) -> dict[str, Any]:
     """Values of the templates that say what the estimator is made of."""
-    nothing = {"is_filter": False, "memory": ()}
+    nothing: dict[str, Any] = {"is_filter": False, "memory": ()}
     if not isinstance(calibration.model, SequenceRegressor):
         template, values = model_context(data)
     elif precision == "double":
@@ -153,7 +153,7 @@ def _model_context(
 def _precision_context(
     data: CalibrationData[EstimatorData], vectors: list[Vector], precision: Precision
 ) -> dict[str, Any]:
-    """What the header says about rounding, and how much of it the check allows."""
+    """Values that say how much is rounded, and how much of it the check allows."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
         return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
