@@ -184,7 +184,7 @@ def configured(name: str, settings: Sequence[str], dataset: str | None = None) -
 def _value(text: str, default: Any, setting: str) -> Any:
     try:
         if isinstance(default, tuple):
-            return tuple(int(part) for part in text.split(","))
+            return tuple(type(default[0])(part) for part in text.split(","))
         return type(default)(text)
     except ValueError:
         raise CalibrationError(
