@@ -7,6 +7,10 @@ few epochs only: its speed does not depend on its weights), exports and compiles
 them against their vectors, and times them on samples of that session. The median is taken over
 batches of 64 calls, because reading the clock takes as long as a linear model; the 99th percentile
 over single calls, clock included.
+
+The estimators that remember are fitted to a virtual forceps. The filter of yan2020, with 4 states
+and 2 measurements, is timed without the checks too, beside the same filter called from Python.
+`benchmarks.filter_speed` times a linear model of that size beside other packages.
 """
 
 from __future__ import annotations
@@ -14,6 +18,7 @@ from __future__ import annotations
 import argparse
 import subprocess
 import tempfile
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,26 +26,30 @@ import numpy as np
 
 from truejoint.crtk import simulated_arm
 from truejoint.estimators import Calibration, NeuralNetwork, calibrate
+from truejoint.estimators.forceps import JawFilter
 from truejoint.estimators.interval import Interval
 from truejoint.motion import follow, zigzag
+from truejoint.motion.forceps_references import calibration_reference
 from truejoint.recordings import Recorder, Recording
+from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime.c_source import Precision, table
 from truejoint.runtime.export_c import export_c
+from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps_twin import simulate_forceps
 
 ESTIMATORS = ("offset", "linear", "poly2", NeuralNetwork(epochs=5))
+JAW_ESTIMATORS = ("play_reset", "play_gated", "ukf", "ukf_compensated", "ukf_friction")
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
 SAMPLES = 512
 
-MAIN = """#define _POSIX_C_SOURCE 199309L
+TIMING = """#define _POSIX_C_SOURCE 199309L
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <time.h>
-#include "m.h"
+#include "{source}"
 #define BATCHES 3000
 #define CALLS 64
-static const double stamps[] = {stamps};
-static const {real} samples[] = {samples};
 static double taken[BATCHES * CALLS];
 static double now(void)
 {{
@@ -53,6 +62,11 @@ static int compare(const void *a, const void *b)
     const double x = *(const double *)a, y = *(const double *)b;
     return (x > y) - (x < y);
 }}
+"""
+MAIN = (
+    TIMING
+    + """static const double stamps[] = {stamps};
+static const {real} samples[] = {samples};
 static m_state state;
 static long calls, good;
 static {real} position[M_JOINTS], half_width[M_JOINTS];
@@ -87,6 +101,34 @@ int main(void)
     return 0;
 }}
 """
+)
+FILTER_MAIN = (
+    TIMING
+    + """static const double rows[][4] = {{
+{rows}
+}};
+static const double rest[4] = {{0.0, 0.0, 0.0, 0.0}};
+static m_model model;
+int main(void)
+{{
+    long calls = 0;
+    int i, k, status = 0;
+    (void)m_step;
+    start_filter(&model, rest);
+    for (i = 0; i < BATCHES; i++) {{
+        const double start = now();
+        for (k = 0; k < CALLS; k++) {{
+            const double *row = rows[calls++ % {count}];
+            status |= step_filter(&model, row, row + 2, {interval});
+        }}
+        taken[i] = (now() - start) / CALLS;
+    }}
+    qsort(taken, BATCHES, sizeof taken[0], compare);
+    printf("median %.3f us, status bits %d\\n", taken[BATCHES / 2], status);
+    return 0;
+}}
+"""
+)
 
 
 def session() -> Recording:
@@ -99,10 +141,48 @@ def session() -> Recording:
     return recorder.recording()
 
 
-def some_interval() -> Interval:
+def some_interval(n_joints: int) -> Interval:
     """Make an interval of no meaning: computing with it takes as long as with any other."""
-    widths = np.full((1, 3), 0.01)
+    widths = np.full((1, n_joints), 0.01)
     return Interval(np.array([0.9]), widths, widths, widths, 2.0, 0.0, 9, 9)
+
+
+def forceps_session() -> Recording:
+    """Record the calibration motion of yan2020 on a virtual forceps."""
+    reference = calibration_reference().positions[:, 0]
+    return record_forceps(simulate_forceps(specimen("B"), reference, seed=0))
+
+
+def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -> str:
+    """Time the filter's step alone, in C (exported into `folder`) and from Python."""
+    rows = slice(2000, 2000 + SAMPLES)
+    interval = float(np.median(np.diff(recording.t)))
+    motor, reset = (recording.column(name)[rows] for name in model.inputs)
+    z = np.column_stack([reset, np.gradient(reset, interval)])
+    u = np.column_stack([motor, np.zeros(SAMPLES)])
+    lines = [f"{{ {', '.join(map(float.hex, row))} }}," for row in np.hstack([z, u])]
+    text = FILTER_MAIN.format(source="m.c", rows="\n".join(lines), count=SAMPLES, interval=interval)
+    (folder / "filter.c").write_text(text, encoding="ascii")
+    command = [cc, *FLAGS, str(folder / "filter.c"), "-lm", "-o", str(folder / "filter")]
+    subprocess.run(command, check=True)
+    done = subprocess.run([str(folder / "filter")], check=True, capture_output=True, text=True)
+    estimator = model._filter
+    prior = {"x0": np.zeros(4), "P0": model._spread()}
+    state = estimator.initial_state(**prior)
+    laps, records = [], []
+    for k in range(40 * SAMPLES):
+        start = time.perf_counter_ns()
+        estimator.step(state, z[k % SAMPLES], u[k % SAMPLES], interval)
+        laps.append(time.perf_counter_ns() - start)
+    for _ in range(40):
+        start = time.perf_counter_ns()
+        estimator.run(np.tile(z, (8, 1)), np.tile(u, (8, 1)), **prior, dt=interval)
+        records.append((time.perf_counter_ns() - start) / (8 * SAMPLES))
+    step, record = 1e-3 * np.median(laps), 1e-3 * np.median(records)
+    return (
+        f"4 states, 2 measurements, step alone: C {done.stdout.strip()}; "
+        f"from Python {step:.2f} us, in a whole record {record:.2f} us"
+    )
 
 
 def build(
@@ -114,6 +194,7 @@ def build(
     rows = recording.table.iloc[first : first + SAMPLES]
     stamps = rows["t"].to_numpy()
     text = MAIN.format(
+        source="m.h",
         real=precision,
         stamps=table(stamps, "double"),
         samples=table(rows[list(calibration.signals)].to_numpy(), precision),
@@ -134,14 +215,23 @@ def main() -> None:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--precision", default="double", choices=["double", "float"])
     options = parser.parse_args()
-    recording = session()
-    for estimator in ESTIMATORS:
-        calibration = replace(calibrate(recording, estimator), interval=some_interval())
-        with tempfile.TemporaryDirectory() as name:
-            folder = Path(name)
-            program = build(calibration, recording, folder, options.precision, options.compiler)
-            done = subprocess.run([str(program)], check=True, capture_output=True, text=True)
-        print(f"{calibration.estimator:8s} {options.precision}: {done.stdout.strip()}", flush=True)
+    sessions = [(ESTIMATORS, session())]
+    if options.precision == "double":  # the others are exported in double only
+        sessions.append((JAW_ESTIMATORS, forceps_session()))
+    for estimators, recording in sessions:
+        for estimator in estimators:
+            calibration = calibrate(recording, estimator)
+            calibration = replace(calibration, interval=some_interval(len(calibration.joints)))
+            with tempfile.TemporaryDirectory() as name:
+                folder = Path(name)
+                program = build(calibration, recording, folder, options.precision, options.compiler)
+                done = subprocess.run([str(program)], check=True, capture_output=True, text=True)
+                print(
+                    f"{calibration.estimator:15s} {options.precision}: {done.stdout.strip()}",
+                    flush=True,
+                )
+                if type(calibration.model) is JawFilter:
+                    print(filter_step(calibration.model, recording, folder, options.compiler))
 
 
 if __name__ == "__main__":
