@@ -9,6 +9,7 @@ and settings are those of the data set. All features are causal. Prints a Markdo
 from __future__ import annotations
 
 import argparse
+import math
 import time
 
 import numpy as np
@@ -60,8 +61,11 @@ def rows(dataset: Dataset, split: HeldOut, seeds: int, features: list[str] | Non
             except KeyError:
                 cells.append("-")
                 continue
-            spread = f" ± {score.spread * shown.scale:.2g}" if np.isfinite(score.spread) else ""
-            cells.append(f"{score.rmse * shown.scale:.3g}{spread}")
+            value = score.rmse * shown.scale
+            decimals = max(0, 2 - math.floor(math.log10(value)))  # three digits
+            spread = score.spread * shown.scale
+            after = f" ± {spread:.{decimals}f}" if np.isfinite(spread) else ""
+            cells.append(f"{value:.{decimals}f}{after}")
         lines.append(
             f"| {dataset.name}, {split.name} | {joint} [{shown.name}] | "
             + " | ".join(cells)

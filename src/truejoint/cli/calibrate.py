@@ -131,8 +131,7 @@ def fit(
     for finding in check.findings:
         if finding.level != "info":
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
-    rows = sum(len(recording) for recording in training)
-    with progress(f"Fitting {estimator.name} to {rows} rows") as done:
+    with progress(f"Fitting {estimator.name}") as done:
         fitted = estimators.calibrate(
             training,
             estimator,
