@@ -215,9 +215,8 @@ def main() -> None:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--precision", default="double", choices=["double", "float"])
     options = parser.parse_args()
-    sessions = [(ESTIMATORS, session())]
-    if options.precision == "double":  # the others are exported in double only
-        sessions.append((JAW_ESTIMATORS, forceps_session()))
+    jaw = JAW_ESTIMATORS if options.precision == "double" else JAW_ESTIMATORS[:2]  # no filters
+    sessions = [(ESTIMATORS, session()), (jaw, forceps_session())]
     for estimators, recording in sessions:
         for estimator in estimators:
             calibration = calibrate(recording, estimator)

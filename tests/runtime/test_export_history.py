@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import re
 import subprocess
 from dataclasses import replace
 from functools import cache
@@ -343,9 +344,24 @@ def test_estimators_without_source_are_refused_in_one_line(tmp_path, name, said)
     assert not list(tmp_path.iterdir())
 
 
-def test_single_precision_is_refused(tmp_path):
-    with pytest.raises(ExportError, match=r"'play_gated' .* in double"):
-        export_c(model("play_gated"), tmp_path, precision="float")
+def test_single_precision_of_a_filter_is_refused(tmp_path):
+    with pytest.raises(ExportError, match=r"'ukf' holds .* in double"):
+        export_c(model("ukf"), tmp_path, precision="float")
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", PLAYS)
+def test_single_precision_is_as_far_off_as_its_header_says(tmp_path, name):
+    export_c(model(name), tmp_path, prefix="m", precision="float")
+    sources = [str(tmp_path / source) for source in ("m.c", "m_check.c")]
+    program = str(tmp_path / "check")
+    flags = [flag for flag in FLAGS if flag not in ("-shared", "-fPIC")]
+    subprocess.run([COMPILER, *flags, *sources, "-lm", "-o", program], check=True)  # noqa: S603
+    said = subprocess.run([program], check=True, capture_output=True, text=True).stdout  # noqa: S603
+    measured = float(re.search(r"largest difference (\S+)", said)[1])
+    stated = float(re.search(r"within (\S+) \(rad", (tmp_path / "m.h").read_text())[1])
+    assert 1e-10 < measured < 1e-5
+    assert stated == pytest.approx(measured, rel=0.5)
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from truejoint.estimators.forceps import (
     ResetPlay,
 )
 from truejoint.estimators.forceps.base import MOTOR, RESET
-from truejoint.estimators.forceps.friction_filter import DEGREE
+from truejoint.estimators.forceps.friction_model import DEGREE
 from truejoint.estimators.forceps.rational import _NEAREST
 from truejoint.estimators.sequence import SequenceRegressor
 from truejoint.estimators.state_space import covariance_factor

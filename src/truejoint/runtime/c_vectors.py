@@ -17,7 +17,7 @@ from truejoint.runtime.c_reference import SteppingCorrector
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import Limits
-from truejoint.runtime.single_precision import single_features, single_prediction
+from truejoint.runtime.single_precision import single_features, single_plays, single_prediction
 from truejoint.runtime.status import Status
 
 Array = NDArray[np.float64]
@@ -167,8 +167,13 @@ def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
     return [name for name in metadata.get("homing_ids", ()) if isinstance(name, str)]
 
 
-def single_error(data: CalibrationData[EstimatorData], vectors: list[Vector]) -> float:
-    """Largest difference [rad or m] of good positions when computed in single precision."""
+def single_error(
+    data: CalibrationData[EstimatorData], vectors: list[Vector], context: Mapping[str, Any]
+) -> float:
+    """Largest difference [rad or m] of good positions when computed in single precision.
+
+    `context` are the values of the estimator's template.
+    """
     used, steps, fresh, last = [], [], True, 0.0
     for vector in vectors:
         fresh = fresh or vector.forgets
@@ -182,7 +187,10 @@ def single_error(data: CalibrationData[EstimatorData], vectors: list[Vector]) ->
     sources = [data.signals.index(feature.signal) for feature in data.feature_set.features]
     X = single_features(data.feature_set, samples, steps, sources)
     with np.errstate(over="ignore", invalid="ignore"):  # a logistic unit may saturate
-        corrections = single_prediction(data.model, X)
+        if "regressions" in context:
+            corrections = single_plays(context["regressions"], context["gate"], X, steps)
+        else:
+            corrections = single_prediction(data.model, X)
     measured = samples[:, [data.signals.index(f"measured/{j}") for j in data.joints]]
     worst = 0.0
     for row, vector in enumerate(used):

@@ -109,7 +109,7 @@ def export_c(
         np.float64 if precision == "double" else np.float32,
     )  # fmt: skip
     context |= {"rows": vectors, "vector_offset": offset}
-    context |= _precision_context(data, vectors, precision)
+    context |= _precision_context(data, vectors, precision, context)
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in {
@@ -138,26 +138,31 @@ def _model_context(
     calibration: Calibration, data: EstimatorData, precision: Precision
 ) -> dict[str, Any]:
     """Values of the templates that say what the estimator is made of."""
-    nothing: dict[str, Any] = {"is_filter": False, "memory": ()}
-    if not isinstance(calibration.model, SequenceRegressor):
-        template, values = model_context(data)
-    elif precision == "double":
-        template, values = history_context(calibration.model)
+    if isinstance(calibration.model, SequenceRegressor):
+        found: tuple[str, Mapping[str, Any]] = history_context(calibration.model)
     else:
+        found = model_context(data)
+    template, values = found
+    context = {"is_filter": False, "memory": (), **values, "model_template": template}
+    if context["is_filter"] and precision != "double":
         raise ExportError(
-            f"estimator {calibration.estimator!r} adds up what it remembers; export it in double"
+            f"estimator {calibration.estimator!r} holds variances that differ too much for a "
+            f"{precision}; export it in double"
         )
-    return nothing | dict(values) | {"model_template": template}
+    return context
 
 
 def _precision_context(
-    data: CalibrationData[EstimatorData], vectors: list[Vector], precision: Precision
+    data: CalibrationData[EstimatorData],
+    vectors: list[Vector],
+    precision: Precision,
+    context: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Values that say how much is rounded, and how much of it the check allows."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
         return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
-    error = single_error(data, vectors)
+    error = single_error(data, vectors, context)
     good = [float(np.abs(v.position).max()) for v in vectors if v.status == Status.OK]
     largest = max(good, default=0.0)
     notes = [

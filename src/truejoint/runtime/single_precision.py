@@ -6,7 +6,7 @@ differ, in its last bit.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import count
 from typing import Any
 
@@ -63,6 +63,49 @@ def single_prediction(model: EstimatorData, X: Single) -> Single:
     return arrays["target_mean"] + arrays["target_scale"] * units
 
 
+def single_plays(
+    regressions: Sequence[Mapping[str, Any]], gate: float | None, X: Single, steps: Sequence[float]
+) -> Single:
+    """Prediction (n, 1) of estimators by play operators, whose values `c_history` gives.
+
+    Parameters
+    ----------
+    regressions : sequence of mapping
+    gate : float or None
+    X : ndarray, shape (n, k)
+    steps : sequence of float
+        As for `single_features`.
+    """
+    parts = [_regression(regression, X, steps) for regression in regressions]
+    if gate is None:
+        return parts[0][:, None]
+    reset, both = parts
+    difference, limit = both - reset, np.float32(gate)
+    size, twice = np.abs(difference), np.float32(2) * limit
+    with np.errstate(divide="ignore", invalid="ignore"):  # 0 / 0 is not taken below
+        falling = difference * (twice - size) / size
+    within = np.where(size >= twice, np.float32(0), falling)
+    return np.asarray(reset + np.where(size <= limit, difference, within))[:, None]
+
+
+def _regression(values: Mapping[str, Any], X: Single, steps: Sequence[float]) -> Single:
+    columns: list[Single] = []
+    for bank in values["banks"]:
+        signal = X[:, bank["column"]]
+        signal = signal if bank["factor"] is None else signal * np.float32(bank["factor"])
+        power = np.ones_like(signal)
+        for _ in range(values["degree"]):
+            power = power * (signal * np.float32(bank["scale"]))
+            columns.append(power)
+        for width in bank["widths"].astype(np.float32):
+            columns.append((signal - _follow(width, signal, steps)) / width)
+    columns += [columns[0] * columns[pair] for pair in values["pairs"]]
+    total = np.zeros(len(X), np.float32)
+    for column, weight in zip(columns, values["weights"].astype(np.float32), strict=True):
+        total = total + column * weight
+    return np.asarray(total + np.float32(values["constant"]))
+
+
 def _affine(source: Single, weight: Single, bias: Single) -> Single:
     """``source @ weight + bias``, summed up in the order of the C source."""
     total = np.tile(bias, (len(source), 1))
@@ -109,7 +152,11 @@ def _rate(feature: Feature, signal: Single, steps: Sequence[float]) -> Single:
 
 
 def _play(feature: Feature, signal: Single, steps: Sequence[float]) -> Single:
-    half_width = np.float32(feature.parameter)
+    return _follow(np.float32(feature.parameter), signal, steps)
+
+
+def _follow(half_width: np.float32, signal: Single, steps: Sequence[float]) -> Single:
+    """Output of a play operator."""
     out = np.empty_like(signal)
     for row, step in enumerate(steps):
         before = signal[row] if step == 0.0 else out[row - 1]
