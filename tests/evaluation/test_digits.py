@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown
+from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 
 
 @pytest.mark.parametrize(
@@ -30,3 +30,9 @@ def test_percentages_beyond_sense_are_cut() -> None:
     assert percent_text(12.4) == "12 %"
     assert percent_text(3e5) == "> 9999 %"
     assert percent_text(math.nan) == "\N{EN DASH}"
+
+
+def test_a_spread_too_small_for_its_decimals_is_not_shown_as_none() -> None:
+    assert spread_text(0.0123, 3) == "± 0.012"
+    assert spread_text(0.0004, 3) == "±<0.001"
+    assert spread_text(0.0, 3) == "± 0.000"

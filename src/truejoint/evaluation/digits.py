@@ -39,3 +39,9 @@ def percent_text(value: float) -> str:
     if not math.isfinite(value):
         return "\N{EN DASH}"
     return "> 9999 %" if value > 9999 else f"{value:.0f} %"
+
+
+def spread_text(value: float, decimals: int) -> str:
+    """Spread with the decimals of the value that it belongs to, or what it is smaller than."""
+    least = 10.0**-decimals
+    return f"±<{least:.{decimals}f}" if 0.0 < value < 0.5 * least else f"± {fixed(value, decimals)}"

@@ -234,6 +234,12 @@ def _note(
             f" From one set of {n} trajectories to another its coverage scatters by up to about "
             f"{100 * scatter:.0f} %, which the sampling error of this test does not include."
         )
+    if interval.rezero > 0.0:
+        note += (
+            f" Coverage and bands are of positions re-zeroed from the first {interval.rezero:g} s "
+            "of each recording; every other number is of positions as they come."
+        )
+    note += _other_loads(calibration, judged)
     if interval.rezero > 0.0 or _any_homing(interval):
         return note
     if not _own_homings(calibration) or any(not motion.homing for motion in judged):
@@ -241,12 +247,25 @@ def _note(
     return note
 
 
+def _other_loads(calibration: Calibration, judged: Sequence[_Motion]) -> str:
+    """Tell masses [kg] of the test beyond those that the interval saw; empty without any."""
+    sessions = calibration.metadata.get("interval_sessions", ())
+    seen = [float(s["load"]) for s in sessions if s.get("load") is not None]
+    loads = [motion.trace.provenance.get("load") for motion in judged]
+    known = {float(load) for load in loads if load is not None}
+    beyond = sorted(load for load in known if seen and not min(seen) <= load <= max(seen))
+    if not beyond:
+        return ""
+    shown = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
+    return f" The test hangs masses on the tool that the interval has not seen ({shown})."
+
+
 def _objections(reasons: Sequence[str], names: Sequence[str]) -> tuple[str, ...]:
     """One sentence for each reason, with the recordings that it is for."""
     sentences = []
     for reason in dict.fromkeys(filter(None, reasons)):
         concerned = [name for name, why in zip(names, reasons, strict=True) if why == reason]
-        listed = ", ".join(concerned[:_NAMED])
+        listed = "; ".join(concerned[:_NAMED])
         more = len(concerned) - _NAMED
         listed += f" and {more} more" if more > 0 else ""
         sentences.append(f"Coverage is not judged on {listed}: {reason}.")

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown
+from truejoint.evaluation.digits import decimals_for, fixed, percent_text, spread_text
 from truejoint.evaluation.results import (
     CartesianScore,
     Evaluation,
@@ -56,7 +56,7 @@ def _cells(scores: Sequence[Score] | Sequence[CartesianScore], scale: float) -> 
     for value, (_, spread, percent) in zip(values, rows, strict=True):
         text = Text(fixed(value, decimals), style="bold" if value == min(values) else "")
         if math.isfinite(spread):
-            text.append(f" ± {fixed(scale * spread, decimals)}", style="not bold dim")
+            text.append(f" {spread_text(scale * spread, decimals)}", style="not bold dim")
         text.append(f" {percent_text(percent):>6}", style="not bold dim")
         cells.append(text)
     return cells
@@ -73,9 +73,8 @@ def interval_table(evaluation: Evaluation) -> Table:
     table.add_column("")
     for joint in evaluation.joints:
         rows = [score for score in evaluation.intervals if score.joint == joint]
-        for score in rows:
-            unit = display_unit(score.unit)
-            widths = shown([unit.scale * score.half_width, unit.scale * score.offset_half_width])
+        unit = display_unit(rows[0].unit)
+        for score, widths in zip(rows, half_width_texts(rows), strict=True):
             table.add_row(
                 Text(f"{joint} [{unit.name}]" if score is rows[0] else ""),
                 f"{100 * score.level:g} %",
@@ -85,6 +84,14 @@ def interval_table(evaluation: Evaluation) -> Table:
                 end_section=score is rows[-1],
             )
     return table
+
+
+def half_width_texts(scores: Sequence[IntervalScore]) -> list[list[str]]:
+    """Half-widths of a joint's levels, the model's and the fixed offset's, with like decimals."""
+    scale = display_unit(scores[0].unit).scale
+    pairs = [(scale * score.half_width, scale * score.offset_half_width) for score in scores]
+    decimals = decimals_for(value for pair in pairs for value in pair)
+    return [[fixed(value, decimals) for value in pair] for pair in pairs]
 
 
 def coverage_text(score: IntervalScore) -> str:

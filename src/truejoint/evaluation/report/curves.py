@@ -137,7 +137,7 @@ def _tracking(
             curve(*upper, title, colour, xaxis="x", yaxis="y", visible=visible),
             curve(*lower, title, colour, xaxis="x", yaxis="y2", visible=visible, showlegend=False),
         ]
-    data = _bands(evaluation, trace, column, unit, buckets) + data
+    data = _bands(evaluation, trace, column, unit, buckets, legend=raw) + data
     true = curve(*thinned(trace.t, truth, buckets), "True", COLOURS["truth"], width=1.5, dash="dot")
     data.insert(0, {**true, "xaxis": "x", "yaxis": "y"})
     axes = {
@@ -149,7 +149,13 @@ def _tracking(
 
 
 def _bands(
-    evaluation: Evaluation, trace: Trace, column: int, unit: DisplayUnit, buckets: int
+    evaluation: Evaluation,
+    trace: Trace,
+    column: int,
+    unit: DisplayUnit,
+    buckets: int,
+    *,
+    legend: bool,
 ) -> list[Spec]:
     """Where the interval says that the truth is, and the errors that it allows."""
     if trace.lower is None or trace.upper is None:
@@ -174,7 +180,7 @@ def _bands(
     }
     around, errors = outline(t, low, high, pieces), outline(t, middle - high, middle - low, pieces)
     return [
-        curve(*around, name, COLOURS["chosen"], yaxis="y", **options),
+        curve(*around, name, COLOURS["chosen"], yaxis="y", showlegend=legend, **options),
         curve(*errors, name, COLOURS["chosen"], yaxis="y2", showlegend=False, **options),
     ]
 

@@ -167,7 +167,7 @@ def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str
             "worst",
             "Worst stretches",
             f"The windows of at most {evaluation.window:g} s in which {chosen} is furthest from "
-            "the truth, worst first.",
+            "the truth, worst first." + _band_text(evaluation),
             curves.worst_stretches(evaluation),
         ),
         Section("paths", "Trajectories", "", [figure for figure in paths if figure]),

@@ -39,13 +39,15 @@ def stated_interval(evaluation: Evaluation) -> list[Figure]:
 def _calibration(evaluation: Evaluation) -> Figure:
     stated = sorted({score.level for score in evaluation.intervals})
     several = len(evaluation.interval_trajectories) > 1
-    ends = np.array([2 * stated[0] - 1.0 if stated[0] > 0.5 else 0.0, 1.0])
-    data = [_line(100 * ends, 100 * ends, "found = stated")]
-    for joint, colour in _colours(evaluation):
+    low, high = 100 * stated[0], 100 * stated[-1]
+    margin = 0.15 * (high - low)
+    ends = np.array([max(stated[0] - 0.2, 0.0), 1.0])
+    data = [_line(100 * ends, 100 * ends, "equal")]
+    for joint, colour, beside in _joints(evaluation):
         rows = [score for score in evaluation.intervals if score.joint == joint]
         points = {
             **_points(
-                100 * np.array([row.level for row in rows]),
+                100 * np.array([row.level for row in rows]) + 0.06 * margin * beside,
                 100 * np.array([row.coverage for row in rows]),
                 joint,
                 colour,
@@ -57,8 +59,6 @@ def _calibration(evaluation: Evaluation) -> Figure:
             errors = 100 * np.array([row.standard_error for row in rows])
             points["error_y"] = {"array": packed(errors), "thickness": 1.3, "width": 4}
         data.append(points)
-    low, high = 100 * stated[0], 100 * stated[-1]
-    margin = 0.15 * (high - low)
     axes = {
         "xaxis": axis(
             "stated [%]",
@@ -88,12 +88,12 @@ def _by_trajectory(evaluation: Evaluation) -> Figure:
     ends = np.array([0.5, len(names) + 0.5])
     data = [_line(ends, np.full(2, 100 * level), f"stated {100 * level:g} %")]
     lowest = 1.0
-    for joint, colour in _colours(evaluation):
+    for joint, colour, beside in _joints(evaluation):
         (row,) = (s for s in evaluation.intervals if s.joint == joint and s.level == level)
         lowest = min(lowest, *row.shares)
         data.append(
             {
-                **_points(number, 100 * np.array(row.shares), joint, colour),
+                **_points(number + 0.12 * beside, 100 * np.array(row.shares), joint, colour),
                 "mode": "markers",
                 "text": [plain(name) for name in names],
                 "hovertemplate": "%{text}: %{y:.1f} %",
@@ -115,8 +115,14 @@ def _by_trajectory(evaluation: Evaluation) -> Figure:
     )
 
 
-def _colours(evaluation: Evaluation) -> list[tuple[str, str]]:
-    return [(joint, _COLOURS[i % len(_COLOURS)]) for i, joint in enumerate(evaluation.joints)]
+def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
+    """Joints, the colour of each, and its place beside the others: -2 to 2, 0 for a single one."""
+    count = len(evaluation.joints)
+    places = np.linspace(-2.0, 2.0, count) if count > 1 else np.zeros(1)
+    return [
+        (joint, _COLOURS[i % len(_COLOURS)], float(places[i]))
+        for i, joint in enumerate(evaluation.joints)
+    ]
 
 
 def _points(x: np.ndarray, y: np.ndarray, name: str, colour: str) -> Spec:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any
 
 import numpy as np
 
 from truejoint.evaluation.coverage import JointCoverage
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown
+from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -18,7 +19,7 @@ from truejoint.evaluation.results import (
     estimator_title,
     hung_masses,
 )
-from truejoint.evaluation.tables import coverage_text
+from truejoint.evaluation.tables import coverage_text, half_width_texts
 from truejoint.units import DisplayUnit, display_unit
 
 
@@ -76,7 +77,7 @@ def _row(name: str, unit: DisplayUnit, scores: Sequence[Any], chosen: str) -> Ro
     cells = tuple(
         Cell(
             rmse=fixed(value, decimals),
-            spread=fixed(unit.scale * s.spread, decimals) if math.isfinite(s.spread) else "",
+            spread=spread_text(unit.scale * s.spread, decimals) if math.isfinite(s.spread) else "",
             largest=fixed(unit.scale * s.max_abs, max(decimals - 1, 1)),
             percent=percent_text(s.percent_of_offset),
             chosen=s.estimator == chosen,
@@ -140,9 +141,14 @@ def _interval_line(evaluation: Evaluation, joint: str) -> str:
 def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     """One row a stated level and joint: coverage, and half-widths beside the fixed offset's."""
     rows = []
-    for score in sorted(evaluation.intervals, key=lambda s: evaluation.joints.index(s.joint)):
+    scores = sorted(evaluation.intervals, key=lambda s: evaluation.joints.index(s.joint))
+    texts = [
+        pair
+        for _, group in groupby(scores, key=lambda s: s.joint)
+        for pair in half_width_texts(list(group))
+    ]
+    for score, widths in zip(scores, texts, strict=True):
         unit = display_unit(score.unit)
-        widths = [unit.scale * score.half_width, unit.scale * score.offset_half_width]
         ratio = score.half_width / score.offset_half_width if score.offset_half_width > 0 else 1.0
         worst = int(np.argmin(score.shares))
         rows.append(
@@ -154,7 +160,7 @@ def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
                 "agreement": score.agreement or "\N{EN DASH}",
                 "worst": f"{100 * score.shares[worst]:.1f} %",
                 "worst_name": evaluation.interval_trajectories[worst],
-                "widths": shown(widths),
+                "widths": widths,
                 "percent": percent_text(100 * ratio),
                 "trajectories": len(score.shares),
                 "band": score.level == evaluation.interval_level,
