@@ -22,7 +22,6 @@ from truejoint.estimators.forceps import (
     ResetPlay,
 )
 from truejoint.estimators.forceps.base import MOTOR, RESET
-from truejoint.estimators.forceps.friction_model import DEGREE
 from truejoint.estimators.forceps.rational import _NEAREST
 from truejoint.estimators.sequence import SequenceRegressor
 from truejoint.estimators.state_space import covariance_factor
@@ -186,7 +185,7 @@ def _friction_filter(model: FrictionFilter) -> dict[str, Any]:
             *_filter_memory(n, 1, "elements, -1 to 1, then the load [Nm]"),
             Field("reset", "displacement of the last sample [m]"),
         ],
-        "degree": DEGREE,
+        "degree": len(model.angle_) - n,  # a constant, powers and n - 1 elements
         "angle": model.angle_,
         "scale": float(model.scale_[0]),
         "drive_factor": model.wheel_radius / model.gear_ratio,
