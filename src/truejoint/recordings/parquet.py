@@ -104,10 +104,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
         provenance = Provenance.from_dict(header["provenance"])
     except RecordingError as error:
         raise RecordingError(f"{source}: {error}") from None
-    columns = {
-        name: np.asarray(table.column(name).to_numpy(), dtype=np.float64)
-        for name in names
-    }
+    columns = {name: np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in names}
     try:
         return Recording.from_columns(columns, provenance, header["units"])
     except (RecordingError, RobotError) as error:
