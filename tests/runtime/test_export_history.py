@@ -14,7 +14,11 @@ import pytest
 
 from truejoint.errors import ExportError
 from truejoint.estimators import calibrate
-from truejoint.estimators.forceps import CompensatedJawFilter, FrictionFilter
+from truejoint.estimators.forceps import (
+    CompensatedJawFilter,
+    FrictionFilter,
+    SmoothedFrictionFilter,
+)
 from truejoint.estimators.interval import Interval
 from truejoint.estimators.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.estimators.unscented import Gate, UnscentedFilter
@@ -333,14 +337,19 @@ def test_header_explains_every_status_of_a_filter():
     assert set(FILTER_MEANINGS) == {FilterStatus.OK, *FilterStatus} - never
 
 
-@pytest.mark.parametrize(
-    ("name", "said"),
-    [("ukf_friction_smoothed", "later rows"), ("lsm", "'lsm' has no C source")],
-)
-def test_estimators_without_source_are_refused_in_one_line(tmp_path, name, said):
-    with pytest.raises(ExportError, match=said) as caught:
-        export_c(calibrate(recordings()[0], name), tmp_path)
-    assert "\n" not in str(caught.value)
+def test_estimators_without_source_are_refused_in_one_line(tmp_path):
+    original = model("ukf_friction")
+    smoothed = SmoothedFrictionFilter.from_arrays(
+        original.model.get_params(), original.model.to_arrays(), n_features=2, n_outputs=1
+    )
+    cases = [
+        (replace(original, model=smoothed), "uses later rows"),
+        (calibrate(recordings()[0], "lsm"), "'lsm' has no C source"),
+    ]
+    for bad, said in cases:
+        with pytest.raises(ExportError, match=said) as caught:
+            export_c(bad, tmp_path)
+        assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
 
