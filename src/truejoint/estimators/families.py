@@ -36,7 +36,7 @@ class EstimatorData:
     Attributes
     ----------
     family : str
-        A name in `FAMILIES`.
+        A name in `known_families.FAMILIES`.
     params : mapping
         Parameters by name, as JSON values or tuples of them.
     arrays : mapping of str to ndarray
@@ -59,30 +59,19 @@ class Family:
     check : callable
         Raises CalibrationError when one of the parameters breaks its rule.
     shapes : callable
-        Name and shape of each array, of parameters, number of features and number of outputs.
+        Name and shape of each array, of parameters, number of features and number of outputs;
+        raises CalibrationError for numbers that the estimator does not take.
+    counts_samples : bool
+        Whether what was learnt belongs to one sample interval, within half.
+    causal : bool
+        Whether its output depends on no later row.
     """
 
     parameters: frozenset[str]
     check: Callable[[Mapping[str, Any]], None]
     shapes: Callable[[Mapping[str, Any], int, int], dict[str, Shape]]
-
-
-def check_data(data: EstimatorData, n_features: int, n_outputs: int) -> None:
-    """Raise CalibrationError when parameters or arrays are not those of the family.
-
-    Parameters
-    ----------
-    data : EstimatorData
-    n_features, n_outputs : int
-    """
-    family = FAMILIES.get(data.family)
-    if family is None:
-        raise CalibrationError(
-            f"no estimator family {data.family!r:.60}; known: {', '.join(FAMILIES)}"
-        )
-    check_names(data.family, data.params, family.parameters)
-    family.check(data.params)
-    check_arrays(data.family, data.arrays, family.shapes(data.params, n_features, n_outputs))
+    counts_samples: bool = False
+    causal: bool = True
 
 
 def check_names(family: str, params: Mapping[str, Any], known: Set[str]) -> None:
@@ -225,7 +214,7 @@ def _network_shapes(params: Mapping[str, Any], n_features: int, n_outputs: int) 
     return shapes
 
 
-FAMILIES: Final[Mapping[str, Family]] = {
+REGRESSORS: Final[Mapping[str, Family]] = {
     "offset": Family(frozenset(), _check_nothing, _offset_shapes),
     "linear": Family(frozenset(), _check_nothing, _polynomial_shapes),
     "polynomial": Family(frozenset({"degree"}), _check_polynomial, _polynomial_shapes),
@@ -240,4 +229,4 @@ FAMILIES: Final[Mapping[str, Family]] = {
         _network_shapes,
     ),
 }  # fmt: skip
-"""Rules by the name that stands in model files."""
+"""Rules of the estimators that keep no history, by the name that stands in model files."""

@@ -10,7 +10,6 @@ import numpy as np
 import numpy.typing as npt
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
-from scipy.linalg import expm, matrix_balance
 
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.sigma_points import FilterError
@@ -311,6 +310,8 @@ def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Ar
     FilterError
         If shapes or numbers are wrong.
     """
+    from scipy.linalg import expm  # noqa: PLC0415  # a control loop needs none of it
+
     system, step = _check_system(A, dt)
     inputs = np.array(B, dtype=np.float64)
     n = len(system)
@@ -349,6 +350,8 @@ def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array
     FilterError
         If shapes or numbers are wrong.
     """
+    from scipy.linalg import expm, matrix_balance  # noqa: PLC0415  # as in `discretise`
+
     system, step = _check_system(A, dt)
     n = len(system)
     noise = check_covariance(density, n, "spectral density")

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 import numpy.typing as npt
-from scipy.stats import chi2
 
 from truejoint.estimators import unscented_kernels
 from truejoint.estimators import unscented_memory as lay
@@ -219,6 +218,8 @@ class UnscentedFilter:
         if not callable(model.process_noise):
             put(lay.Q, covariance_factor(np.asarray(model.process_noise)))
         if self.gate is not None:
+            from scipy.stats import chi2  # noqa: PLC0415  # a control loop without a gate
+
             numbers[lay.PATIENCE] = self.gate.patience
             put(lay.GATE, np.append(0.0, chi2.ppf(self.gate.probability, np.arange(1, m + 1))))
         put(lay.Z, np.full(m, np.nan))

@@ -46,6 +46,7 @@ class SteppingCorrector(Corrector):
         )
         limits = limits_of(decode(*encode(calibration)), range_margin)
         self._longest = limits.longest_step
+        self._memory[lay.SHORTEST] = limits.shortest_step
         self._plausible = limits.correction_lower, limits.correction_upper
         model: Any = copy.copy(calibration.model)
         assert isinstance(model, SequenceRegressor)  # noqa: S101  # it was chosen for that

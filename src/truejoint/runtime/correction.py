@@ -11,7 +11,7 @@ from truejoint.estimators.interval import range_excess
 from truejoint.estimators.unscented_memory import vector
 from truejoint.runtime import layout as lay
 from truejoint.runtime.layout import Array, Integers
-from truejoint.runtime.row_models import call_row
+from truejoint.runtime.row_model import call_row
 from truejoint.runtime.status import Status
 
 _NOT_FINITE: Final = int(Status.NOT_FINITE)

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import os
+from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.document import CalibrationData, decode, encode
-from truejoint.estimators.families import EstimatorData, check_data
+from truejoint.estimators.families import EstimatorData
+from truejoint.estimators.known_families import check_data
 from truejoint.estimators.model_file import read_model_file
 from truejoint.runtime import layout as lay
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
+from truejoint.runtime.row_model import RowModel
 from truejoint.runtime.row_models import row_model
 from truejoint.runtime.status import Status
 
@@ -37,7 +40,8 @@ class Corrector:
     model : path-like or Calibration
         Model file, or what `calibrate` gave.
     level : float
-        Probability of the half-width; used where the model has an interval.
+        Probability of the half-width: of the model's interval or, where it has none, of the normal
+        distribution that a filter takes its error for.
     range_margin : float
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.
@@ -61,7 +65,8 @@ class Corrector:
     Raises
     ------
     ModelFileError
-        If the file is missing, damaged or of a newer format, or lacks what the checks need.
+        If the file is missing, damaged or of a newer format, lacks what the checks need, or its
+        estimator uses later rows.
     CalibrationError
         If the interval does not state that level, or the margin is not from 0 to 1.
 
@@ -83,12 +88,16 @@ class Corrector:
         level: float = 0.9,
         range_margin: float = RANGE_MARGIN,
     ) -> None:
-        data = _read(model) if isinstance(model, (str, os.PathLike)) else decode(*encode(model))
+        if not 0.0 < level < 1.0:
+            raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
+        data, row = _read(model)
         n_joints, n_features = len(data.joints), len(data.feature_set)
         self.joints, self.signals = data.joints, data.signals
         self._n_signals = len(data.signals)
-        self._row = row_model(data.model, n_features, n_joints)
-        self._model_numbers, self._model_memory = self._row.numbers, self._row.memory
+        self._row = row
+        self._model_numbers, self._model_memory = row.numbers, row.memory
+        if data.interval is None and row.deviations is not None:
+            row.memory[row.deviations] = NormalDist().inv_cdf(0.5 + 0.5 * level)
         self._numbers, self._memory = lay.pack(data, limits_of(data, range_margin), level)
         self._numbers[lay.FUNCTION] = self._row.address()
         self._sample = self._block(lay.SAMPLE, self._n_signals)
@@ -212,12 +221,18 @@ class _Statuses(dict[int, Status]):
         return status
 
 
-def _read(path: str | os.PathLike[str]) -> CalibrationData[EstimatorData]:
-    document, arrays = read_model_file(path)
+def _read(
+    model: str | os.PathLike[str] | Calibration,
+) -> tuple[CalibrationData[EstimatorData], RowModel]:
+    if not isinstance(model, (str, os.PathLike)):
+        data = decode(*encode(model))
+        return data, row_model(data.model, len(data.feature_set), len(data.joints))
+    document, arrays = read_model_file(model)
     try:
         data = decode(document, arrays)
         check_data(data.model, len(data.feature_set), len(data.joints))
         limits_of(data)
-    except (ModelFileError, CalibrationError) as error:
-        raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
-    return data
+        row = row_model(data.model, len(data.feature_set), len(data.joints))
+    except TruejointError as error:
+        raise ModelFileError(f"{model}: {error}; copy or calibrate it again") from None
+    return data, row

@@ -13,6 +13,7 @@ from truejoint.estimators.document import CalibrationData
 from truejoint.estimators.envelope import partners
 from truejoint.estimators.families import EstimatorData
 from truejoint.estimators.features import MAX_RATE_RATIO
+from truejoint.estimators.known_families import family_of
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -40,7 +41,8 @@ ERROR_MARGIN: Final = 0.5
 SHORTEST_STEP: Final = 1e-3
 """Share of the training sample interval below which two stamps are one.
 
-Where features count samples (`lag`) it is 1 / `MAX_RATE_RATIO`: such a model knows no faster rate.
+Where features (`lag`) or the estimator count samples it is 1 / `MAX_RATE_RATIO`: such a model knows
+no faster rate.
 """
 
 _ROUNDING: Final = 1e-9
@@ -124,7 +126,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    shortest = 1.0 / MAX_RATE_RATIO if data.feature_set.counts_samples else SHORTEST_STEP
+    counts = data.feature_set.counts_samples or family_of(data.model).counts_samples
+    shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low
     partner = partners(data.signals)

@@ -7,54 +7,36 @@ family, also one that remembers, adds a builder to `BUILDERS`.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import types
-from numba.extending import intrinsic
-from numpy.typing import NDArray
 
 from truejoint.errors import ModelFileError
 from truejoint.estimators import kernels
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.families import EstimatorData, degree_of, layer_sizes, polynomial_terms
-from truejoint.estimators.unscented_memory import address, matrix, vector
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
-
-_INTEGERS = types.int64[::1]
-_ARRAY = types.float64[::1]
-ROW: Final = types.void(_INTEGERS, _ARRAY, types.float64, _ARRAY, _ARRAY, _ARRAY)
-"""Signature of a row function: see `offset_row` for its arguments."""
-
-
-@dataclass(frozen=True, eq=False)
-class RowModel:
-    """A fitted estimator as a row function takes it.
-
-    Attributes
-    ----------
-    function : object
-        Compiled, of signature `ROW`.
-    numbers : ndarray of int, 1-D
-    memory : ndarray, 1-D
-        Coefficients, room to work in and, for a model that remembers, its state.
-    """
-
-    function: Any
-    numbers: Integers
-    memory: Array
-
-    def address(self) -> int:
-        """Address of the compiled function; compiles it, or takes it from disk."""
-        return address(self.function, ROW)
+from truejoint.estimators.known_families import FAMILIES
+from truejoint.estimators.unscented_memory import matrix, vector
+from truejoint.runtime.filter_rows import FILTERS
+from truejoint.runtime.jaw_rows import REGRESSIONS
+from truejoint.runtime.row_model import Array, Integers, RowModel
 
 
 def row_model(data: EstimatorData, n_features: int, n_outputs: int) -> RowModel:
-    """Row model of a fitted estimator; raises ModelFileError when its family has none."""
+    """Row model of a fitted estimator.
+
+    Raises
+    ------
+    ModelFileError
+        If its family has none, as one that needs later rows.
+    CalibrationError, FilterError
+        If its numbers make no filter.
+    """
+    if data.family in FAMILIES and not FAMILIES[data.family].causal:
+        raise ModelFileError(
+            f"estimator {data.family!r} uses later rows and cannot run in a loop; it corrects "
+            "recordings only"
+        )
     if data.family not in BUILDERS:
         raise ModelFileError(
             f"estimator family {data.family!r:.60} has no kernel for the loop; known: "
@@ -175,27 +157,7 @@ BUILDERS: Final[Mapping[str, Callable[[EstimatorData, int, int], RowModel]]] = {
     "linear": _polynomial,
     "polynomial": _polynomial,
     "dnn": _network,
+    **REGRESSIONS,
+    **FILTERS,
 }
 """Builder of the row model of each family, of its data, features and outputs."""
-
-
-def _call(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    parameters = [context.get_value_type(kind) for kind in signature.args[1:]]
-    pointer = ir.FunctionType(ir.VoidType(), parameters).as_pointer()
-    builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
-    return context.get_dummy_value()
-
-
-@intrinsic
-def call_row(
-    _typing: Any,
-    function: Any,  # noqa: ARG001 - numba reads the arguments of an intrinsic from its parameters
-    numbers: Any,  # noqa: ARG001
-    memory: Any,  # noqa: ARG001
-    interval: Any,  # noqa: ARG001
-    features: Any,  # noqa: ARG001
-    out: Any,  # noqa: ARG001
-    half_width: Any,  # noqa: ARG001
-) -> Any:
-    """Call the row function at an address."""
-    return types.void(types.int64, *ROW.args), _call

@@ -6,7 +6,7 @@ from tests.estimators.forceps.conftest import Pair, columns, rms_deg, steps, tar
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.forceps import CompensatedJawFilter, JawFilter
-from truejoint.estimators.forceps.filter import READINGS
+from truejoint.estimators.forceps.families import READINGS
 
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 

@@ -5,11 +5,11 @@ import pytest
 from scipy.optimize import least_squares
 
 from truejoint.errors import CalibrationError
+from truejoint.estimators.forceps.kernels import rational_row
 from truejoint.estimators.forceps.rational import (
     SMALLEST_DENOMINATOR,
     RationalModel,
     fit_rational,
-    rational_row,
 )
 
 

@@ -21,8 +21,7 @@ from truejoint.estimators.elastic_joint.identify import (
     regress,
     run,
 )
-from truejoint.estimators.elastic_joint.model import ElasticJoint, count_terms, output_terms
-from truejoint.estimators.families import Shape, is_integer, is_number
+from truejoint.estimators.elastic_joint.model import NOISE, ElasticJoint, output_terms
 from truejoint.estimators.forceps.base import has_jump, reversals
 from truejoint.estimators.sequence import SequenceRegressor
 from truejoint.estimators.unscented import FilterState, UnscentedFilter
@@ -36,10 +35,6 @@ MIN_ROWS: Final = 400
 LEAST_LOAD_SPREAD: Final = 0.1
 """Least range of the loads calibrated with, in standard deviations of the driver's torque."""
 _FILTER_INTERVAL: Final = 0.02  # [s] between the rows that the fit filters
-_SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "interval")
-_NOISE: Final = (
-    "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
-)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,40 +102,15 @@ class ElasticJointFilter(SequenceRegressor):
         self.load_drift = load_drift
         self.torque_noise = torque_noise
 
-    def check_params(self) -> None:
-        """Raise CalibrationError when a parameter breaks its rule."""
-        rules = {
-            "elements": (is_integer(self.elements, 1, 12), "an integer from 1 to 12"),
-            "load_drift": (is_number(self.load_drift, 0.0, 1e3), "from 0 to 1000"),
-            "torque_noise": (is_number(self.torque_noise, 1e-6, 1e3), "from 1e-6 to 1000"),
-        }
-        for name, (good, rule) in rules.items():
-            if not good:
-                raise CalibrationError(
-                    f"{self.family}: {name} is {getattr(self, name)!r:.60}; it must be {rule}"
-                )
-
     def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # whatever they are
         """Four hundred rows."""
         return MIN_ROWS
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shapes of scales, noise, widths and responses."""
-        terms = count_terms(int(self.elements))
-        return {
-            "scales": (len(_SCALES),),
-            "noise": (len(_NOISE),),
-            "widths": (int(self.elements),),
-            "torque": (terms,),
-            "outputs": (n_outputs, terms + 2),
-            "misfit": (n_outputs,),
-        }
 
     def to_arrays(self) -> dict[str, Array]:
         """Scales, noise, widths, and responses of torque and outputs; see `ElasticJoint`."""
         return {
             "scales": self.scales_,
-            "noise": np.array([getattr(self.joint_, name) for name in _NOISE]),
+            "noise": np.array([getattr(self.joint_, name) for name in NOISE]),
             "widths": self.joint_.widths,
             "torque": self.joint_.torque,
             "outputs": self.output_,
@@ -148,16 +118,10 @@ class ElasticJointFilter(SequenceRegressor):
         }
 
     def _set_arrays(self, arrays: Mapping[str, Array]) -> None:
-        noise = dict(zip(_NOISE, arrays["noise"].tolist(), strict=True))
-        positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
-        if min(positive) <= 0.0 or noise["load_density"] < 0.0:
-            raise CalibrationError(
-                f"{self.family}: a scale, width or noise is not above 0; fit it again"
-            )
+        self.joint_ = ElasticJoint.from_arrays(arrays)
         self.scales_ = arrays["scales"]
         self.output_ = np.ascontiguousarray(arrays["outputs"])
         self.misfit_ = arrays["misfit"]
-        self.joint_ = ElasticJoint(arrays["widths"], arrays["torque"], **noise)
         self._filter = UnscentedFilter(self.joint_.state_space(float(self.scales_[3])))
 
     def _fit_sequence(self, X: Array, y: Array, steps: Array, progress: Progress) -> None:
@@ -203,7 +167,7 @@ class ElasticJointFilter(SequenceRegressor):
         by_state = _output_variance(motion.angle[rows], states[rows], spread[rows], outputs)
         arrays = {
             "scales": self.scales_,
-            "noise": np.array([getattr(joint, name) for name in _NOISE]),
+            "noise": np.array([getattr(joint, name) for name in NOISE]),
             "widths": joint.widths,
             "torque": joint.torque,
             "outputs": outputs,

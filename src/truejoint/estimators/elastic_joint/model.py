@@ -7,12 +7,14 @@ half ranges, torques in standard deviations of the driver's torque.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.errors import CalibrationError
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.state_space import StateSpaceModel
 
@@ -24,6 +26,12 @@ PER_ELEMENT: Final = 6
 """Terms of a quadratic in both, by which each friction element is weighed."""
 LOAD_TERMS: Final = (0, 4, 5, 6)
 """Terms of the load alone: 1, B, B^2, B^3."""
+SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "interval")
+"""What turns radians and newton metres into units of the calibration, and its interval [s]."""
+NOISE: Final = (
+    "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
+)  # fmt: skip
+"""Fields of `ElasticJoint` that are one number each, in the order of the model file."""
 
 # Parameters of the compiled functions; then come the widths and the coefficients.
 _ELEMENTS: Final = 0
@@ -193,6 +201,17 @@ class ElasticJoint:
     noise_density: float
     load_mean: float
     load_deviation: float
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
+        """Joint of the arrays of a fitted filter; raises CalibrationError if one makes no sense."""
+        noise = dict(zip(NOISE, arrays["noise"].tolist(), strict=True))
+        positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
+        if min(positive) <= 0.0 or noise["load_density"] < 0.0:
+            raise CalibrationError(
+                "ukf_elastic: a scale, width or noise is not above 0; fit it again"
+            )
+        return cls(arrays["widths"], arrays["torque"], **noise)
 
     def state_space(self, interval: float) -> StateSpaceModel:
         """Build the model of the filter for rows `interval` [s] apart."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Any, ClassVar, Final
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -147,12 +147,3 @@ def longest_standstill(column: Array, X: Array, own: int | None) -> float:
             longest = int(edges[i + 1] - edges[i])
             break
     return longest / len(column)
-
-
-def check_numbers(owner: str, positive: dict[str, Any], *, zero: bool = False) -> None:
-    """Raise CalibrationError unless all values are finite numbers above 0 (or 0, if allowed)."""
-    for name, value in positive.items():
-        number = isinstance(value, (int, float, np.floating)) and not isinstance(value, bool)
-        if not number or not np.isfinite(value) or not (value > 0.0 or (zero and value == 0.0)):
-            rule = "0 or more" if zero else "above 0"
-            raise CalibrationError(f"{owner}: {name} is {value!r:.60}; give a number {rule}")

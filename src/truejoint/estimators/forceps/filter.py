@@ -5,32 +5,27 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import ClassVar, Final, Literal, get_args
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress
-from truejoint.estimators.families import Shape
-from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator, check_numbers
-from truejoint.estimators.forceps.filter_model import state_space
-from truejoint.estimators.forceps.model import ForcepsModel, injection_gain, steady_gain
-from truejoint.estimators.forceps.rational import (
-    COEFFICIENTS,
-    METHODS,
-    Method,
-    RationalModel,
-    fit_rational,
+from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator
+from truejoint.estimators.forceps.families import Method, Reading
+from truejoint.estimators.forceps.filter_model import (
+    jaw_filter,
+    mechanics,
+    rest_spread,
+    sensor_noise,
 )
+from truejoint.estimators.forceps.model import ForcepsModel, injection_gain, steady_gain
+from truejoint.estimators.forceps.rational import RationalModel, fit_rational
 from truejoint.estimators.sequence import regular_steps
-from truejoint.estimators.sigma_points import LambdaSigmaPoints
-from truejoint.estimators.unscented import FilterState, UnscentedFilter
+from truejoint.estimators.unscented import FilterState
 
 Array = NDArray[np.float64]
-Reading = Literal["output", "scaled", "signed", "literal"]
 
-READINGS: Final = get_args(Reading)
 _OBSERVED: Final = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -106,17 +101,10 @@ class JawFilter(JawEstimator):
         self.speed_noise = speed_noise
         self.lambda_ = lambda_
 
-    def check_params(self) -> None:
-        """Raise CalibrationError unless all values are numbers above 0, and `lambda_` above -4."""
-        values = {name: getattr(self, name) for name in _PHYSICAL}
-        check_numbers(self.family, values)
-        if not -4.0 < self.lambda_ <= 1e6:
-            raise CalibrationError(f"{self.family}: lambda_ is {self.lambda_}; give it above -4")
-
     @property
     def mechanics(self) -> ForcepsModel:
         """The model (12) that it takes the forceps for."""
-        return ForcepsModel(**{n: float(getattr(self, n)) for n in ForcepsModel.__annotations__})
+        return mechanics(self.get_params())
 
     def loop_gain(self, interval: float) -> float:
         """``g`` of `model.injection_gain` for rows `interval` [s] apart."""
@@ -127,10 +115,6 @@ class JawFilter(JawEstimator):
     def filtered(self, X: Array, steps: Array) -> Array:
         """Angle of the bare filter (n,) [rad]: (23) without any compensation."""
         return self._run(X, steps, np.zeros(len(X)))[:, 0]
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shape of the constant."""
-        return {"constant": (1,)}
 
     def to_arrays(self) -> dict[str, Array]:
         """Constant (1,) [rad] that is added, from (23)."""
@@ -203,14 +187,7 @@ class JawFilter(JawEstimator):
         return states
 
     def _prepare(self) -> None:
-        space = state_space(
-            self.mechanics,
-            self.jaw_friction,
-            self.slider_friction,
-            self.correlation_time,
-            self._sensor(),
-        )
-        self._filter = UnscentedFilter(space, LambdaSigmaPoints(self.lambda_))
+        self._filter = jaw_filter(self.get_params())
 
     def _density(self) -> Array:
         return self.mechanics.noise_density(
@@ -218,15 +195,10 @@ class JawFilter(JawEstimator):
         )
 
     def _sensor(self) -> Array:
-        return np.diag([self.displacement_noise, self.speed_noise]) ** 2
+        return sensor_noise(self.get_params())
 
     def _spread(self) -> Array:
-        """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
-        r, k_r = self.jaw_radius, self.reset_stiffness
-        angle = self.slider_friction / (k_r * r) + self.jaw_friction / (
-            (k_r + self.drive_stiffness) * r**2
-        )
-        return np.diag([angle, 1e-2, self.displacement_noise, self.speed_noise]) ** 2
+        return rest_spread(self.get_params())
 
 
 class CompensatedJawFilter(JawFilter):
@@ -279,22 +251,6 @@ class CompensatedJawFilter(JawFilter):
         self.reading = reading
         self.fit_method = fit_method
 
-    def check_params(self) -> None:
-        """Raise CalibrationError for an unknown reading or fit, or as `JawFilter`."""
-        super().check_params()
-        if self.reading not in READINGS:
-            raise CalibrationError(
-                f"reading {self.reading!r:.60} of (26); choose one of {', '.join(READINGS)}"
-            )
-        if self.fit_method not in METHODS:
-            raise CalibrationError(
-                f"fit method {self.fit_method!r:.60}; choose one of {', '.join(METHODS)}"
-            )
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shapes of the error model and the loop's gain."""
-        return {"scale": (2,), "coefficients": (COEFFICIENTS,), "loop_gain": (1,)}
-
     def to_arrays(self) -> dict[str, Array]:
         """Scale (2,) and coefficients (11,) of (25), and the loop's gain (1,)."""
         return {
@@ -327,10 +283,3 @@ class CompensatedJawFilter(JawFilter):
         if self.reading == "scaled":
             return -error / self.loop_gain_[0], zero
         return (-error if self.reading == "signed" else error), zero
-
-
-_PHYSICAL: Final = (
-    "drive_stiffness", "reset_stiffness", "spring_stiffness", "jaw_inertia", "slider_mass",
-    "gear_ratio", "wheel_radius", "jaw_radius", "jaw_friction", "slider_friction",
-    "correlation_time", "displacement_noise", "speed_noise",
-)  # fmt: skip

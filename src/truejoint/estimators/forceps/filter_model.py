@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.forceps.model import ForcepsModel
+from truejoint.estimators.sigma_points import LambdaSigmaPoints
 from truejoint.estimators.state_space import StateSpaceModel
+from truejoint.estimators.unscented import UnscentedFilter
 
 Array = NDArray[np.float64]
 
@@ -147,3 +150,35 @@ def state_space(
             ]
         ),
     )
+
+
+def mechanics(params: Mapping[str, Any]) -> ForcepsModel:
+    """Model (12) that a filter with these parameters takes the forceps for."""
+    return ForcepsModel(**{name: float(params[name]) for name in ForcepsModel.__annotations__})
+
+
+def sensor_noise(params: Mapping[str, Any]) -> Array:
+    """Covariance (2, 2) of the measured displacement [m] and speed [m/s]."""
+    return np.diag([params["displacement_noise"], params["speed_noise"]]) ** 2
+
+
+def rest_spread(params: Mapping[str, Any]) -> Array:
+    """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
+    r, k_r = params["jaw_radius"], params["reset_stiffness"]
+    angle = params["slider_friction"] / (k_r * r) + params["jaw_friction"] / (
+        (k_r + params["drive_stiffness"]) * r**2
+    )
+    noise = params["displacement_noise"], params["speed_noise"]
+    return np.asarray(np.diag([angle, 1e-2, *noise]) ** 2)
+
+
+def jaw_filter(params: Mapping[str, Any]) -> UnscentedFilter:
+    """Build the filter of a `JawFilter`, of its parameters."""
+    space = state_space(
+        mechanics(params),
+        params["jaw_friction"],
+        params["slider_friction"],
+        params["correlation_time"],
+        sensor_noise(params),
+    )
+    return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))

@@ -17,64 +17,20 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress
-from truejoint.estimators.compiled import compiled
-from truejoint.estimators.families import Shape, is_number
-from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator, check_numbers
+from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator
+from truejoint.estimators.forceps.friction_model import DEGREE, friction_filter, friction_prior
 from truejoint.estimators.forceps.kernels import bank_rows
 from truejoint.estimators.forceps.play import ridge
 from truejoint.estimators.sequence import regular_steps
-from truejoint.estimators.state_space import StateSpaceModel
-from truejoint.estimators.unscented import FilterResult, FilterState, UnscentedFilter
+from truejoint.estimators.unscented import FilterResult, FilterState
 from truejoint.robots.forceps_mechanism import TABLE_1
 
 Array = NDArray[np.float64]
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)
 """How far each element bends before it slides [m] of the reset cable."""
-DEGREE: Final = 4
 _PENALTY: Final = 1e-5
-
-
-@compiled
-def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) -> None:
-    """Bend each element by the reset cable's motion ``u[0]`` [m]; the load stays.
-
-    `parameters` begins with the number of elements and their widths [m].
-    """
-    n = int(parameters[0])
-    for i in range(n):
-        out[i] = min(max(x[i] + u[0] / parameters[1 + i], -1.0), 1.0)
-    out[n] = x[n]
-
-
-@compiled
-def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
-    """Drive cable's displacement [m] where the reset cable's is ``u[1]`` [m].
-
-    `parameters` goes on with the inverse scale, constant and powers of a polynomial, a weight for
-    each element, and the drive cable's stretch per load [m/Nm].
-    """
-    n = int(parameters[0])
-    place = u[1] * parameters[1 + n]
-    total = parameters[2 + n]
-    power = 1.0
-    for i in range(DEGREE):
-        power *= place
-        total += parameters[3 + n + i] * power
-    for i in range(n):
-        total += parameters[3 + n + DEGREE + i] * x[i]
-    out[0] = total + parameters[3 + 2 * n + DEGREE] * x[n]
-
-
-@compiled
-def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array) -> None:
-    """Random walks: the last two parameters are variances per second of elements and load."""
-    n = int(parameters[0])
-    for i in range(n):
-        out[i, i] = parameters[4 + 2 * n + DEGREE] * dt
-    out[n, n] = parameters[5 + 2 * n + DEGREE] * dt
 
 
 @dataclass
@@ -91,14 +47,15 @@ class JawStates:
 
     Attributes
     ----------
-    angle : ndarray, shape (n,)
-        Jaw angle [rad].
+    angle, angle_deviation : ndarray, shape (n,)
+        Jaw angle [rad], and its standard deviation: of the state, and of what the model misses.
     load, load_deviation : ndarray, shape (n,)
         Torque from outside [Nm], positive where it opens the jaw, and its standard deviation as
         the filter has it; friction at the jaw that did not turn round is not in it.
     """
 
     angle: Array
+    angle_deviation: Array
     load: Array
     load_deviation: Array
 
@@ -149,17 +106,6 @@ class FrictionFilter(JawEstimator):
         self.wheel_radius = wheel_radius
         self.jaw_radius = jaw_radius
 
-    def check_params(self) -> None:
-        """Raise CalibrationError unless all values are numbers above 0, with 1 to 16 widths."""
-        values = self.get_params()
-        widths = values.pop("widths")
-        check_numbers(self.family, values)
-        good = isinstance(widths, tuple) and 1 <= len(widths) <= 16
-        if not good or not all(is_number(w, 1e-9, 1.0) for w in widths):
-            raise CalibrationError(
-                f"{self.family}: widths is {widths!r:.60}; give 1 to 16 lengths in metres"
-            )
-
     def states(self, X: Array, steps: Array) -> JawStates:
         """Angle and load in every row, each from the rows up to it.
 
@@ -169,22 +115,24 @@ class FrictionFilter(JawEstimator):
         steps : ndarray, shape (n,)
             Time since the row before [s], 0 where a history starts.
         """
-        angle, load, deviation = np.empty((3, len(X)))
+        angle, spread, load, deviation = np.empty((4, len(X)))
         for rows, result in self._pieces(X, steps):
             angle[rows] = self._angle(result.x, X[rows, 1])
+            spread[rows] = self._angle_deviation(result.P)
             load[rows] = result.x[:, -1]
             deviation[rows] = np.sqrt(result.P[:, -1, -1])
-        return JawStates(angle, load, deviation)
+        return JawStates(angle, spread, load, deviation)
 
     def smoothed(self, X: Array, steps: Array) -> JawStates:
         """As `states`, each from all rows before and after it: not causal."""
-        angle, load, deviation = np.empty((3, len(X)))
+        angle, spread, load, deviation = np.empty((4, len(X)))
         for rows, result in self._pieces(X, steps):
             smooth = self._filter.smooth(result)
             angle[rows] = self._angle(smooth.x, X[rows, 1])
+            spread[rows] = self._angle_deviation(smooth.P)
             load[rows] = smooth.x[:, -1]
             deviation[rows] = np.sqrt(np.maximum(smooth.P[:, -1, -1], 0.0))
-        return JawStates(angle, load, deviation)
+        return JawStates(angle, spread, load, deviation)
 
     def evaluate(self, X: Array, steps: Array | None = None) -> Array:
         """Jaw angle (n, 1) [rad] for rows `X` (n, 2) in the order of time."""
@@ -206,19 +154,11 @@ class FrictionFilter(JawEstimator):
         state.reset = reset
         return self._angle(state.state.x[None], row[1:])
 
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shapes of both polynomials with their weights, and of what scales them."""
-        count = 1 + DEGREE + len(self.widths)
-        return {
-            "angle": (count,),
-            "drive": (count,),
-            "scale": (1,),
-            "misfit": (1,),
-            "interval": (1,),
-        }
-
     def to_arrays(self) -> dict[str, Array]:
-        """Constants, powers and weights of angle [rad] and drive [m], and what scales them."""
+        """Constants, powers and weights of angle [rad] and drive [m], and what scales them.
+
+        ``misfit`` (2,) is the standard deviation of what they miss of the drive and of the angle.
+        """
         return {
             "angle": self.angle_,
             "drive": self.drive_,
@@ -245,37 +185,15 @@ class FrictionFilter(JawEstimator):
         self.angle_ = _stacked(columns[known], y[known])
         self.drive_ = _stacked(columns[known], drive[known])
         progress(0.7)
-        left = drive - (self.drive_[0] + columns @ self.drive_[1:])
-        self.misfit_ = np.array([max(float(np.sqrt(np.mean(left[known] ** 2))), 1e-9)])
+        sides = ((drive, self.drive_), (y, self.angle_))
+        left = [side - (w[0] + columns @ w[1:]) for side, w in sides]
+        self.misfit_ = np.maximum([np.sqrt(np.mean(e[known] ** 2)) for e in left], 1e-9)
         moved = steps[steps > 0.0]
         self.interval_ = np.array([float(np.median(moved)) if len(moved) else 5e-3])
         self._prepare()
 
     def _prepare(self) -> None:
-        n = len(self.widths)
-        parameters = np.concatenate(
-            [
-                [float(n)],
-                self.widths,
-                self.scale_,
-                self.drive_,
-                [-1.0 / (self.drive_stiffness * self.jaw_radius)],
-                [self.friction_drift**2, self.load_drift**2],
-            ]
-        )
-        # A misfit that lasts for a time tells in each row what it told in the row before.
-        repeated = max(self.error_time / float(self.interval_[0]), 1.0)
-        model = StateSpaceModel(
-            transition=transition,
-            measurement=measurement,
-            process_noise=process_noise,
-            measurement_noise=self.misfit_.reshape(1, 1) ** 2 * repeated,
-            states=(*(f"friction_{i}" for i in range(n)), "load"),
-            measurements=("drive",),
-            inputs=("reset_motion", "reset"),
-            parameters=parameters,
-        )
-        self._filter = UnscentedFilter(model)
+        self._filter = friction_filter(self.get_params(), self.to_arrays())
 
     def _pieces(self, X: Array, steps: Array) -> list[tuple[slice, FilterResult]]:
         """Filter each history on its own."""
@@ -292,9 +210,13 @@ class FrictionFilter(JawEstimator):
         return pieces
 
     def _prior(self) -> tuple[Array, Array]:
-        """At rest and unloaded, with friction anywhere within half of what it can hold."""
-        n = len(self.widths)
-        return np.zeros(n + 1), np.diag([*([0.25] * n), 1e-8])
+        return friction_prior(len(self.widths))
+
+    def _angle_deviation(self, P: Array) -> Array:
+        """Tell how far off the angle may be (n,) [rad], for states of covariances `P` (n, k, k)."""
+        weights = self.angle_[1 + DEGREE :]
+        variance = np.einsum("i,nij,j->n", weights, P[:, :-1, :-1], weights)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0) + self.misfit_[1] ** 2))
 
     def _angle(self, x: Array, reset: Array) -> Array:
         """Jaw angle (n,) [rad] of states (n, k) and displacements (n,) [m]."""

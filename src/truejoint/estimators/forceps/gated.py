@@ -11,22 +11,11 @@ from numpy.typing import NDArray
 
 from truejoint.estimators.base import Progress
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.families import Shape
-from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator, check_numbers
+from truejoint.estimators.forceps.base import MOTOR, RESET, JawEstimator
+from truejoint.estimators.forceps.kernels import redescending
 from truejoint.estimators.forceps.play import BankMemory, BothPlay, ResetPlay
 
 Array = NDArray[np.float64]
-
-
-@compiled
-def redescending(difference: float, gate: float) -> float:
-    """Hampel's function: `difference` itself within `gate`, falling to 0 at twice the gate."""
-    size = abs(difference)
-    if size <= gate:
-        return difference
-    if size >= 2.0 * gate:
-        return 0.0
-    return difference * (2.0 * gate - size) / size
 
 
 @compiled
@@ -66,10 +55,6 @@ class GatedPlay(JawEstimator):
         self.gate = gate
         self.smallest_gate = smallest_gate
 
-    def check_params(self) -> None:
-        """Raise CalibrationError unless both values are above 0."""
-        check_numbers(self.family, {"gate": self.gate, "smallest_gate": self.smallest_gate})
-
     @property
     def gate_angle(self) -> float:
         """Difference between the two estimates that still counts as agreement [rad]."""
@@ -79,16 +64,6 @@ class GatedPlay(JawEstimator):
         """Give what the estimate from both sides adds to the reset cable's (n,) [rad]."""
         reset = self.reset_.evaluate(X[:, 1:], steps)
         return np.asarray((self.both_.evaluate(X, steps) - reset)[:, 0])
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        """Give the shapes of both estimates' arrays and of the gate."""
-        reset = ResetPlay().array_shapes(n_features, n_outputs)
-        both = BothPlay().array_shapes(n_features, n_outputs)
-        return {
-            **{f"reset_{name}": shape for name, shape in reset.items()},
-            **{f"both_{name}": shape for name, shape in both.items()},
-            "gate_angle": (1,),
-        }
 
     def to_arrays(self) -> dict[str, Array]:
         """Both estimates' arrays, and the gate (1,) [rad]."""

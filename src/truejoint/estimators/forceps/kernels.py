@@ -1,6 +1,8 @@
-"""Per-row kernels of the regressions: derivatives, banks of play operators, weighted sums."""
+"""Per-row kernels: derivatives, banks of play operators, weighted sums, the error model (25)."""
 
 from __future__ import annotations
+
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,8 +12,12 @@ from truejoint.estimators.compiled import compiled
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-OBSERVED = 7
+OBSERVED: Final = 7
 """Columns of the observation matrix (29)."""
+COEFFICIENTS: Final = 11
+"""Coefficients of the rational error model (25)."""
+NEAREST: Final = 1e-3
+"""To which the error model's denominator is kept from zero when evaluated."""
 
 
 @compiled
@@ -123,3 +129,33 @@ def weighted_rows(rows: Array, weights: Array, out: Array) -> None:
     """`weighted` of every row, into `out` (n,)."""
     for i in range(rows.shape[0]):
         out[i] = weighted(rows[i], weights)
+
+
+@compiled
+def rational_row(motor: float, reset: float, scale: Array, p: Array) -> float:
+    """Error (25) at one motor angle [rad] and displacement [m]; finite whatever the denominator."""
+    u = motor * scale[0]
+    v = reset * scale[1]
+    above = p[0] + p[2] * u + p[4] * v + p[6] * u * u + p[8] * v * v + p[10] * u * v
+    below = 1.0 + p[1] * u + p[3] * v + p[5] * u * u + p[7] * v * v + p[9] * u * u * v
+    if abs(below) < NEAREST:
+        below = NEAREST if below >= 0.0 else -NEAREST
+    return float(above / below)
+
+
+@compiled
+def rational_rows(motor: Array, reset: Array, scale: Array, p: Array, out: Array) -> None:
+    """Error (25) of every row, into `out` (n,)."""
+    for i in range(out.shape[0]):
+        out[i] = rational_row(motor[i], reset[i], scale, p)
+
+
+@compiled
+def redescending(difference: float, gate: float) -> float:
+    """Hampel's function: `difference` itself within `gate`, falling to 0 at twice the gate."""
+    size = abs(difference)
+    if size <= gate:
+        return difference
+    if size >= 2.0 * gate:
+        return 0.0
+    return difference * (2.0 * gate - size) / size

@@ -9,19 +9,11 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress
-from truejoint.estimators.families import Shape
 from truejoint.estimators.forceps import kernels
 from truejoint.estimators.forceps.base import DRIVE, MOTOR, RESET, JawEstimator
-from truejoint.estimators.forceps.rational import (
-    COEFFICIENTS,
-    METHODS,
-    Method,
-    RationalModel,
-    fit_rational,
-    rational_row,
-)
+from truejoint.estimators.forceps.families import Method
+from truejoint.estimators.forceps.rational import RationalModel, fit_rational
 from truejoint.estimators.sequence import regular_steps
 
 Array = NDArray[np.float64]
@@ -44,13 +36,6 @@ class JawLeastSquares(JawEstimator):
     family: ClassVar[str] = "lsm"
     inputs: ClassVar[tuple[str, ...]] = (DRIVE, RESET)
     counts_samples: ClassVar[bool] = True  # differences of rows
-
-    def check_params(self) -> None:
-        """Nothing to check: there are no parameters."""
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shapes of the coefficients and the constant, 0 in (29)."""
-        return {"coef": (kernels.OBSERVED,), "constant": (1,)}
 
     def to_arrays(self) -> dict[str, Array]:
         """Coefficients (7,) in the order of (29), and the constant (1,) [rad]."""
@@ -127,18 +112,6 @@ class CompensatedJawLeastSquares(JawLeastSquares):
     def __init__(self, fit_method: Method = "projection") -> None:
         self.fit_method = fit_method
 
-    def check_params(self) -> None:
-        """Raise CalibrationError for an unknown way to fit."""
-        if self.fit_method not in METHODS:
-            raise CalibrationError(
-                f"fit method {self.fit_method!r:.60}; choose one of {', '.join(METHODS)}"
-            )
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        """Give the shapes of (29)'s and of the error model's arrays."""
-        own = super().array_shapes(n_features, n_outputs)
-        return {**own, "scale": (2,), "error_coef": (COEFFICIENTS,)}
-
     def to_arrays(self) -> dict[str, Array]:
         """As `JawLeastSquares`, and scale (2,) and coefficients (11,) of the error model."""
         model = self.error_model_
@@ -158,7 +131,9 @@ class CompensatedJawLeastSquares(JawLeastSquares):
     def _error(self, X: Array) -> Array:
         model = self.error_model_
         if len(X) == 1:
-            return np.array([rational_row(X[0, 0], X[0, 2], model.scale, model.coefficients)])
+            return np.array(
+                [kernels.rational_row(X[0, 0], X[0, 2], model.scale, model.coefficients)]
+            )
         return model(np.ascontiguousarray(X[:, 0]), np.ascontiguousarray(X[:, 2]))
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.forceps.base import MOTOR, RESET, check_numbers
+from truejoint.estimators.forceps.base import MOTOR, RESET
+from truejoint.estimators.forceps.families import check_numbers
 from truejoint.estimators.forceps.play import BankMemory, ResetPlay
 from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 

@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError
@@ -122,6 +121,8 @@ def steady_gain(transition: Array, noise: Array, observed: Array, sensor: Array)
     sensor : ndarray, shape (m, m)
         Covariance of the measurement.
     """
+    from scipy.linalg import solve_discrete_are  # noqa: PLC0415  # a control loop needs it not
+
     # Scaled to variances of order one: the accelerations here are 1e6 of the angles.
     size = np.sqrt(np.maximum(np.diag(noise), np.finfo(float).tiny))
     a = transition * np.outer(1.0 / size, size)
@@ -129,7 +130,7 @@ def steady_gain(transition: Array, noise: Array, observed: Array, sensor: Array)
     unit = np.sqrt(np.diag(sensor))
     c = observed * np.outer(1.0 / unit, size)
     r = sensor / np.outer(unit, unit)
-    predicted = scipy.linalg.solve_discrete_are(a.T, c.T, q, r)
+    predicted = solve_discrete_are(a.T, c.T, q, r)
     gain = predicted @ c.T @ np.linalg.inv(c @ predicted @ c.T + r)
     return np.asarray(gain * np.outer(size, 1.0 / unit))
 

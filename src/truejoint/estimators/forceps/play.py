@@ -11,58 +11,27 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, standardisation
-from truejoint.estimators.families import Shape, is_integer, is_number
 from truejoint.estimators.forceps import kernels
-from truejoint.estimators.forceps.base import DRIVE, MOTOR, RESET, JawEstimator, check_numbers
+from truejoint.estimators.forceps.banks import (
+    MOTOR_WIDTHS,
+    POWERS,
+    RESET_WIDTHS,
+    Bank,
+    count_columns,
+    product_pairs,
+)
+from truejoint.estimators.forceps.base import DRIVE, MOTOR, RESET, JawEstimator
 from truejoint.estimators.sequence import regular_steps
 from truejoint.robots.forceps_mechanism import TABLE_1
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
-
-RESET_WIDTHS: Final = (3e-6, 6e-6, 12e-6, 25e-6, 50e-6, 100e-6, 200e-6)
-"""Half-widths of the plays on ``x2`` [m]: the slider's presliding and the cable's hysteresis."""
-MOTOR_WIDTHS: Final = (5e-6, 10e-6, 20e-6, 40e-6, 80e-6, 150e-6, 250e-6, 400e-6, 600e-6)
-"""Half-widths of the plays on ``x1`` [m], wider by what the jaw's friction stretches the cable."""
-
-
-@dataclass(frozen=True, eq=False)
-class Bank:
-    """Powers of one displacement and plays on it.
-
-    Attributes
-    ----------
-    scale : float
-        Inverse of the largest displacement [1/m].
-    degree : int
-        Highest power.
-    widths : ndarray, shape (k,)
-        Half-widths [m].
-    """
-
-    scale: float
-    degree: int
-    widths: Array
-
-    @property
-    def size(self) -> int:
-        """Number of columns."""
-        return self.degree + len(self.widths)
-
-    def compute(self, values: Array, steps: Array) -> Array:
-        """Columns (n, size) for displacements (n,) [m] with `steps` (n,) [s] between them."""
-        out = np.empty((len(values), self.size))
-        kernels.bank_rows(
-            steps, np.ascontiguousarray(values), self.scale, self.degree, self.widths, out
-        )
-        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,22 +74,6 @@ class _PlayRegression(JawEstimator):
     degree: int
     penalty: float
 
-    def check_params(self) -> None:
-        """Raise CalibrationError when a parameter breaks its rule."""
-        if not is_integer(self.degree, 1, 8):
-            raise CalibrationError(
-                f"{self.family}: degree {self.degree!r:.60} is not an integer from 1 to 8"
-            )
-        check_numbers(self.family, {"penalty": self.penalty}, zero=True)
-        for name, value in self.get_params().items():
-            if not name.endswith("_widths"):
-                continue
-            good = isinstance(value, tuple) and 1 <= len(value) <= 64
-            if not good or not all(is_number(w, 1e-9, 1.0) for w in value):
-                raise CalibrationError(
-                    f"{self.family}: {name} is {value!r:.60}; give 1 to 64 half-widths in metres"
-                )
-
     @abstractmethod
     def displacements(self, X: Array) -> tuple[Array, ...]:
         """Displacements (n,) [m] that have a bank each."""
@@ -138,14 +91,6 @@ class _PlayRegression(JawEstimator):
         products = np.empty((len(X), sum(len(widths) // 2 for widths in self._widths)))
         kernels.product_rows(np.hstack(blocks), self._pairs, products)
         return np.ascontiguousarray(np.hstack([*blocks, products]))
-
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:  # noqa: ARG002
-        """Give the shapes of scales, weights and constant."""
-        return {
-            "scale": (len(self._widths),),
-            "weights": (self._count(),),
-            "constant": (1,),
-        }
 
     def to_arrays(self) -> dict[str, Array]:
         """Inverse largest displacements [1/m], weights (k,) and constant (1,) [rad]."""
@@ -189,19 +134,11 @@ class _PlayRegression(JawEstimator):
         )
 
     def _count(self) -> int:
-        """Count the columns: powers, plays and a product for every other play."""
-        return sum(int(self.degree) + len(widths) + len(widths) // 2 for widths in self._widths)
+        return count_columns(int(self.degree), [len(widths) for widths in self._widths])
 
     @property
     def _pairs(self) -> Integers:
-        """Columns of every other play of each bank: hysteresis that grows with tension."""
-        pairs: list[int] = []
-        first = 0
-        for widths in self._widths:
-            first += int(self.degree)
-            pairs += range(first + 1, first + len(widths), 2)
-            first += len(widths)
-        return np.array(pairs, dtype=np.int64)
+        return product_pairs(int(self.degree), [len(widths) for widths in self._widths])
 
     def _fit_jaw(
         self, X: Array, y: Array, steps: Array, known: NDArray[np.bool_], progress: Progress
@@ -231,7 +168,7 @@ class ResetPlay(_PlayRegression):
 
     def __init__(
         self,
-        degree: int = 4,
+        degree: int = POWERS,
         reset_widths: tuple[float, ...] = RESET_WIDTHS,
         penalty: float = 1e-5,
     ) -> None:
@@ -270,7 +207,7 @@ class BothPlay(_PlayRegression):
 
     def __init__(
         self,
-        degree: int = 4,
+        degree: int = POWERS,
         reset_widths: tuple[float, ...] = RESET_WIDTHS,
         motor_widths: tuple[float, ...] = MOTOR_WIDTHS,
         penalty: float = 1e-5,
@@ -283,11 +220,6 @@ class BothPlay(_PlayRegression):
         self.penalty = penalty
         self.gear_ratio = gear_ratio
         self.wheel_radius = wheel_radius
-
-    def check_params(self) -> None:
-        """Raise CalibrationError when a parameter breaks its rule."""
-        super().check_params()
-        check_numbers(self.family, {n: getattr(self, n) for n in ("gear_ratio", "wheel_radius")})
 
     def displacements(self, X: Array) -> tuple[Array, ...]:
         """``x2`` and ``x1`` (n,) [m]."""
@@ -313,7 +245,7 @@ class MotorPlay(_PlayRegression):
 
     def __init__(
         self,
-        degree: int = 4,
+        degree: int = POWERS,
         motor_widths: tuple[float, ...] = MOTOR_WIDTHS,
         penalty: float = 1e-5,
         gear_ratio: float = TABLE_1.gear_ratio,
@@ -324,11 +256,6 @@ class MotorPlay(_PlayRegression):
         self.penalty = penalty
         self.gear_ratio = gear_ratio
         self.wheel_radius = wheel_radius
-
-    def check_params(self) -> None:
-        """Raise CalibrationError when a parameter breaks its rule."""
-        super().check_params()
-        check_numbers(self.family, {n: getattr(self, n) for n in ("gear_ratio", "wheel_radius")})
 
     def displacements(self, X: Array) -> tuple[Array, ...]:
         """``x1`` (n,) [m] by the motor's angle: (2), (3)."""
@@ -350,7 +277,7 @@ class CablesPlay(_PlayRegression):
 
     def __init__(
         self,
-        degree: int = 4,
+        degree: int = POWERS,
         reset_widths: tuple[float, ...] = RESET_WIDTHS,
         drive_widths: tuple[float, ...] = MOTOR_WIDTHS,
         penalty: float = 1e-5,

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal, get_args
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution, least_squares, minimize
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.compiled import compiled
+from truejoint.estimators.forceps.families import METHODS, Method
+from truejoint.estimators.forceps.kernels import COEFFICIENTS, NEAREST, rational_rows
 
 Array = NDArray[np.float64]
-Method = Literal["projection", "quasi_newton", "global"]
 
-METHODS: Final = get_args(Method)
-COEFFICIENTS: Final = 11
 SMALLEST_DENOMINATOR: Final = 0.3
 """Least denominator that fitting allows on the tube; 1 in the middle of the range."""
 
@@ -24,7 +22,7 @@ _TUBE: Final = 0.15  # half-width round the curve that the data follow, of the s
 _REACH: Final = 1.3  # how far the tube goes on beyond the data
 _PENALTY: Final = 30.0  # of a denominator that is short by one, in spreads of the error
 _ROWS: Final = 1500  # rows that the search looks at; the last solution uses all
-_NEAREST: Final = 1e-3  # to which a denominator is kept from zero when evaluated
+_NEAREST: Final = NEAREST
 _BOUND: Final = 3.0  # on the five denominator coefficients in the global search
 _STARTS: Final = np.vstack([np.zeros(5), np.random.default_rng(0).uniform(-1.0, 1.0, (4, 5))])
 
@@ -55,25 +53,6 @@ class RationalModel:
         """Denominator (n,); 1 at zero, and a pole where it vanishes."""
         design = _denominator_terms(motor * self.scale[0], reset * self.scale[1])
         return np.asarray(1.0 + design @ self.coefficients[1:10:2])
-
-
-@compiled
-def rational_row(motor: float, reset: float, scale: Array, p: Array) -> float:
-    """Error (25) at one motor angle [rad] and displacement [m]; finite whatever the denominator."""
-    u = motor * scale[0]
-    v = reset * scale[1]
-    above = p[0] + p[2] * u + p[4] * v + p[6] * u * u + p[8] * v * v + p[10] * u * v
-    below = 1.0 + p[1] * u + p[3] * v + p[5] * u * u + p[7] * v * v + p[9] * u * u * v
-    if abs(below) < _NEAREST:
-        below = _NEAREST if below >= 0.0 else -_NEAREST
-    return float(above / below)
-
-
-@compiled
-def rational_rows(motor: Array, reset: Array, scale: Array, p: Array, out: Array) -> None:
-    """Error (25) of every row, into `out` (n,)."""
-    for i in range(out.shape[0]):
-        out[i] = rational_row(motor[i], reset[i], scale, p)
 
 
 def fit_rational(
