@@ -1,0 +1,348 @@
+"""Every registered estimator in the loop: the numbers of the calibration, whatever the stream."""
+
+from __future__ import annotations
+
+import copy
+import subprocess
+import sys
+import tracemalloc
+from dataclasses import replace
+from statistics import NormalDist
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators.document import decode, encode
+from truejoint.estimators.forceps import CompensatedJawFilter
+from truejoint.estimators.forceps.families import READINGS
+from truejoint.estimators.interval import Interval
+from truejoint.estimators.known_families import FAMILIES
+from truejoint.estimators.model_file import to_bytes
+from truejoint.estimators.registry import estimator_names, families, get_estimator
+from truejoint.estimators.sequence import SequenceRegressor, time_steps
+from truejoint.recordings import Recording
+from truejoint.runtime import Corrector, Status
+from truejoint.runtime.row_models import row_model
+
+from .registered import forceps, model, ready, unseen
+from .test_corrector import HEAVY
+
+CAUSAL = tuple(n for n in estimator_names() if getattr(get_estimator(n), "causal", True))
+REMEMBERING = tuple(n for n in CAUSAL if isinstance(get_estimator(n), SequenceRegressor))
+WITH_WIDTH = ("ukf_compensated", "ukf_friction", "ukf_elastic")
+
+
+def run(corrector, t, samples):
+    """Statuses, positions, half-widths and corrections of the first joint."""
+    rows = []
+    for stamp, sample in zip(t.tolist(), samples, strict=True):
+        status = corrector.step(stamp, sample)
+        rows.append(
+            (
+                status,
+                corrector.position[0],
+                corrector.half_width[0],
+                corrector.correction[0],
+            )
+        )
+    return tuple(np.array(column) for column in zip(*rows, strict=True))
+
+
+def restamped(recording: Recording, t) -> Recording:
+    columns = {c: np.array(recording.table[c]) for c in recording.table.columns} | {"t": t}
+    return Recording.from_columns(columns, recording.provenance, dict(recording.units))
+
+
+def broken(calibration, recording, seed):
+    """Stamps and samples with NaN, repeated stamps, spikes and gaps here and there."""
+    rng = np.random.default_rng(seed)
+    t = np.array(recording.t)
+    samples = recording.table[list(calibration.signals)].to_numpy().copy()
+    step = float(np.median(np.diff(t)))
+    rows = rng.choice(np.arange(30, len(t) - 30), 24, replace=False)
+    for i, row in enumerate(np.sort(rows)):
+        column = rng.integers(samples.shape[1])
+        if i % 4 == 0:
+            samples[row : row + rng.integers(1, 5), column] = rng.choice([np.nan, np.inf, -np.inf])
+        elif i % 4 == 1:
+            t[row] = t[row - 1]
+        elif i % 4 == 2:
+            samples[row, column] += 0.9 * np.ptp(recording.column(calibration.signals[column]))
+        else:
+            t[row:] += rng.uniform(2.0, 40.0) * step
+    return t, samples
+
+
+@pytest.mark.parametrize("name", CAUSAL)
+def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
+    calibration = model(name)
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    recording = unseen(name)
+    t, samples = broken(calibration, recording, seed=3)
+    statuses, positions, _, corrections = run(ready(path, range_margin=1.0), t, samples)
+    used = np.isfinite(corrections)
+    assert 0.9 < used.mean() < 1.0
+    rest = restamped(recording.rows(np.flatnonzero(used)), t[used])
+    expected = calibration.correct(rest)[:, 0]
+    histories = (time_steps(t[used], calibration.gap_limit) == 0.0).sum()
+    assert histories > 2
+    joint = calibration.joints[0]
+    # A difference of corrected and measured is rounded once more than the corrected itself.
+    np.testing.assert_allclose(
+        corrections[used], expected - rest.column(f"measured/{joint}"), rtol=0, atol=1e-12
+    )
+    good = statuses[used] == Status.OK
+    assert good.mean() > 0.5
+    np.testing.assert_array_equal(positions[used][good], expected[good])
+    measured = samples[:, calibration.signals.index(f"measured/{joint}")]
+    np.testing.assert_array_equal(positions[statuses != 0], measured[statuses != 0])
+
+
+@pytest.mark.parametrize("reading", READINGS)
+def test_every_reading_of_the_compensation_gives_its_numbers(reading):
+    output = model("ukf_compensated")
+    params = output.model.get_params() | {"reading": reading}
+    other = CompensatedJawFilter.from_arrays(
+        params, output.model.to_arrays(), n_features=2, n_outputs=1
+    )
+    calibration = replace(output, model=other)
+    recording = unseen("ukf_compensated").rows(np.arange(600))
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    corrections = run(ready(calibration), recording.t, samples)[3]
+    np.testing.assert_allclose(
+        corrections, calibration.predict_error(recording)[:, 0], rtol=0, atol=1e-12
+    )
+
+
+@pytest.mark.parametrize("name", CAUSAL)
+def test_a_step_allocates_nothing(name):
+    calibration, recording = model(name), unseen(name)
+    corrector = ready(calibration)
+    stamps, samples = (
+        recording.t.tolist(),
+        list(recording.table[list(calibration.signals)].to_numpy()),
+    )
+    for i in range(100):
+        corrector.step(stamps[i], samples[i])
+    arrays = [getattr(corrector, n) for n in ("position", "half_width", "correction", "features")]
+    places = [array.ctypes.data for array in arrays]
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        tracemalloc.reset_peak()
+        for i in range(100, 1100):
+            corrector.step(stamps[i], samples[i])
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak - before < 1000
+    assert places == [array.ctypes.data for array in arrays]
+
+
+@pytest.mark.parametrize("name", CAUSAL)
+@pytest.mark.parametrize("fault", ["nan", "ahead", "back"])
+def test_it_recovers_as_if_it_began_there(name, fault):
+    calibration, recording = model(name), unseen(name)
+    samples = recording.table[list(calibration.signals)].to_numpy().copy()
+    t = np.array(recording.t)
+    gap = 1.5 * calibration.gap_limit
+    half = 700
+    interval = float(np.median(np.diff(t)))
+    if fault == "nan":
+        end = half + 2 + int(gap / interval)
+        samples[half:end] = np.nan
+    else:
+        end = half
+        t[half:] += gap + 1.0 if fault == "ahead" else -(t[half] - t[0] + gap + 1.0)
+    corrector = ready(calibration, range_margin=1.0)
+    statuses, _, _, corrections = run(corrector, t[: end + 300], samples[: end + 300])
+    flag = Status.NOT_FINITE if fault == "nan" else Status.TIME_JUMP
+    assert statuses[half] & flag
+    assert (statuses[end + 5 :] == Status.OK).mean() > 0.5
+    rest = recording.rows(np.arange(end, end + 300))
+    used = np.isfinite(corrections[end:])
+    assert used.all()
+    # Stamps moved by some seconds are rounded otherwise.
+    np.testing.assert_allclose(
+        corrections[end:], calibration.predict_error(rest)[:, 0], rtol=0, atol=1e-9
+    )
+
+
+def test_it_loads_without_the_training_stack(tmp_path):
+    lines = []
+    for name in ("lsm_compensated", "play_gated", "ukf_compensated", "ukf_friction", "ukf_elastic"):
+        path = tmp_path / name
+        model(name).save(path)
+        recording = unseen(name)
+        row = recording.table[list(model(name).signals)].to_numpy()[0]
+        lines.append(
+            f"c = Corrector({str(path)!r}); c.set_homing(True); c.step(0.0, {row.tolist()!r}); "
+            "print(c.correction[0])"
+        )
+    code = "import sys; from truejoint.runtime import Corrector\n" + "\n".join(lines)
+    code += f"\nprint([m for m in {HEAVY} if m in sys.modules])"
+    done = subprocess.run(  # noqa: S603 - lines of our own
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    *corrections, heavy = done.stdout.split("\n")[:-1]
+    assert heavy == "[]"
+    assert np.isfinite(np.array(corrections, dtype=float)).all()
+
+
+def test_a_smoother_is_refused_in_one_line(tmp_path):
+    calibration = model("ukf_friction_smoothed")
+    with pytest.raises(ModelFileError, match="uses later rows and cannot run in a loop"):
+        Corrector(calibration)
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    with pytest.raises(ModelFileError, match=r"model\.safetensors: .*later rows") as caught:
+        Corrector(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_rules_and_classes_agree():
+    for name, cls in families().items():
+        rules, unfitted = FAMILIES[name], cls()
+        assert rules.parameters == set(unfitted.get_params())
+        assert rules.counts_samples == getattr(cls, "counts_samples", False)
+        assert rules.causal == getattr(cls, "causal", True)
+        unfitted.check_params()
+
+
+@pytest.mark.parametrize(
+    "name", [n for n in CAUSAL if FAMILIES.get(n) and FAMILIES[n].counts_samples]
+)
+def test_called_faster_than_trained_it_says_so(name):
+    calibration, recording = model(name), unseen(name).rows(np.arange(200))
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    t = recording.t[0] + (recording.t - recording.t[0]) / 5.0
+    statuses = run(ready(calibration), t, samples)[0]
+    assert (statuses & Status.STALE > 0).mean() > 0.7
+
+
+@pytest.mark.parametrize("level", [0.9, 0.5])
+@pytest.mark.parametrize("name", CAUSAL)
+def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
+    calibration, recording = model(name), unseen(name)
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    statuses, _, widths, _ = run(ready(calibration, level=level), recording.t[:800], samples[:800])
+    good = statuses == Status.OK
+    assert good.sum() > 100
+    if name not in WITH_WIDTH:
+        assert np.isinf(widths).all()
+        return
+    X = calibration.feature_set.compute(recording, calibration.gap_limit)
+    steps = time_steps(np.array(recording.t), calibration.gap_limit)
+    if name == "ukf_friction":
+        deviation = calibration.model.states(X, steps).angle_deviation
+    elif name == "ukf_elastic":
+        deviation = calibration.model.estimate(X, steps).deviations[:, 0]
+    else:
+        estimator = calibration.model._filter
+        state = estimator.initial_state(
+            calibration.model.mechanics.at_rest(*X[0]), calibration.model._spread()
+        )
+        deviation = np.empty(len(X))
+        speed = np.diff(X[:, 1], prepend=np.nan) / np.where(steps > 0.0, steps, 1.0)
+        for i in range(len(X)):
+            estimator.step(state, (X[i, 1], speed[i]), (X[max(i - 1, 0), 0], 0.0), steps[i])
+            deviation[i] = np.sqrt(state.P[0, 0])
+    expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]
+    assert np.isinf(widths[~good]).all()
+    np.testing.assert_allclose(widths[good], expected[good], rtol=1e-9)
+
+
+def test_the_stated_width_holds():
+    """The jaw's filter with friction in its state, on a motion that it was not fitted to."""
+    calibration, recording = model("ukf_friction"), forceps()[1]
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    statuses, positions, widths, _ = run(ready(calibration), recording.t, samples)
+    good = (statuses == Status.OK) & (recording.t > 2.2)
+    inside = np.abs(positions - recording.column("truth/jaw"))[good] <= widths[good]
+    assert 0.8 < inside.mean() < 0.97
+
+
+@pytest.mark.parametrize("name", WITH_WIDTH)
+@pytest.mark.parametrize("rezero", [0.0, 10.0])
+def test_an_interval_comes_before_the_filters_own_width(name, rezero):
+    widths = np.array([[0.003]])
+    interval = Interval(np.array([0.9]), widths, widths, widths, 2.0, rezero, 12, 12)
+    calibration = replace(model(name), interval=interval)
+    recording = unseen(name).rows(np.arange(50))
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    corrector = ready(calibration)
+    statuses, _, found, _ = run(corrector, recording.t, samples)
+    good = statuses == Status.OK
+    assert good.sum() > 10
+    if rezero:
+        assert np.isinf(found).all()
+    else:
+        assert (found[good] >= 0.003).all()
+        assert (found[good] < 0.01).all()
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, -1.0, np.nan])
+def test_an_impossible_level_is_refused(level):
+    with pytest.raises(CalibrationError, match="level"):
+        Corrector(model("ukf_friction"), level=level)
+
+
+@pytest.mark.parametrize("name", [n for n in REMEMBERING if n.startswith("ukf")])
+def test_a_fault_of_the_filter_is_no_estimate(name):
+    data = decode(*encode(model(name)))
+    row = row_model(data.model, 2, 1)
+    out, width = np.empty(1), np.full(1, np.inf)
+
+    def predict(interval, features):
+        row.function(row.numbers, row.memory, interval, np.array(features), out, width)
+        return out[0]
+
+    ordinary = unseen(name)
+    X = data.feature_set.compute(ordinary, data.gap_limit)
+    fresh = [predict(0.005 * (i > 0), X[i]) for i in range(20)]
+    assert np.isfinite(fresh).all()
+    assert np.isnan(predict(0.005, np.full(2, 1e200)))
+    assert np.isnan(predict(np.inf, X[20]))
+    again = [predict(0.005 * (i > 0), X[i]) for i in range(20)]
+    assert again == fresh  # a new history leaves nothing of it
+
+
+@given(st.data(), st.sampled_from([n for n in REMEMBERING if n != "lsm"]))
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+def test_mutated_model_files_are_refused_in_one_line(tmp_path, data, name):
+    document, arrays = encode(model(name))
+    document = copy.deepcopy(document)
+    odd = st.sampled_from([None, -1, 0, "", [], {}, True, 1e300, 1e-300, ["a"], [1e-5], 3])
+    params = document["model"]["params"]
+    learnt = sorted(n for n in arrays if n.startswith("model/"))
+    if params and data.draw(st.booleans()):
+        params[data.draw(st.sampled_from(sorted(params)))] = data.draw(odd)
+    elif data.draw(st.booleans()):
+        which = data.draw(st.sampled_from(learnt))
+        number = data.draw(st.sampled_from([np.nan, np.inf, -1e300, 1e300, 0.0, -1.0]))
+        arrays[which] = np.full_like(arrays[which], number)
+    else:
+        which = data.draw(st.sampled_from(learnt))
+        arrays[which] = np.zeros(data.draw(st.sampled_from([(0,), (1,), (3,), (4, 4), (1, 2)])))
+    path = tmp_path / "model.safetensors"
+    path.write_bytes(to_bytes(document, arrays))
+    refusal = ""
+    try:
+        corrector = ready(path)
+    except ModelFileError as error:
+        refusal = str(error)
+    if refusal:
+        assert "\n" not in refusal
+        assert "model.safetensors" in refusal
+        return
+    recording = unseen(name)
+    samples = recording.table[list(corrector.signals)].to_numpy()
+    for i in range(3):
+        corrector.step(recording.t[i], samples[i])
+        assert np.isfinite(corrector.position).all()
