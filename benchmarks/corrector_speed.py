@@ -4,7 +4,8 @@
 
 Fits every estimator to a simulated RAVEN-II session on the 16 inputs of peng2024, with an
 interval, and times single calls at 1 kHz stamps in a plain Python loop with garbage collection on,
-the clock included, on one thread. The others predict with the very same network (16-100-100-3,
+the clock included, on one thread; then every estimator of a cable-driven jaw, at 200 Hz stamps of a
+motion that it was not fitted to. The others predict with the very same network (16-100-100-3,
 checked) and check nothing of what we check. The median is over all calls; its least over ten parts
 says what an undisturbed machine does. Last, the time from a fresh interpreter to the first sample.
 """
@@ -29,6 +30,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
+from benchmarks.loop_jaws import jaw_models
 from benchmarks.loop_session import HOMING, Samples, simulated_session
 from truejoint.estimators import Calibration, NeuralNetwork
 from truejoint.runtime import Corrector, Status
@@ -64,7 +66,7 @@ def time_calls(call: Callable[[int], object], calls: int) -> NDArray[np.float64]
 def time_corrector(model: Calibration, samples: Samples, calls: int) -> NDArray[np.float64]:
     """Time of each step [us]; every sample must come out corrected."""
     corrector = Corrector(model)
-    corrector.set_homing(True, HOMING)
+    corrector.set_homing(True)
     rows = list(samples.rows)
     stamps, step, clock = samples.t, corrector.step, time.perf_counter_ns
     laps = np.empty(calls)
@@ -196,6 +198,9 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for model in models:
         ours = show(f"truejoint {model.estimator}", time_corrector(model, samples, calls))
+    for model, moving in jaw_models():
+        laps = time_corrector(model, moving, min(options.calls, len(moving.t)))
+        show(f"truejoint {model.estimator}", laps)
     rows = [row[None] for row in samples.rows[:SLOW_CALLS]]
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):
         expected = network.model.predict(samples.rows[:5])

@@ -1,0 +1,58 @@
+"""Cable-driven jaws for measuring the control loop: a model by every estimator of one, samples."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from benchmarks.loop_session import Samples
+from truejoint.errors import ModelFileError
+from truejoint.estimators import Calibration, calibrate
+from truejoint.estimators.registry import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
+from truejoint.motion.forceps_references import calibration_reference, verification_reference
+from truejoint.recordings import Provenance, Recording
+from truejoint.recordings.forceps import record_forceps
+from truejoint.runtime import Corrector
+from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps_twin import simulate_forceps
+
+
+def jaw_models() -> Iterator[tuple[Calibration, Samples]]:
+    """Each estimator of a jaw that runs in a loop, on a motion that it was not fitted to."""
+    references = calibration_reference(), verification_reference()
+    cables = [
+        record_forceps(simulate_forceps(specimen("B"), r.positions[:, 0], seed=seed))
+        for seed, r in enumerate(references)
+    ]
+    driven = [driven_jaw(seed) for seed in range(5)]
+    sources = {name: ([cables[0]], cables[1]) for name in JAW_ESTIMATORS}
+    sources |= dict.fromkeys(MOTOR_SIDE_ESTIMATORS, (driven[:4], driven[4]))
+    for name, (training, unseen) in sources.items():
+        model = calibrate(training, name)
+        try:
+            Corrector(model)
+        except ModelFileError as error:
+            print(f"  ({error})")
+            continue
+        rows = unseen.table[list(model.signals)].to_numpy()
+        yield model, Samples(model.signals, unseen.t.tolist(), rows)
+
+
+def driven_jaw(seed: int) -> Recording:
+    """Make a minute at 200 Hz of a jaw that rubs and gives, under one load."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(12_000) / 200.0
+    driver = 0.5 + 0.45 * np.cos(2.0 * np.pi * 0.3 * t) * (0.8 + 0.2 * np.sin(0.3 * t))
+    load = 0.02 + 0.02 * seed
+    friction = np.tanh(np.gradient(driver, t) / 0.05)
+    effort = load + 0.03 * friction + 0.01 * driver + 0.002 * rng.standard_normal(len(t))
+    columns = {
+        "t": t,
+        "measured/jaw": 1.0 - 0.9 * driver,
+        "driver/jaw": driver,
+        "effort/jaw": effort,
+        "truth/jaw": 1.1 - 0.88 * driver - 0.9 * load - 0.01 * friction,
+    }
+    origin = Provenance("davinci_grasper", session=str(seed))
+    return Recording.from_columns(columns, origin, {"effort/jaw": "Nm"})
