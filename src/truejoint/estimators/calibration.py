@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.document import CalibrationData, decode, encode
 from truejoint.estimators.families import EstimatorData
@@ -254,7 +254,7 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
         models = {"model": data.model, **data.baseline_models}
         shape = (len(data.feature_set), len(data.joints))
         fitted = {name: _fitted(name, model, *shape) for name, model in models.items()}
-    except (ModelFileError, CalibrationError) as error:
+    except TruejointError as error:
         raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
     parts = {field.name: getattr(data, field.name) for field in fields(data)}
     return Calibration(**parts | {"model": fitted.pop("model"), "baseline_models": fitted})

@@ -33,6 +33,8 @@ NOISE: Final = (
 )  # fmt: skip
 """Fields of `ElasticJoint` that are one number each, in the order of the model file."""
 
+_LARGEST: Final = 1e30
+
 # Parameters of the compiled functions; then come the widths and the coefficients.
 _ELEMENTS: Final = 0
 _LOAD_DENSITY: Final = 1
@@ -207,9 +209,11 @@ class ElasticJoint:
         """Joint of the arrays of a fitted filter; raises CalibrationError if one makes no sense."""
         noise = dict(zip(NOISE, arrays["noise"].tolist(), strict=True))
         positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
-        if min(positive) <= 0.0 or noise["load_density"] < 0.0:
+        bounded = all(abs(v) <= _LARGEST for v in (*arrays["scales"], *arrays["noise"]))
+        if min(positive) <= 0.0 or noise["load_density"] < 0.0 or not bounded:
             raise CalibrationError(
-                "ukf_elastic: a scale, width or noise is not above 0; fit it again"
+                f"ukf_elastic: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit it "
+                "again"
             )
         return cls(arrays["widths"], arrays["torque"], **noise)
 

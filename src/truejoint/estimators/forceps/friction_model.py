@@ -12,7 +12,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.errors import CalibrationError
 from truejoint.estimators.compiled import compiled
+from truejoint.estimators.families import is_number
 from truejoint.estimators.state_space import StateSpaceModel
 from truejoint.estimators.unscented import UnscentedFilter
 
@@ -20,6 +22,8 @@ Array = NDArray[np.float64]
 
 DEGREE: Final = 4
 """Highest power of ``x2`` in both polynomials."""
+
+_LARGEST: Final = 1e30
 
 
 @compiled
@@ -63,7 +67,16 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
 
 
 def friction_filter(params: Mapping[str, Any], arrays: Mapping[str, Array]) -> UnscentedFilter:
-    """Build the filter of a fitted `FrictionFilter`, of its parameters and arrays."""
+    """Build the filter of a fitted `FrictionFilter`, of its parameters and arrays.
+
+    Raises
+    ------
+    CalibrationError, FilterError
+        If an array makes no sense.
+    """
+    for name in ("scale", "misfit", "interval"):
+        if not all(is_number(value, 1.0 / _LARGEST, _LARGEST) for value in arrays[name]):
+            raise CalibrationError(f"ukf_friction: {name} is not above 0; fit it again")
     widths = params["widths"]
     n = len(widths)
     parameters = np.concatenate(
