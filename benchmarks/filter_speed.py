@@ -16,8 +16,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from truejoint.estimators.state_space import StateSpaceModel, discretise, linear_model, van_loan
 from truejoint.estimators.unscented import UnscentedFilter
+from truejoint.estimators.unscented.state_space import (
+    StateSpaceModel,
+    discretise,
+    linear_model,
+    van_loan,
+)
 
 ROWS = 20_000
 RECORD = 10_000  # rows: short enough to be timed between two interruptions

@@ -20,9 +20,9 @@ from truejoint.estimators.forceps import (
     SmoothedFrictionFilter,
 )
 from truejoint.estimators.interval import Interval
-from truejoint.estimators.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.estimators.unscented import Gate, UnscentedFilter
-from truejoint.estimators.unscented_status import FilterStatus
+from truejoint.estimators.unscented.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.estimators.unscented.status import FilterStatus
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Status

@@ -24,11 +24,11 @@ from truejoint.estimators.forceps import (
 from truejoint.estimators.forceps.base import MOTOR, RESET
 from truejoint.estimators.forceps.rational import _NEAREST
 from truejoint.estimators.sequence import SequenceRegressor
-from truejoint.estimators.state_space import covariance_factor
 from truejoint.estimators.unscented import UnscentedFilter
-from truejoint.estimators.unscented_factors import _INDEFINITE, _PIVOT
-from truejoint.estimators.unscented_prediction import LIMIT
-from truejoint.estimators.unscented_status import FilterStatus
+from truejoint.estimators.unscented.factors import _INDEFINITE, _PIVOT
+from truejoint.estimators.unscented.prediction import LIMIT
+from truejoint.estimators.unscented.state_space import covariance_factor
+from truejoint.estimators.unscented.status import FilterStatus
 
 Array = NDArray[np.float64]
 

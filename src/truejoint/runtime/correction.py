@@ -8,7 +8,7 @@ from typing import Final
 from truejoint.estimators import kernels
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.interval import range_excess
-from truejoint.estimators.unscented_memory import vector
+from truejoint.estimators.unscented.memory import vector
 from truejoint.runtime import layout as lay
 from truejoint.runtime.layout import Array, Integers
 from truejoint.runtime.row_model import call_row

@@ -9,8 +9,6 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.estimators import unscented_kernels
-from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.elastic_joint.model import ElasticJoint, output
 from truejoint.estimators.families import EstimatorData
@@ -18,8 +16,10 @@ from truejoint.estimators.forceps.filter_model import jaw_filter, mechanics, res
 from truejoint.estimators.forceps.friction_model import DEGREE, friction_filter, friction_prior
 from truejoint.estimators.forceps.kernels import COEFFICIENTS, rational_row
 from truejoint.estimators.unscented import UnscentedFilter
-from truejoint.estimators.unscented_memory import copy, matrix, vector
-from truejoint.estimators.unscented_status import FilterStatus
+from truejoint.estimators.unscented import kernels as unscented_kernels
+from truejoint.estimators.unscented import memory as lay
+from truejoint.estimators.unscented.memory import copy, matrix, vector
+from truejoint.estimators.unscented.status import FilterStatus
 from truejoint.runtime.row_model import Array, Integers, RowModel
 
 FAULTS: Final = int(

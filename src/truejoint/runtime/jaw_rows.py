@@ -11,7 +11,7 @@ from truejoint.estimators.compiled import compiled
 from truejoint.estimators.families import EstimatorData
 from truejoint.estimators.forceps import kernels
 from truejoint.estimators.forceps.banks import BANK_WIDTHS, default_widths, product_pairs
-from truejoint.estimators.unscented_memory import vector
+from truejoint.estimators.unscented.memory import vector
 from truejoint.robots.forceps_mechanism import TABLE_1
 from truejoint.runtime.row_model import Array, Integers, RowModel
 

@@ -11,7 +11,7 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from truejoint.estimators.unscented_memory import address
+from truejoint.estimators.unscented.memory import address
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

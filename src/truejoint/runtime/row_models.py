@@ -16,7 +16,7 @@ from truejoint.estimators import kernels
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.families import EstimatorData, degree_of, layer_sizes, polynomial_terms
 from truejoint.estimators.known_families import FAMILIES
-from truejoint.estimators.unscented_memory import matrix, vector
+from truejoint.estimators.unscented.memory import matrix, vector
 from truejoint.runtime.filter_rows import FILTERS
 from truejoint.runtime.jaw_rows import REGRESSIONS
 from truejoint.runtime.row_model import Array, Integers, RowModel

@@ -9,9 +9,9 @@ import pytest
 import scipy.stats
 from numba import njit
 
-from truejoint.estimators.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
-from truejoint.estimators.state_space import StateSpaceModel
 from truejoint.estimators.unscented import Gate, UnscentedFilter
+from truejoint.estimators.unscented.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.estimators.unscented.state_space import StateSpaceModel
 
 RUNS, ROWS, DT = 50, 400, 0.01
 Q = np.diag([1e-6, 4e-4, 1e-6, 4e-4])

@@ -7,7 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.estimators.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.estimators.unscented.sigma_points import (
+    FilterError,
+    LambdaSigmaPoints,
+    ScaledSigmaPoints,
+)
 
 
 @given(

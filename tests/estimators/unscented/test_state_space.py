@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from truejoint.estimators.sigma_points import FilterError
-from truejoint.estimators.state_space import (
+from truejoint.estimators.unscented.sigma_points import FilterError
+from truejoint.estimators.unscented.state_space import (
     StateSpaceModel,
     check_covariance,
     discretise,

@@ -14,14 +14,14 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numba import njit
 
-from truejoint.estimators.sigma_points import (
+from truejoint.estimators.unscented import Gate, UnscentedFilter
+from truejoint.estimators.unscented.sigma_points import (
     FilterError,
     LambdaSigmaPoints,
     ScaledSigmaPoints,
 )
-from truejoint.estimators.state_space import StateSpaceModel, linear_model
-from truejoint.estimators.unscented import Gate, UnscentedFilter
-from truejoint.estimators.unscented_status import FilterStatus
+from truejoint.estimators.unscented.state_space import StateSpaceModel, linear_model
+from truejoint.estimators.unscented.status import FilterStatus
 
 POINTS = (
     ScaledSigmaPoints(),

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.estimators.unscented_factors import (
+from truejoint.estimators.unscented.factors import (
     combine,
     downdate,
     outer_sum,

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
-from truejoint.estimators.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
-from truejoint.estimators.state_space import StateSpaceModel, linear_model
 from truejoint.estimators.unscented import FilterResult, Gate, UnscentedFilter
-from truejoint.estimators.unscented_status import FilterStatus as Status
+from truejoint.estimators.unscented.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.estimators.unscented.state_space import StateSpaceModel, linear_model
+from truejoint.estimators.unscented.status import FilterStatus as Status
 
 DT = 0.01
 

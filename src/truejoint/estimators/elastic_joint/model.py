@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.state_space import StateSpaceModel
+from truejoint.estimators.unscented.state_space import StateSpaceModel
 
 Array = NDArray[np.float64]
 

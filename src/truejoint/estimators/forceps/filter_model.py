@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.forceps.model import ForcepsModel
-from truejoint.estimators.sigma_points import LambdaSigmaPoints
-from truejoint.estimators.state_space import StateSpaceModel
 from truejoint.estimators.unscented import UnscentedFilter
+from truejoint.estimators.unscented.sigma_points import LambdaSigmaPoints
+from truejoint.estimators.unscented.state_space import StateSpaceModel
 
 Array = NDArray[np.float64]
 

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from truejoint.errors import CalibrationError
 from truejoint.estimators.compiled import compiled
 from truejoint.estimators.families import is_number
-from truejoint.estimators.state_space import StateSpaceModel
 from truejoint.estimators.unscented import UnscentedFilter
+from truejoint.estimators.unscented.state_space import StateSpaceModel
 
 Array = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.state_space import discretise, van_loan
+from truejoint.estimators.unscented.state_space import discretise, van_loan
 
 Array = NDArray[np.float64]
 

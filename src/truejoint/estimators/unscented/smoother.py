@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.unscented_factors import (
+from truejoint.estimators.unscented import memory as lay
+from truejoint.estimators.unscented.factors import (
     combine,
     semidefinite_cholesky,
     solve_rows,
     wrap,
 )
-from truejoint.estimators.unscented_memory import Array, Integers, copy, matrix, vector
-from truejoint.estimators.unscented_prediction import LIMIT, predict, within_limit
-from truejoint.estimators.unscented_status import BROKEN_PREDICTION
+from truejoint.estimators.unscented.memory import Array, Integers, copy, matrix, vector
+from truejoint.estimators.unscented.prediction import LIMIT, predict, within_limit
+from truejoint.estimators.unscented.status import BROKEN_PREDICTION
 
 _BROKEN: Final = int(BROKEN_PREDICTION)
 

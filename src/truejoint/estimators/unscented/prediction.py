@@ -1,7 +1,7 @@
 """The unscented filter's prediction, as compiled kernels for any model and size.
 
 Equation numbers are those of yan2020, section III-B. All arrays live in the filter's memory (see
-`unscented_memory`); nothing is allocated and nothing raised.
+`memory`); nothing is allocated and nothing raised.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.unscented_factors import combine, inlined, semidefinite_cholesky, wrap
-from truejoint.estimators.unscented_memory import (
+from truejoint.estimators.unscented import memory as lay
+from truejoint.estimators.unscented.factors import combine, inlined, semidefinite_cholesky, wrap
+from truejoint.estimators.unscented.memory import (
     Array,
     Integers,
     call_process_noise,
@@ -24,7 +24,7 @@ from truejoint.estimators.unscented_memory import (
     matrix,
     vector,
 )
-from truejoint.estimators.unscented_status import FilterStatus
+from truejoint.estimators.unscented.status import FilterStatus
 
 LIMIT: Final = 1e100
 """Beyond it a number is out of range: squares within it, and sums of them, stay finite."""

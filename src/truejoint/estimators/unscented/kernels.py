@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.unscented_correction import correct
-from truejoint.estimators.unscented_memory import Array, Integers, borrow, copy, vector
-from truejoint.estimators.unscented_prediction import predict
+from truejoint.estimators.unscented import memory as lay
+from truejoint.estimators.unscented.correction import correct
+from truejoint.estimators.unscented.memory import Array, Integers, borrow, copy, vector
+from truejoint.estimators.unscented.prediction import predict
 
 
 @compiled

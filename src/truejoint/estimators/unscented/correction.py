@@ -1,7 +1,7 @@
 """The unscented filter's correction by a measurement, as compiled kernels for any model and size.
 
 Equation numbers are those of yan2020, section III-B. All arrays live in the filter's memory (see
-`unscented_memory`); nothing is allocated and nothing raised.
+`memory`); nothing is allocated and nothing raised.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.estimators import unscented_memory as lay
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.unscented_factors import inlined, solve_rows, wrap
-from truejoint.estimators.unscented_memory import (
+from truejoint.estimators.unscented import memory as lay
+from truejoint.estimators.unscented.factors import inlined, solve_rows, wrap
+from truejoint.estimators.unscented.memory import (
     Array,
     Integers,
     call_measurement,
@@ -24,8 +24,8 @@ from truejoint.estimators.unscented_memory import (
     matrix,
     vector,
 )
-from truejoint.estimators.unscented_prediction import LIMIT, finish, place_points, within_limit
-from truejoint.estimators.unscented_status import FilterStatus
+from truejoint.estimators.unscented.prediction import LIMIT, finish, place_points, within_limit
+from truejoint.estimators.unscented.status import FilterStatus
 
 _MISSING: Final = int(FilterStatus.MISSING)
 _PARTIAL: Final = int(FilterStatus.PARTIAL)

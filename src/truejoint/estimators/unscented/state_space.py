@@ -12,9 +12,8 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
 from truejoint.estimators.compiled import compiled
-from truejoint.estimators.sigma_points import FilterError
-from truejoint.estimators.unscented_factors import semidefinite_cholesky
-from truejoint.estimators.unscented_memory import (
+from truejoint.estimators.unscented.factors import semidefinite_cholesky
+from truejoint.estimators.unscented.memory import (
     MEASUREMENT,
     PROCESS_NOISE,
     TRANSITION,
@@ -22,6 +21,7 @@ from truejoint.estimators.unscented_memory import (
     address,
     matrix,
 )
+from truejoint.estimators.unscented.sigma_points import FilterError
 
 # How far from symmetric or from semidefinite, relative to the variances, rounding may leave a
 # covariance that somebody computed.

@@ -8,14 +8,22 @@ from typing import Final
 import numpy as np
 import numpy.typing as npt
 
-from truejoint.estimators import unscented_kernels
-from truejoint.estimators import unscented_memory as lay
-from truejoint.estimators.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
-from truejoint.estimators.smoother import smooth
-from truejoint.estimators.state_space import StateSpaceModel, check_covariance, covariance_factor
-from truejoint.estimators.unscented_memory import Array, Integers
+from truejoint.estimators.unscented import kernels
+from truejoint.estimators.unscented import memory as lay
+from truejoint.estimators.unscented.memory import Array, Integers
+from truejoint.estimators.unscented.sigma_points import (
+    FilterError,
+    LambdaSigmaPoints,
+    ScaledSigmaPoints,
+)
+from truejoint.estimators.unscented.smoother import smooth
+from truejoint.estimators.unscented.state_space import (
+    StateSpaceModel,
+    check_covariance,
+    covariance_factor,
+)
 
-_step: Final = unscented_kernels.step
+_step: Final = kernels.step
 
 
 @dataclass(frozen=True)
@@ -327,7 +335,7 @@ class UnscentedFilter:
             raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
         steps = _time_steps(dt, t, rows)
         result = _empty_result(state, control, steps)
-        unscented_kernels.run(
+        kernels.run(
             state.numbers,
             state.memory,
             measured,
