@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Final
 
@@ -62,8 +63,8 @@ class _LeastSquares(JointRegressor):
     """
 
     @property
-    def _degree(self) -> int:
-        raise NotImplementedError
+    @abstractmethod
+    def _degree(self) -> int: ...
 
     def minimum_rows(self, n_features: int) -> int:
         """Ten rows for each coefficient of a joint."""
