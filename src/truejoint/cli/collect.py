@@ -45,7 +45,7 @@ def record(
             report = follow(arm, trajectory, progress=done)
     finally:
         if recorder.rows > 1:
-            write_parquet(recorder.recording(), target, overwrite=True)
+            write_parquet(recorder.recording(str(target)), target, overwrite=True)
     return recorder.recording(str(target)), report
 
 

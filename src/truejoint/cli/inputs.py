@@ -76,7 +76,7 @@ def say_dropped(recording: Recording) -> None:
     if dropped:
         reasons = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
         name = Path(recording.provenance.source).name or recording.provenance.session
-        say(f"  {name}: {sum(dropped.values())} rows dropped or without truth ({reasons})")
+        say(f"  {name}: rows dropped or without truth: {reasons}")
 
 
 def only_dataset(names: list[str]) -> str | None:
