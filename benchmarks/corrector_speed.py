@@ -32,7 +32,8 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.loop_jaws import jaw_models
 from benchmarks.loop_session import HOMING, Samples, simulated_session
-from truejoint.estimators import Calibration, NeuralNetwork
+from truejoint.calibration import Calibration
+from truejoint.estimators import NeuralNetwork
 from truejoint.runtime import Corrector, Status
 
 PARTS = 10
@@ -111,7 +112,7 @@ def onnx_network(model: Calibration, folder: Path) -> Callable[[NDArray[np.float
     """Run the exported graph in onnxruntime, one thread."""
     import onnxruntime  # noqa: PLC0415
 
-    from truejoint.runtime.export_onnx import export_onnx  # noqa: PLC0415
+    from truejoint.export.export_onnx import export_onnx  # noqa: PLC0415
 
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1

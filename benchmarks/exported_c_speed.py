@@ -24,16 +24,17 @@ from pathlib import Path
 
 import numpy as np
 
+from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration.interval import Interval
 from truejoint.crtk import simulated_arm
-from truejoint.estimators import Calibration, NeuralNetwork, calibrate
-from truejoint.estimators.forceps import JawFilter
-from truejoint.estimators.interval import Interval
+from truejoint.estimators import NeuralNetwork
+from truejoint.estimators.jaw_filter import JawFilter
+from truejoint.export.c_source import Precision, table
+from truejoint.export.export_c import export_c
 from truejoint.motion import follow, zigzag
 from truejoint.motion.forceps_references import calibration_reference
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.runtime.c_source import Precision, table
-from truejoint.runtime.export_c import export_c
 from truejoint.simulation.forceps_specimens import specimen
 from truejoint.simulation.forceps_twin import simulate_forceps
 

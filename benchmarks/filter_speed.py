@@ -16,8 +16,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from truejoint.estimators.unscented import UnscentedFilter
-from truejoint.estimators.unscented.state_space import (
+from truejoint.filters import UnscentedFilter
+from truejoint.filters.state_space import (
     StateSpaceModel,
     discretise,
     linear_model,

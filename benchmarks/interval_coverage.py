@@ -22,13 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint import calibrate
+from truejoint.calibration import Calibration, cross_check, measure_coverage, with_interval
 from truejoint.crtk import Arm, simulated_arm
-from truejoint.estimators import (
-    Calibration,
-    cross_check,
-    measure_coverage,
-    with_interval,
-)
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.units import display_unit

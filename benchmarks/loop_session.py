@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration.conformal import with_interval
 from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
-from truejoint.estimators import Calibration, JointRegressor, calibrate
-from truejoint.estimators.uncertainty import with_interval
+from truejoint.estimators import JointRegressor
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from benchmarks.interval_coverage import record, training_session
 from truejoint import calibrate
+from truejoint.calibration import Calibration
 from truejoint.crtk import Arm, SimulatedBackend
-from truejoint.estimators import Calibration
 from truejoint.motion import random_motion
 from truejoint.recordings import Recording
 from truejoint.runtime import Alarm, Monitor, Reason, ReZero

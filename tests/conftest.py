@@ -7,9 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from hypothesis import settings
+from tests.synthetic import build_recording
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
+from truejoint.recordings import Recording
 from truejoint.robots import get_robot
 
 # No example is a timing assertion: a first one compiles, and machines are busy.
@@ -84,3 +86,16 @@ def lagging_arm(lagging_backend: LaggingBackend) -> Arm:
     arm.enable()
     arm.home()
     return arm
+
+
+Build = Callable[..., Recording]
+
+
+@pytest.fixture(name="build", scope="session")
+def build_fixture() -> Build:
+    return build_recording
+
+
+@pytest.fixture(scope="session")
+def recording() -> Recording:
+    return build_recording()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from truejoint.errors import TruejointError
 
 if TYPE_CHECKING:
-    from truejoint.estimators import Calibration, calibrate, load_calibration
+    from truejoint.calibration import Calibration, calibrate, load_calibration
     from truejoint.evaluation import evaluate, write_report
     from truejoint.recordings import Recording, read_recording, write_parquet
     from truejoint.robots import get_robot
@@ -40,12 +40,12 @@ __all__ = [
 # Where each public name lives; imported on first use, so that a control loop that needs one
 # package does not wait for the training stack and the plots.
 _HOMES = {
-    "Calibration": "truejoint.estimators",
+    "Calibration": "truejoint.calibration",
     "Recording": "truejoint.recordings",
-    "calibrate": "truejoint.estimators",
+    "calibrate": "truejoint.calibration",
     "evaluate": "truejoint.evaluation",
     "get_robot": "truejoint.robots",
-    "load_calibration": "truejoint.estimators",
+    "load_calibration": "truejoint.calibration",
     "read_recording": "truejoint.recordings",
     "write_parquet": "truejoint.recordings",
     "write_report": "truejoint.evaluation",

@@ -1,51 +1,55 @@
-"""Small synthetic recordings of a RAVEN-II."""
+"""Runs of a virtual forceps: calibration and verification as in yan2020, and an unloaded pair."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
 
-from truejoint.recordings import Provenance, Recording
-from truejoint.robots import get_robot
+from truejoint.motion.forceps_references import calibration_reference, verification_reference
+from truejoint.recordings import Recording
+from truejoint.recordings.forceps import record_forceps
+from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps_twin import ForcepsRun, simulate_forceps
 
-Build = Callable[..., Recording]
-
-
-def build_recording(
-    n: int = 1500, seed: int = 0, *, rate: float = 30.0, **origin: str
-) -> Recording:
-    """Smooth random motion of all joints; the error is an offset, a slope and a play in effort."""
-    rng = np.random.default_rng(seed)
-    robot = get_robot("raven2", origin.get("arm", "left"))
-    t = np.cumsum(rng.uniform(0.8, 1.2, n)) / rate
-    columns = {"t": t}
-    for channel in robot.channels:
-        if channel in robot.unused_channels:
-            columns[f"measured/{channel}"] = columns[f"effort/{channel}"] = np.zeros(n)
-            continue
-        frequency, phase = rng.uniform(0.1, 0.6, 3), rng.uniform(0, 6, 3)
-        waves = np.sin(2 * np.pi * np.outer(t, frequency) + phase)
-        columns[f"measured/{channel}"] = 0.5 + 0.1 * waves.sum(axis=1)
-        columns[f"effort/{channel}"] = np.tanh(np.gradient(waves[:, 0], t)) + rng.normal(0, 0.05, n)
-    for k, joint in enumerate(robot.positioning):
-        q, effort = columns[f"measured/{joint}"], columns[f"effort/{joint}"]
-        error = 0.02 * (k + 1) + 0.05 * (q - 0.5) - 0.004 * effort + 0.1 * (q - 0.5) ** 2
-        columns[f"truth/{joint}"] = q + error + rng.normal(0, 1e-4, n)
-    provenance = Provenance(
-        "raven2", source=f"synthetic-{seed}", session=f"s{seed}", homing_id="h1"
-    )
-    units = {f"effort/{channel}": "Nm" for channel in robot.channels}
-    return Recording.from_columns(columns, replace(provenance, **origin), units)
+SETTLED = 2.2  # [s] that the swelling of the motion is left out
 
 
-@pytest.fixture(name="build", scope="session")
-def build_fixture() -> Build:
-    return build_recording
+@dataclass(frozen=True)
+class Pair:
+    """Run on (27) and on (28)."""
+
+    calibration: ForcepsRun
+    verification: ForcepsRun
+
+    def recordings(self) -> tuple[Recording, Recording]:
+        return record_forceps(self.calibration), record_forceps(self.verification)
+
+
+def columns(run: ForcepsRun, names: tuple[str, ...]) -> np.ndarray:
+    signals = {"motor/jaw": run.motor, "cable/drive": run.drive, "cable/reset": run.reset}
+    return np.column_stack([signals[name] for name in names])
+
+
+def target(run: ForcepsRun) -> np.ndarray:
+    """Reference encoder, unknown while the motion swells."""
+    return np.where(run.t > SETTLED, run.reference, np.nan)
+
+
+def steps(run: ForcepsRun) -> np.ndarray:
+    return np.diff(run.t, prepend=run.t[0])
+
+
+def rms_deg(estimate: np.ndarray, run: ForcepsRun) -> float:
+    error = (estimate - run.reference)[run.t > SETTLED]
+    return float(np.degrees(np.sqrt(np.mean(error**2))))
 
 
 @pytest.fixture(scope="session")
-def recording() -> Recording:
-    return build_recording()
+def pair() -> Pair:
+    parameters = specimen("B")
+    return Pair(
+        simulate_forceps(parameters, calibration_reference().positions[:, 0], seed=0),
+        simulate_forceps(parameters, verification_reference().positions[:, 0], seed=1),
+    )

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.estimators import FeatureSet
 from truejoint.evaluation.checks import DataCheck, Finding, check_data, outside_share
 from truejoint.evaluation.coverage import joint_coverage
+from truejoint.models import FeatureSet
 from truejoint.recordings.recording import Provenance, Recording
 
 

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.estimators import calibrate
 from truejoint.evaluation import Evaluation, check_data, evaluate
 from truejoint.evaluation.evaluate import unique_names
 from truejoint.recordings.recording import Recording

@@ -11,13 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from truejoint.estimators import (
-    Calibration,
-    calibrate,
-    measure_coverage,
-    rezeroed,
-    with_interval,
-)
+from truejoint.calibration import Calibration, calibrate, measure_coverage, rezeroed, with_interval
 from truejoint.evaluation import IntervalScore, evaluate, interval_table, render_report
 from truejoint.recordings import Provenance, Recording
 

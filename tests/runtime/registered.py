@@ -5,9 +5,10 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from tests.estimators.elastic_joint.test_filter import recording as grasper_recording
+from tests.estimators.test_elastic_joint import recording as grasper_recording
 
-from truejoint.estimators import Calibration, NeuralNetwork, calibrate
+from truejoint.calibration import Calibration, calibrate
+from truejoint.estimators import NeuralNetwork
 from truejoint.estimators.registry import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recording

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from truejoint.estimators import Calibration, JointRegressor, calibrate
+from truejoint.calibration import Calibration, calibrate
+from truejoint.estimators import JointRegressor
 from truejoint.recordings import Provenance, Recording
 
 JOINTS = ("shoulder", "elbow")

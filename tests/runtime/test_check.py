@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from truejoint.calibration import calibrate, rezeroed, with_interval
 from truejoint.errors import CalibrationError
-from truejoint.estimators import calibrate, rezeroed, with_interval
 from truejoint.recordings import Provenance, Recording
 from truejoint.runtime import Alarm, Corrector, Reason, check_calibration
 

@@ -13,11 +13,11 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from truejoint.calibration.encoding import encode
+from truejoint.calibration.interval import Interval
+from truejoint.calibration.model_file import to_bytes
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, PolynomialRegressor
-from truejoint.estimators.document import encode
-from truejoint.estimators.interval import Interval
-from truejoint.estimators.model_file import to_bytes
 from truejoint.runtime import Corrector, Status
 
 from .streams import HISTORY, JOINTS, SIGNALS, recording, stream, trained

@@ -9,8 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import calibrate
 from truejoint.recordings import Provenance, Recording
 from truejoint.runtime import Alarm, Monitor, Reason
 

@@ -14,18 +14,18 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from truejoint.calibration.encoding import decode, encode
+from truejoint.calibration.interval import Interval
+from truejoint.calibration.model_file import to_bytes
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.document import decode, encode
-from truejoint.estimators.forceps import CompensatedJawFilter
-from truejoint.estimators.forceps.families import READINGS
-from truejoint.estimators.interval import Interval
-from truejoint.estimators.known_families import FAMILIES
-from truejoint.estimators.model_file import to_bytes
+from truejoint.estimators.jaw_filter import CompensatedJawFilter
 from truejoint.estimators.registry import estimator_names, families, get_estimator
 from truejoint.estimators.sequence import SequenceRegressor, time_steps
+from truejoint.models.jaw_families import READINGS
+from truejoint.models.known_families import FAMILIES
+from truejoint.models.row_models import row_model
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
-from truejoint.runtime.row_models import row_model
 
 from .registered import forceps, model, ready, unseen
 from .test_corrector import HEAVY

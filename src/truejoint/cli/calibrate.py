@@ -8,18 +8,13 @@ from typing import Annotated, Any
 
 import typer
 
-from truejoint import estimators
+from truejoint import calibration
+from truejoint.calibration import Calibration, Interval
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import load_recordings, only_dataset
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Seed, Split
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators import (
-    Calibration,
-    Interval,
-    JointRegressor,
-    estimator_names,
-    get_estimator,
-)
+from truejoint.estimators import JointRegressor, estimator_names, get_estimator
 from truejoint.evaluation import DataCheck, check_data, evaluate
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, get_dataset
@@ -105,7 +100,7 @@ def calibrate(
     )
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
-            fitted = estimators.with_interval(fitted, unseen, rezero=interval_rezero_s)
+            fitted = calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
     if testing:
         scores = evaluate({estimator: [fitted]}, testing).to_dict()["scores"]
         fitted = fitted.with_metadata(held_out=scores)
@@ -132,12 +127,12 @@ def fit(
         if finding.level != "info":
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
     with progress(f"Fitting {estimator.name}") as done:
-        fitted = estimators.calibrate(
+        fitted = calibration.calibrate(
             training,
             estimator,
             features=features,
             joints=joints,
-            target=target,  # type: ignore[arg-type]  # checked there
+            target=target,
             fit_rate=fit_rate,
             random_state=seed,
             progress=done,

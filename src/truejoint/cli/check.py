@@ -9,12 +9,12 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+from truejoint.calibration import Calibration, CrossCheck, cross_check, load_calibration, rezeroed
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED
 from truejoint.cli.inputs import load_recordings
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part
 from truejoint.errors import ModelFileError, RecordingError
-from truejoint.estimators import Calibration, CrossCheck, cross_check, load_calibration, rezeroed
 from truejoint.runtime import CalibrationCheck, check_calibration
 from truejoint.units import display_unit
 

@@ -9,11 +9,11 @@ from typing import Annotated
 import typer
 
 from truejoint import evaluation
+from truejoint.calibration import Calibration, load_calibration
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import load_recordings, parse_tolerances
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Split
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.estimators import Calibration, load_calibration
 from truejoint.evaluation import Evaluation, check_data, interval_table, score_table, write_report
 from truejoint.recordings import Recording
 

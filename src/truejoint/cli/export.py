@@ -7,13 +7,13 @@ from typing import Annotated, get_args
 
 import typer
 
+from truejoint.calibration import load_calibration
 from truejoint.cli.console import out, result_json
 from truejoint.cli.options import Force, Json
 from truejoint.errors import ExportError
-from truejoint.estimators import load_calibration
-from truejoint.runtime.c_source import Precision, check_prefix
-from truejoint.runtime.export_c import check_command, default_prefix, export_c
-from truejoint.runtime.export_onnx import export_onnx
+from truejoint.export.c_source import Precision, check_prefix
+from truejoint.export.export_c import check_command, default_prefix, export_c
+from truejoint.export.export_onnx import export_onnx
 from truejoint.runtime.limits import RANGE_MARGIN
 
 

@@ -12,8 +12,8 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from truejoint.estimators.families import Shape, check_arrays, check_names
-from truejoint.estimators.known_families import FAMILIES
+from truejoint.models.families import Shape, check_arrays, check_names
+from truejoint.models.known_families import FAMILIES
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]

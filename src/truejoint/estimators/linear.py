@@ -11,9 +11,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from truejoint.estimators import kernels
 from truejoint.estimators.base import JointRegressor, Progress, standardisation
-from truejoint.estimators.families import count_terms, polynomial_terms
+from truejoint.models import kernels
+from truejoint.models.families import count_terms, polynomial_terms
 
 Array = NDArray[np.float64]
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.estimators import kernels
 from truejoint.estimators.base import JointRegressor, Progress, standardisation
-from truejoint.estimators.families import layer_sizes
 from truejoint.estimators.training import Layers, train
+from truejoint.models import kernels
+from truejoint.models.families import layer_sizes
 
 Array = NDArray[np.float64]
 

@@ -33,8 +33,8 @@ MOTOR_SIDE_ESTIMATORS: Final = ("ukf_elastic",)
 def families() -> dict[str, type[JointRegressor]]:
     """Every class of estimator by the name that stands in model files."""
     # Imported here because the filters compile for seconds on their first use ever.
-    from truejoint.estimators.elastic_joint.filter import ElasticJointFilter  # noqa: PLC0415
-    from truejoint.estimators.forceps.classes import JAW_CLASSES  # noqa: PLC0415
+    from truejoint.estimators.elastic_joint import ElasticJointFilter  # noqa: PLC0415
+    from truejoint.estimators.jaw_classes import JAW_CLASSES  # noqa: PLC0415
 
     classes: tuple[type[JointRegressor], ...] = (
         *ESTIMATORS.values(),

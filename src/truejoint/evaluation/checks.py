@@ -23,7 +23,7 @@ _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
 
 
 class Features(Protocol):
-    """Inputs of a model, as `truejoint.estimators.FeatureSet` has them."""
+    """Inputs of a model, as `truejoint.models.FeatureSet` has them."""
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from truejoint.estimators.uncertainty import trained_on
+from truejoint.calibration.conformal import trained_on
 from truejoint.recordings.recording import Recording
 
 

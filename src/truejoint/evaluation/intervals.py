@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.estimators.calibration import Calibration
-from truejoint.estimators.interval import Interval
-from truejoint.estimators.uncertainty import (
+from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conformal import (
     made_interval_of,
     range_excess_of,
     trained_on,
     zero_offset,
 )
+from truejoint.calibration.interval import Interval
 from truejoint.evaluation.results import IntervalScore, Trace
 from truejoint.recordings.recording import Recording
 

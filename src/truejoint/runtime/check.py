@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.estimators.uncertainty import half_widths, known_error
-from truejoint.estimators.zeroing import find_zero
+from truejoint.calibration.conformal import half_widths, known_error
+from truejoint.calibration.zero import find_zero
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 
 if TYPE_CHECKING:
-    from truejoint.estimators.calibration import Calibration
+    from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
 Array = NDArray[np.float64]

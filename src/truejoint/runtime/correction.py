@@ -5,13 +5,13 @@ from __future__ import annotations
 from math import inf, isfinite, nan, sqrt
 from typing import Final
 
-from truejoint.estimators import kernels
-from truejoint.estimators.compiled import compiled
-from truejoint.estimators.interval import range_excess
-from truejoint.estimators.unscented.memory import vector
+from truejoint.calibration.interval import range_excess
+from truejoint.compiled import compiled
+from truejoint.filters.memory import vector
+from truejoint.models import kernels
+from truejoint.models.row_model import call_row
 from truejoint.runtime import layout as lay
 from truejoint.runtime.layout import Array, Integers
-from truejoint.runtime.row_model import call_row
 from truejoint.runtime.status import Status
 
 _NOT_FINITE: Final = int(Status.NOT_FINITE)

@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators.document import CalibrationData, decode, encode
-from truejoint.estimators.families import EstimatorData
-from truejoint.estimators.known_families import check_data
-from truejoint.estimators.model_file import read_model_file
+from truejoint.models.families import EstimatorData
+from truejoint.models.known_families import check_data
+from truejoint.models.row_model import RowModel
+from truejoint.models.row_models import row_model
 from truejoint.runtime import layout as lay
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
-from truejoint.runtime.row_model import RowModel
-from truejoint.runtime.row_models import row_model
 from truejoint.runtime.status import Status
 
 if TYPE_CHECKING:
-    from truejoint.estimators import Calibration
+    from truejoint.calibration import Calibration
 
 Array = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.estimators.document import CalibrationData
-from truejoint.estimators.families import EstimatorData
-from truejoint.estimators.interval import inverse_span
+from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.interval import inverse_span
+from truejoint.models.families import EstimatorData
 from truejoint.runtime.limits import Limits
 
 Array = NDArray[np.float64]

@@ -8,12 +8,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.training_domain import partners
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.document import CalibrationData
-from truejoint.estimators.envelope import partners
-from truejoint.estimators.families import EstimatorData
-from truejoint.estimators.features import MAX_RATE_RATIO
-from truejoint.estimators.known_families import family_of
+from truejoint.models.families import EstimatorData
+from truejoint.models.features import MAX_RATE_RATIO
+from truejoint.models.known_families import family_of
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -17,12 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.errors import CalibrationError
-from truejoint.estimators.compiled import compiled
-from truejoint.estimators.document import CalibrationData
-from truejoint.estimators.features import FeatureState
-from truejoint.estimators.interval import inverse_span, range_excess
-from truejoint.estimators.reference import (
+from truejoint.calibration.effort_baseline import (
     ANCHOR,
     MOVED,
     N_TRAVEL,
@@ -32,6 +27,11 @@ from truejoint.estimators.reference import (
     effort_terms,
     travelled,
 )
+from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.interval import inverse_span, range_excess
+from truejoint.compiled import compiled
+from truejoint.errors import CalibrationError
+from truejoint.models.features import FeatureState
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording

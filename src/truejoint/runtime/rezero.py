@@ -8,9 +8,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truejoint.calibration.encoding import CalibrationData
+from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators.compiled import compiled
-from truejoint.estimators.document import CalibrationData
 
 Array = NDArray[np.float64]
 

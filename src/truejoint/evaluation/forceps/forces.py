@@ -9,7 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.estimators.forceps import FrictionFilter, JawLoad, Stiffness, identify_stiffness
+from truejoint.estimators.friction_filter import FrictionFilter
+from truejoint.estimators.jaw_load import JawLoad, Stiffness, identify_stiffness
 from truejoint.evaluation.digits import fixed
 from truejoint.evaluation.forceps.errors import phase_rows
 from truejoint.evaluation.forceps.loaded import DIRECTIONS, Direction

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.estimators.forceps import JawLoad, find_zero
+from truejoint.estimators.jaw_load import JawLoad
+from truejoint.estimators.jaw_zero import find_zero
 from truejoint.evaluation.digits import fixed
 from truejoint.evaluation.forceps.errors import JawError
 from truejoint.evaluation.forceps.methods import METHODS, SETTLED, columns, fit_methods

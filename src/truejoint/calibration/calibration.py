@@ -1,0 +1,276 @@
+"""A fitted calibration: corrects recordings, or one sample at a time."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.calibration.conformal import half_widths
+from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.model_file import read_model_file, write_model_file
+from truejoint.errors import CalibrationError, ModelFileError, TruejointError
+from truejoint.estimators.base import JointRegressor
+from truejoint.estimators.registry import families
+from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
+from truejoint.models.families import EstimatorData
+from truejoint.models.features import FeatureState, check_sample_interval
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class OnlineState:
+    """What a calibration remembers between samples; made by `Calibration.start`.
+
+    Attributes
+    ----------
+    features : FeatureState
+    row : ndarray, shape (1, k)
+        Features of the last sample.
+    model : object
+        What a `SequenceRegressor` remembers itself; None for any other estimator.
+    """
+
+    features: FeatureState
+    row: Array
+    model: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration(CalibrationData[JointRegressor]):
+    """A fitted estimator with all that is needed to use it on the arm that it was made for.
+
+    Made by `calibrate` or `load_calibration`. See `CalibrationData` for what it holds.
+    """
+
+    @property
+    def estimator(self) -> str:
+        """Name of the estimator, for instance ``"dnn"``."""
+        return self.model.name
+
+    @property
+    def title(self) -> str:
+        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
+        return Robot(self.robot, (), self.arm).title
+
+    @property
+    def baselines(self) -> Mapping[str, Calibration]:
+        """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
+        return {
+            name: replace(
+                self,
+                model=model,
+                target="error",
+                baseline_models={},
+                interval=None,
+                reference=None,
+            )
+            for name, model in self.baseline_models.items()
+        }
+
+    def correct(self, recording: Recording) -> Array:
+        """Correct the measured positions of a recording.
+
+        Parameters
+        ----------
+        recording : Recording
+            Of the same robot and arm; needs the columns `signals`, no truth.
+
+        Returns
+        -------
+        ndarray, shape (n, n_joints)
+            Position of each of `joints` [rad or m].
+
+        Raises
+        ------
+        CalibrationError
+            If robot, arm, columns, units or (where features count samples) the rate differ.
+        """
+        self._check(recording)
+        X = self.feature_set.compute(recording, self.gap_limit)
+        if isinstance(self.model, SequenceRegressor):
+            return self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
+        predicted = self.model.evaluate(X)
+        if self.target == "position":
+            return predicted
+        return recording.columns("measured", self.joints) + predicted
+
+    def predict_error(self, recording: Recording) -> Array:
+        """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
+        corrected = self.correct(recording)
+        return corrected - recording.columns("measured", self.joints)
+
+    def correct_with_interval(
+        self, recording: Recording, level: float = 0.9
+    ) -> tuple[Array, Array, Array]:
+        """Correct a recording, and state where the joint really is.
+
+        Parameters
+        ----------
+        recording : Recording
+            As for `correct`.
+        level : float
+            Probability to state; see `Interval` for its exact meaning.
+
+        Returns
+        -------
+        corrected, lower, upper : ndarray, shape (n, n_joints)
+            [rad or m]; wider where a feature is outside its trained range.
+
+        Raises
+        ------
+        CalibrationError
+            As `correct`, or if the calibration has no interval of that level.
+        """
+        corrected = self.correct(recording)
+        half = half_widths(self, recording, level)
+        return corrected, corrected - half, corrected + half
+
+    def start(self) -> OnlineState:
+        """State before the first sample, for `step`."""
+        memory = self.model.start() if isinstance(self.model, SequenceRegressor) else None
+        return OnlineState(self.feature_set.start(), np.empty((1, len(self.feature_set))), memory)
+
+    def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
+        """Correct one sample; the same bits as `correct` gives for the whole recording.
+
+        Parameters
+        ----------
+        state : OnlineState
+            Changed in place.
+        t : float
+            Time stamp [s], later than the last.
+        sample : array_like, shape (n_signals,)
+            Values of `signals`, in their order and units.
+
+        Returns
+        -------
+        ndarray, shape (n_joints,)
+            Position of each of `joints` [rad or m].
+
+        Raises
+        ------
+        CalibrationError
+            If the sample has another length or is not finite, or time does not advance; the state
+            is then as before.
+        """
+        values = np.ascontiguousarray(sample, dtype=np.float64)
+        if values.shape != (len(self.signals),):
+            raise CalibrationError(
+                f"sample has shape {values.shape}; it must hold the {len(self.signals)} signals "
+                f"{', '.join(self.signals)}"
+            )
+        if not np.isfinite(values).all():
+            name = self.signals[int(np.argmin(np.isfinite(values)))]
+            raise CalibrationError(f"sample at {t!r} s: {name!r} is not finite; leave it out")
+        seen, last = state.features.clock
+        if not math.isfinite(t) or (seen and not t > last):
+            raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
+        fresh = self.feature_set.step(state.features, t, values, self.gap_limit, state.row[0])
+        if isinstance(self.model, SequenceRegressor):
+            return self.model.step(state.model, 0.0 if fresh else t - last, state.row[0])
+        predicted: Array = self.model.evaluate(state.row)[0]
+        if self.target == "position":
+            return predicted
+        measured = [self.signals.index(f"measured/{joint}") for joint in self.joints]
+        return np.asarray(values[measured] + predicted)
+
+    def with_metadata(self, **items: Any) -> Self:
+        """Add JSON values, such as ``held_out``, to the metadata of a copy.
+
+        Raises
+        ------
+        CalibrationError
+            If a value is not JSON.
+        """
+        try:
+            plain = json.loads(json.dumps(items, allow_nan=False))
+        except (TypeError, ValueError) as error:
+            raise CalibrationError(
+                f"metadata {', '.join(items)} cannot be kept as JSON ({error}); give plain numbers "
+                "and texts"
+            ) from None
+        return replace(self, metadata={**self.metadata, **plain})
+
+    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write the calibration as one safetensors file; `load_calibration` reads it back.
+
+        Raises
+        ------
+        ModelFileError
+            If the file exists and `overwrite` is false, or it cannot be written.
+        """
+        document, arrays = encode(self)
+        write_model_file(path, document, arrays, overwrite=overwrite)
+
+    def _check(self, recording: Recording) -> None:
+        source = recording.provenance.source or "recording"
+        robot = recording.robot
+        if (robot.name, robot.arm) != (self.robot, self.arm):
+            raise CalibrationError(
+                f"{source} is of {robot.title}, the calibration of {self.title}; calibrate each "
+                "arm on its own recordings"
+            )
+        missing = [s for s in self.signals if s not in recording.table.columns]
+        if missing:
+            raise CalibrationError(
+                f"{source} lacks {', '.join(missing)}, which the calibration needs; it has "
+                f"{', '.join(recording.units)}"
+            )
+        for signal in self.signals:
+            if recording.units[signal] != self.units[signal]:
+                raise CalibrationError(
+                    f"{source}: {signal!r} is in {recording.units[signal]}, the calibration was "
+                    f"made with {self.units[signal]}; convert it where the file is read"
+                )
+        if self.feature_set.counts_samples or counts_samples(self.model):
+            check_sample_interval(recording, float(self.metadata["sample_interval"]))
+
+
+def load_calibration(path: str | os.PathLike[str]) -> Calibration:
+    """Read a calibration that `Calibration.save` wrote; it predicts bit for bit as before.
+
+    Nothing in the file is run.
+
+    Raises
+    ------
+    ModelFileError
+        If the file is missing, truncated, edited, too large, or of a newer format.
+    """
+    document, arrays = read_model_file(path)
+    try:
+        data = decode(document, arrays)
+        if data.feature_set.counts_samples and not _has_interval(data.metadata):
+            raise ModelFileError("features count samples, and the sample interval is not stated")
+        models = {"model": data.model, **data.baseline_models}
+        shape = (len(data.feature_set), len(data.joints))
+        fitted = {name: _fitted(name, model, *shape) for name, model in models.items()}
+    except TruejointError as error:
+        raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
+    parts = {field.name: getattr(data, field.name) for field in fields(data)}
+    return Calibration(**parts | {"model": fitted.pop("model"), "baseline_models": fitted})
+
+
+def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> JointRegressor:
+    known = families()
+    if data.family not in known:
+        raise ModelFileError(
+            f"estimator {name!r} is of family {data.family!r:.60}; known: {', '.join(known)}"
+        )
+    return known[data.family].from_arrays(
+        data.params, data.arrays, n_features=n_features, n_outputs=n_outputs
+    )
+
+
+def _has_interval(metadata: Mapping[str, Any]) -> bool:
+    interval = metadata.get("sample_interval")
+    return isinstance(interval, float) and 0.0 < interval < 1e9

@@ -1,0 +1,338 @@
+"""Intervals for calibrated positions, made of whole trajectories."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.calibration.effort_baseline import residual_statistics
+from truejoint.calibration.interval import (
+    GROWTH,
+    LEVELS,
+    Interval,
+    inverse_span,
+    needed_trajectories,
+    range_excesses,
+)
+from truejoint.errors import CalibrationError
+
+if TYPE_CHECKING:
+    from truejoint.calibration.calibration import Calibration
+    from truejoint.recordings import Recording
+
+Array = NDArray[np.float64]
+
+MAX_GROWTH: Final = 100.0
+
+
+def with_interval(
+    calibration: Calibration,
+    recordings: Sequence[Recording],
+    *,
+    levels: Sequence[float] = LEVELS,
+    rezero: float = 0.0,
+    growth: float = GROWTH,
+) -> Calibration:
+    """Add an interval, made of trajectories that the fit has not seen, to a calibration.
+
+    The score of a sample is its absolute error, divided by how much wider the interval is there
+    outside the trained range. Every trajectory weighs the same, however long it is, and one more
+    that may be arbitrarily bad stands for the trajectory to come; the half-width is the quantile
+    of the scores at the stated level (Lee, Barber and Willett, arXiv:2306.06342).
+
+    What counts as one trajectory is what was recorded after one homing, where the recordings
+    span several homings and are not re-zeroed; otherwise it is one recording.
+
+    Where the calibration keeps a `Reference`, its size of errors becomes that of these recordings,
+    which the fit could not adapt to.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recordings : sequence of Recording
+        With truth. The interval holds for motions, homings and loads like those in them.
+    levels : sequence of float
+        Probabilities to state. Those that the trajectories are too few for are left out.
+    rezero : float
+        When above 0, the first `rezero` seconds of truth of every recording set its offset
+        (`zero_offset`) and are not scored: the interval then holds after re-zeroing likewise.
+    growth : float
+        How fast it widens outside the trained range: see `Interval.growth`.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few trajectories for any level, one was used in the fit, or has no truth.
+    """
+    wanted = sorted(set(levels))
+    if not wanted or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
+        raise CalibrationError(
+            f"interval with levels {wanted}, growth {growth!r}, rezero {rezero!r} s; give a "
+            f"level, a growth from 0 to {MAX_GROWTH:g} and a time of 0 s or more"
+        )
+    for recording in recordings:
+        if trained_on(calibration.metadata, recording):
+            raise CalibrationError(
+                f"{_source(recording)} was used in the fit, so its errors are too small for an "
+                "interval; give recordings that the calibration has not seen"
+            )
+    units = exchangeable_units(recordings, per_homing=rezero == 0.0)
+    possible = [level for level in wanted if needed_trajectories(level) <= len(units)]
+    if not possible:
+        raise CalibrationError(
+            f"{len(units)} calibration trajectories are too few for a {100 * wanted[0]:g} % "
+            f"interval, which takes {needed_trajectories(wanted[0])}; record more, each after "
+            "a homing of its own if it is to hold after any homing"
+        )
+    scores = [_scores(calibration, recording, rezero, growth) for recording in recordings]
+    widths = [
+        np.array([_thresholds([[scores[i][k] for i in unit] for unit in units], level)
+                  for level in possible])
+        for k in range(3)
+    ]  # fmt: skip
+    interval = Interval(
+        levels=np.array(possible),
+        half_widths=widths[0],
+        offset_half_widths=widths[1],
+        raw_half_widths=widths[2],
+        growth=float(growth),
+        rezero=float(rezero),
+        trajectories=len(units),
+        homings=len({r.provenance.homing_id for r in recordings} - {""}),
+    )
+    reference = calibration.reference
+    if reference is not None:
+        size, time = residual_statistics(calibration, recordings)
+        reference = replace(reference, residual=size, correlation=time)
+    stated = replace(calibration, interval=interval, reference=reference)
+    return stated.with_metadata(interval_sessions=[_origin(recording) for recording in recordings])
+
+
+def exchangeable_units(
+    recordings: Sequence[Recording], *, per_homing: bool = True
+) -> list[list[int]]:
+    """Group the indices of recordings that count as one trajectory: see `with_interval`.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    per_homing : bool
+        Whether recordings after one homing belong together when there are several homings;
+        positions after one homing share its offset, so they are not independent.
+    """
+    names = [recording.provenance.homing_id for recording in recordings]
+    if not per_homing or len(set(names) - {""}) < 2:
+        return [[i] for i in range(len(recordings))]
+    units: dict[str, list[int]] = {}
+    for i, name in enumerate(names):
+        units.setdefault(name or f"\0{i}", []).append(i)
+    return list(units.values())
+
+
+def conformal_threshold(scores: Sequence[Array], level: float) -> float:
+    """Score that a sample of one more trajectory stays below with probability `level` or more.
+
+    Each of n trajectories has the weight 1/(n + 1), spread evenly over its scores; what is left
+    stands at infinity for the trajectory to come.
+
+    Parameters
+    ----------
+    scores : sequence of ndarray, shape (n_i,)
+        Of each trajectory.
+    level : float
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer trajectories than `needed_trajectories`.
+    """
+    if len(scores) < needed_trajectories(level):
+        raise CalibrationError(
+            f"{len(scores)} trajectories cannot state {100 * level:g} %; it takes "
+            f"{needed_trajectories(level)}"
+        )
+    values = np.concatenate(scores)
+    share = np.concatenate([np.full(len(s), 1.0 / len(s)) for s in scores]) / (len(scores) + 1)
+    order = np.argsort(values, kind="stable")
+    reached = np.cumsum(share[order])
+    # The weights are rounded sums: 9 trajectories reach 0.9 but for rounding.
+    first = int(np.searchsorted(reached, level - 1e-9))
+    return float(values[order][min(first, len(values) - 1)])
+
+
+def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray[np.bool_]]:
+    """Offset that re-zeroes a recording, from its first `duration` seconds of truth.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Stamps of rows with truth [s].
+    error : ndarray, shape (n, n_joints)
+        Truth minus corrected position there [rad or m].
+    duration : float
+        Time from the first of these rows [s].
+
+    Returns
+    -------
+    offset : ndarray, shape (n_joints,)
+        Median of the errors, which a few wrong readings do not move [rad or m].
+    used : ndarray of bool, shape (n,)
+        Rows that it was taken from.
+    """
+    used = t - t[0] < duration
+    return np.median(error[used], axis=0), used
+
+
+def trained_on(metadata: Mapping[str, Any], recording: Recording) -> bool:
+    """Whether rows of a recording were in the training that the metadata describe (`among`)."""
+    return among(metadata.get("sessions", ()), recording)
+
+
+def made_interval_of(metadata: Mapping[str, Any], recording: Recording) -> bool:
+    """Whether the interval of a calibration was made of rows of a recording (`among`)."""
+    return among(metadata.get("interval_sessions", ()), recording)
+
+
+def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
+    """Whether a recording is one of those that metadata list.
+
+    Two recordings are the same when their hashes are equal or, where neither has one, source,
+    session, homing and start. Parts of one count as the same when their times overlap.
+    """
+    own = recording.provenance.to_dict()
+    for session in sessions:
+        if own["sha256"] or session["sha256"]:
+            same = own["sha256"] == session["sha256"]
+        else:
+            keys = ("source", "session", "homing_id", "start")
+            same = all(own[key] == session.get(key, own[key]) for key in keys)
+        if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
+            return True
+    return False
+
+
+def range_excess_of(calibration: Calibration, recording: Recording) -> Array:
+    """How far outside the trained range each row (n,) is, as a share of the range; 0 inside."""
+    X = calibration.feature_set.compute(recording, calibration.gap_limit)
+    out = np.empty(len(X))
+    low, high = calibration.lower, calibration.upper
+    range_excesses(X, low, high, inverse_span(low, high), out)
+    return out
+
+
+def half_widths(calibration: Calibration, recording: Recording, level: float = 0.9) -> Array:
+    """Half-width (n, n_joints) [rad or m] of the interval at every row of a recording.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration has no interval, or not of that level.
+    """
+    interval = required_interval(calibration)
+    widening = 1.0 + interval.growth * range_excess_of(calibration, recording)
+    return widening[:, None] * interval.half_width(level)
+
+
+def required_interval(calibration: Calibration) -> Interval:
+    """Interval of a calibration; raises CalibrationError when it has none."""
+    if calibration.interval is None:
+        raise CalibrationError(
+            f"the calibration of {calibration.title} states no interval; make one of recordings "
+            "that it has not seen: truejoint calibrate ... --interval RECORDING"
+        )
+    return calibration.interval
+
+
+def known_error(
+    calibration: Calibration, recording: Recording
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Find the errors of a calibration in the rows that have truth.
+
+    Returns
+    -------
+    t : ndarray, shape (m,)
+        Time stamps [s].
+    error : ndarray, shape (m, n_joints)
+        Truth minus corrected position [rad or m].
+    known : ndarray of bool, shape (n,)
+        Which rows of the recording these are.
+
+    Raises
+    ------
+    CalibrationError
+        If the recording does not fit, or no row has the truth of all joints.
+    """
+    without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
+    if without:
+        raise CalibrationError(
+            f"{_source(recording)} has no truth of {', '.join(without)}; record it with a sensor "
+            "at the joint, if only for a moment"
+        )
+    error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
+    known = np.asarray(np.isfinite(error).all(axis=1))
+    if not known.any():
+        raise CalibrationError(
+            f"{_source(recording)}: no row has the truth of {', '.join(calibration.joints)}; an "
+            "interval is made of, and judged by, true positions"
+        )
+    return recording.t[known], error[known], known
+
+
+def _scores(
+    calibration: Calibration, recording: Recording, rezero: float, growth: float
+) -> tuple[Array, Array, Array]:
+    """Scores (m, n_joints) of the model, the fixed offset and the measured position."""
+    t, error, known = known_error(calibration, recording)
+    if "offset" not in calibration.baseline_models:
+        raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
+    offset_error = known_error(calibration.baselines["offset"], recording)[1]
+    raw_error = recording.error(calibration.joints)[known]
+    scored = np.ones(len(t), dtype=bool)
+    if rezero > 0.0:
+        shift, used = zero_offset(t, error, rezero)
+        error, scored = error - shift, ~used
+        offset_error = offset_error - zero_offset(t, offset_error, rezero)[0]
+        check_scored(recording, scored, rezero)
+    widening = 1.0 + growth * range_excess_of(calibration, recording)[known][scored]
+    return (
+        np.abs(error[scored]) / widening[:, None],
+        np.abs(offset_error[scored]),
+        np.abs(raw_error[scored]),
+    )
+
+
+def _thresholds(units: Sequence[Sequence[Array]], level: float) -> list[float]:
+    """Threshold of each joint, of the scores (m, n_joints) of each recording of each unit."""
+    joined = [np.concatenate(unit) for unit in units]
+    return [
+        conformal_threshold([scores[:, joint] for scores in joined], level)
+        for joint in range(joined[0].shape[1])
+    ]
+
+
+def check_scored(recording: Recording, scored: NDArray[np.bool_], rezero: float) -> None:
+    """Raise CalibrationError when no row (n,) is left to judge after re-zeroing."""
+    if not scored.any():
+        raise CalibrationError(
+            f"{_source(recording)}: all of its truth lies within the {rezero:g} s that re-zero it; "
+            "nothing is left to judge, so give a longer recording"
+        )
+
+
+def _origin(recording: Recording) -> dict[str, Any]:
+    """Tell a recording from others, as JSON values."""
+    kept = ("source", "sha256", "session", "homing_id", "load", "start")
+    origin = recording.provenance.to_dict()
+    return {key: origin[key] for key in kept} | {
+        "first": float(recording.t[0]),
+        "last": float(recording.t[-1]),
+    }
+
+
+def _source(recording: Recording) -> str:
+    return recording.provenance.source or "recording"

@@ -1,0 +1,393 @@
+"""How an arm behaves while its calibration holds: efforts on the way, and errors over time.
+
+A calibration goes stale when cables, friction or the load on the tool change. Efforts show it with
+no sensor at the joints: the part that does not change sign with the direction of motion carries
+gravity and load, the part that does is friction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.compiled import compiled
+from truejoint.errors import ModelFileError
+
+if TYPE_CHECKING:
+    from truejoint.calibration.calibration import Calibration
+    from truejoint.recordings import Recording
+
+Array = NDArray[np.float64]
+
+STEPS_PER_RANGE: Final = 200
+"""A joint's effort is looked at whenever it has moved by this part of its trained range."""
+SETTLE_STEPS: Final = 4
+"""Steps after a reversal until friction has built up."""
+RANGE_MARGIN: Final = 0.1
+"""Efforts are compared up to this share of a joint's range outside it."""
+RANGES_EACH_WAY: Final = 5.0
+"""Travel in either direction, in ranges of a joint, that its reference takes at least."""
+STEPS_PER_TERM: Final = 20
+MAX_JOINTS: Final = 12
+"""With more joints than this no reference is made: its terms grow with the square."""
+SMALLEST_SHIFT: Final = 1.3
+SMALLEST_FRICTION_SHIFT: Final = 3.0
+HELD_OUT_MARGIN: Final = 2.0
+"""Limits are at least the two above, in standard deviations of single efforts (most of which is
+ripple that averages out), and this many times what a held-out training recording shows."""
+WINDOW_FILLED: Final = 0.6
+"""Share of the averaging window that must have been travelled each way before judging."""
+
+ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
+N_TRAVEL: Final = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What was seen while the calibration held; made by `fit_reference`.
+
+    Attributes
+    ----------
+    lower, upper : ndarray, shape (n_joints,)
+        Range of each measured position [rad or m].
+    monitored : ndarray, shape (n_joints,)
+        1 where the efforts of a joint are known well enough to be compared, 0 elsewhere.
+    coef : ndarray, shape (n_joints, n_terms)
+        Effort of each joint [its unit] over `effort_terms`.
+    scale : ndarray, shape (n_joints,)
+        Standard deviation of the effort about that.
+    shift_limit, friction_limit : ndarray, shape (n_joints,)
+        How far, in units of `scale`, the mean over both directions and half their difference may
+        lie from the reference before it means something.
+    residual : ndarray, shape (n_joints,)
+        Standard deviation of the corrected position about its mean error in a motion [rad or m].
+    correlation : ndarray, shape (n_joints,)
+        Time [s] over which such errors resemble each other.
+    """
+
+    lower: Array
+    upper: Array
+    monitored: Array
+    coef: Array
+    scale: Array
+    shift_limit: Array
+    friction_limit: Array
+    residual: Array
+    correlation: Array
+
+
+def count_effort_terms(n_joints: int) -> int:
+    """Count the terms of `effort_terms`."""
+    return 1 + n_joints + n_joints * (n_joints + 1) // 2 + 1 + n_joints + 1
+
+
+@compiled
+def effort_terms(position: Array, speed: float, lower: Array, upper: Array, out: Array) -> None:
+    """Terms that a joint's effort is linear in.
+
+    Gravity as a quadratic in all positions, Coulomb friction that varies with them, and viscous
+    friction of the joint's own speed.
+
+    Parameters
+    ----------
+    position, lower, upper : ndarray, shape (n_joints,)
+        Measured positions and their ranges [rad or m].
+    speed : float
+        Of the joint itself, in ranges per second; not 0.
+    out : ndarray, shape (n_terms,)
+    """
+    n = position.shape[0]
+    direction = 1.0 if speed > 0.0 else -1.0
+    for i in range(n):
+        scaled = (2.0 * position[i] - lower[i] - upper[i]) / (upper[i] - lower[i])
+        out[1 + i] = scaled
+        out[out.shape[0] - 1 - n + i] = direction * scaled
+    k = 1 + n
+    for i in range(n):
+        for j in range(i, n):
+            out[k] = out[1 + i] * out[1 + j]
+            k += 1
+    out[0] = 1.0
+    out[k] = direction
+    out[out.shape[0] - 1] = speed
+
+
+@compiled
+def travelled(
+    j: int, t: float, position: Array, lower: Array, upper: Array, travel: Array
+) -> float:
+    """Speed of joint `j` when it has moved one more step the same way, in range; 0 otherwise.
+
+    Counting travel and not time makes it the same at 30 Hz and at 1 kHz, and blind to standstill,
+    where static friction may hold any effort.
+
+    Parameters
+    ----------
+    j : int
+    t : float
+        Time stamp [s].
+    position, lower, upper : ndarray, shape (n_joints,)
+        Measured positions and their ranges [rad or m].
+    travel : ndarray, shape (5, n_joints)
+        State, changed in place: position and time of the last step, its direction, travel since
+        the reversal, travel of the last step (in ranges); NaN in the first row to start with.
+
+    Returns
+    -------
+    float
+        In ranges per second, signed.
+    """
+    if not np.isfinite(travel[ANCHOR, j]):
+        travel[ANCHOR, j] = position[j]
+        travel[TIME, j] = t
+    span = upper[j] - lower[j]
+    moved = (position[j] - travel[ANCHOR, j]) / span
+    elapsed = t - travel[TIME, j]
+    if not abs(moved) >= 1.0 / STEPS_PER_RANGE or not elapsed > 0.0:
+        return 0.0
+    heading = 1.0 if moved > 0.0 else -1.0
+    travel[RUN, j] = travel[RUN, j] + abs(moved) if heading == travel[HEADING, j] else 0.0
+    travel[HEADING, j] = heading
+    travel[ANCHOR, j] = position[j]
+    travel[TIME, j] = t
+    travel[MOVED, j] = abs(moved)
+    if travel[RUN, j] < SETTLE_STEPS / STEPS_PER_RANGE:
+        return 0.0
+    for i in range(position.shape[0]):
+        margin = RANGE_MARGIN * (upper[i] - lower[i])
+        if not (lower[i] - margin <= position[i] <= upper[i] + margin):
+            return 0.0
+    speed: float = moved / elapsed
+    return speed
+
+
+@compiled
+def average_effort(
+    deviation: float, speed: float, moved: float, j: int, mean: Array, weight: Array
+) -> None:
+    """Take a deviation into joint `j`'s average over about one range of travel each way.
+
+    `mean` and `weight` (2, n_joints) are changed in place; row 1 is for positive `speed`.
+    """
+    side = 1 if speed > 0.0 else 0
+    gain = 1.0 - np.exp(-moved)
+    mean[side, j] += gain * (deviation - mean[side, j])
+    weight[side, j] += gain * (1.0 - weight[side, j])
+
+
+@compiled
+def effort_steps(
+    t: Array, position: Array, effort: Array, lower: Array, upper: Array, rows: Array
+) -> int:
+    """Collect the steps of all joints in a recording.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+    position, effort : ndarray, shape (n, n_joints)
+    lower, upper : ndarray, shape (n_joints,)
+    rows : ndarray, shape (n * n_joints, 4 + n_terms)
+        Receives joint, effort, speed, travel and terms of each step.
+
+    Returns
+    -------
+    int
+        How many rows were filled.
+    """
+    n_joints = position.shape[1]
+    travel = np.zeros((N_TRAVEL, n_joints))
+    travel[ANCHOR] = np.nan
+    count = 0
+    for i in range(t.shape[0]):
+        for j in range(n_joints):
+            speed = travelled(j, t[i], position[i], lower, upper, travel)
+            if speed == 0.0:
+                continue
+            rows[count, 0] = j
+            rows[count, 1] = effort[i, j]
+            rows[count, 2] = speed
+            rows[count, 3] = travel[MOVED, j]
+            effort_terms(position[i], speed, lower, upper, rows[count, 4:])
+            count += 1
+    return count
+
+
+@compiled
+def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float, float]:
+    """Largest mean and half difference of the directions' averages, over one joint's steps (n,)."""
+    mean, weight = np.zeros((2, 1)), np.zeros((2, 1))
+    shift, friction = 0.0, 0.0
+    for i in range(deviation.shape[0]):
+        average_effort(deviation[i], speed[i], moved[i], 0, mean, weight)
+        if min(weight[0, 0], weight[1, 0]) > WINDOW_FILLED:
+            down, up = mean[0, 0] / weight[0, 0], mean[1, 0] / weight[1, 0]
+            shift = max(shift, abs(up + down) / 2.0)
+            friction = max(friction, abs(up - down) / 2.0)
+    return shift, friction
+
+
+def fit_reference(calibration: Calibration, recordings: Sequence[Recording]) -> Reference | None:
+    """Learn efforts and errors from recordings in which the calibration holds.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    recordings : sequence of Recording
+        With truth; those of the fit, or later ones.
+
+    Returns
+    -------
+    Reference or None
+        None when there are more than 12 joints or one of them never moves. A joint is `monitored`
+        when its effort is a signal of the calibration and it travels at least five of its ranges
+        each way.
+    """
+    joints = calibration.joints
+    positions = [recording.columns("measured", joints) for recording in recordings]
+    together = np.concatenate(positions)
+    lower, upper = together.min(axis=0), together.max(axis=0)
+    if len(joints) > MAX_JOINTS or not (upper > lower).all():
+        return None
+    known = [f"effort/{joint}" in calibration.signals for joint in joints]
+    steps = [_steps(recording, joints, known, lower, upper) for recording in _pieces(recordings)]
+    n_terms = count_effort_terms(len(joints))
+    coef, scale = np.zeros((len(joints), n_terms)), np.ones(len(joints))
+    shift, friction = np.zeros(len(joints)), np.zeros(len(joints))
+    monitored = np.zeros(len(joints))
+    for j in range(len(joints)):
+        own = [rows[rows[:, 0] == j] for rows in steps]
+        if not known[j] or not _enough(np.concatenate(own), n_terms):
+            continue
+        coef[j], scale[j] = _fit_effort(np.concatenate(own))
+        shift[j], friction[j] = _held_out_shifts(own)
+        monitored[j] = 1.0
+    residual, correlation = residual_statistics(calibration, recordings)
+    return Reference(
+        lower=lower,
+        upper=upper,
+        monitored=monitored,
+        coef=coef,
+        scale=scale,
+        shift_limit=np.maximum(SMALLEST_SHIFT, HELD_OUT_MARGIN * shift),
+        friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, HELD_OUT_MARGIN * friction),
+        residual=residual,
+        correlation=correlation,
+    )
+
+
+def residual_statistics(
+    calibration: Calibration, recordings: Sequence[Recording]
+) -> tuple[Array, Array]:
+    """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
+
+    About the mean error of each recording. The correlation time is that after which the
+    autocorrelation has fallen to 1/e.
+    """
+    errors = []
+    for recording in recordings:
+        error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
+        known = np.isfinite(error).all(axis=1)
+        if known.sum() >= 2:
+            errors.append((recording.t[known], error[known] - error[known].mean(axis=0)))
+    sizes = np.sqrt(np.mean(np.concatenate([error for _, error in errors]) ** 2, axis=0))
+    times = [[_correlation_time(t, error[:, j]) for j in range(len(sizes))] for t, error in errors]
+    smallest = np.finfo(float).tiny
+    return np.maximum(sizes, smallest), np.maximum(np.median(times, axis=0), 1e-3)
+
+
+def encode_reference(reference: Reference) -> dict[str, Array]:
+    """Arrays for the model file, by name."""
+    return {field.name: getattr(reference, field.name) for field in fields(reference)}
+
+
+def decode_reference(arrays: Mapping[str, Array], n_joints: int) -> Reference:
+    """Inverse of `encode_reference`; raises ModelFileError when any part is not as it must be."""
+    shapes = {field.name: (n_joints,) for field in fields(Reference)}
+    wanted = {**shapes, "coef": (n_joints, count_effort_terms(n_joints))}
+    if {name: array.shape for name, array in arrays.items()} != wanted:
+        raise ModelFileError("the arrays of the reference are not those of the model's joints")
+    positive = ("scale", "shift_limit", "friction_limit", "residual", "correlation")
+    if (
+        not all(np.isfinite(array).all() for array in arrays.values())
+        or not all((arrays[name] > 0.0).all() for name in positive)
+        or not (arrays["lower"] < arrays["upper"]).all()
+        or not np.isin(arrays["monitored"], (0.0, 1.0)).all()
+    ):
+        raise ModelFileError("the reference holds values that no recording gives")
+    return Reference(**arrays)
+
+
+def _pieces(recordings: Sequence[Recording]) -> list[Recording]:
+    """Split into what can be held out in turn: a single recording is cut in three by time."""
+    if len(recordings) > 1:
+        return list(recordings)
+    parts = np.array_split(np.arange(len(recordings[0])), 3)
+    if len(parts[0]) < 2:
+        return list(recordings)
+    return [recordings[0].rows(part.astype(np.int64)) for part in parts]
+
+
+def _steps(
+    recording: Recording, joints: Sequence[str], known: Sequence[bool], lower: Array, upper: Array
+) -> Array:
+    """Lay out a recording as `effort_steps` does; effort 0 where there is none."""
+    n_joints = len(joints)
+    position = np.ascontiguousarray(recording.columns("measured", joints))
+    effort = np.zeros_like(position)
+    for j, joint in enumerate(joints):
+        if known[j]:
+            effort[:, j] = recording.column(f"effort/{joint}")
+    # A step is at least 1/200 of a range, so that travel bounds their number.
+    travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (upper - lower)
+    most = min(position.size, int(travel.sum() * STEPS_PER_RANGE) + n_joints)
+    rows = np.empty((most + 1, 4 + count_effort_terms(n_joints)))
+    count = effort_steps(np.array(recording.t), position, effort, lower, upper, rows)
+    return rows[:count]
+
+
+def _enough(rows: Array, n_terms: int) -> bool:
+    """Whether steps of one joint pin its reference down in both directions."""
+    needed = max(RANGES_EACH_WAY * STEPS_PER_RANGE, STEPS_PER_TERM * n_terms)
+    each_way = (np.sum(rows[:, 3] * (rows[:, 2] > 0.0)), np.sum(rows[:, 3] * (rows[:, 2] < 0.0)))
+    return bool(min(each_way) >= RANGES_EACH_WAY and len(rows) >= needed and rows[:, 1].std() > 0.0)
+
+
+def _fit_effort(rows: Array) -> tuple[Array, float]:
+    """Coefficients (n_terms,) of one joint's effort and the standard deviation about them."""
+    terms, effort = rows[:, 4:], rows[:, 1]
+    coef = np.asarray(np.linalg.lstsq(terms, effort, rcond=None)[0], dtype=np.float64)
+    deviation = float(np.std(effort - terms @ coef))
+    return coef, max(deviation, 1e-9 * float(np.abs(effort).max()))
+
+
+def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
+    """Largest shifts that recordings show against the reference of the others, in its scale."""
+    shift, friction = 0.0, 0.0
+    for i, own in enumerate(pieces):
+        others = [rows for k, rows in enumerate(pieces) if k != i and len(rows)]
+        if not others or not len(own):
+            continue
+        rest = np.concatenate(others)
+        if len(rest) < STEPS_PER_TERM * (rest.shape[1] - 4):
+            continue
+        coef, scale = _fit_effort(rest)
+        deviation = (own[:, 1] - own[:, 4:] @ coef) / scale
+        seen = largest_shifts(deviation, own[:, 2].copy(), own[:, 3].copy())
+        shift, friction = max(shift, seen[0]), max(friction, seen[1])
+    return shift, friction
+
+
+def _correlation_time(t: Array, error: Array) -> float:
+    """Time [s] after which the autocorrelation of errors (n,) first falls below 1/e."""
+    interval = float(np.median(np.diff(t)))
+    n = len(error)
+    spectrum = np.fft.rfft(error, 2 * n)
+    covariance = np.fft.irfft(spectrum * spectrum.conj())[:n]
+    if not covariance[0] > 0.0:
+        return interval
+    below = np.flatnonzero(covariance < covariance[0] / np.e)
+    return interval * float(below[0] if below.size else n)

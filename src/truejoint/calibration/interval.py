@@ -1,0 +1,191 @@
+"""How far off a corrected position may be: half-widths that a model file carries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.compiled import compiled
+from truejoint.errors import CalibrationError, ModelFileError
+
+Array = NDArray[np.float64]
+
+LEVELS: Final = (0.8, 0.9, 0.95)
+GROWTH: Final = 2.0
+"""Growth of the interval outside the trained range: see `Interval.growth`."""
+MAX_LEVELS: Final = 16
+
+_SCALARS: Final = ("growth", "rezero", "trajectories", "homings")
+
+
+@dataclass(frozen=True, eq=False)
+class Interval:
+    """Conformal half-widths with whole trajectories as the exchangeable unit.
+
+    For a trajectory drawn like those that the interval was made of, a sample picked at random
+    lies within ``corrected +- half_width`` with at least the stated probability, averaged over
+    such trajectories, joint by joint (hierarchical conformal prediction, Lee, Barber and Willett,
+    arXiv:2306.06342). One trajectory may lie inside altogether and another half outside.
+
+    Attributes
+    ----------
+    levels : ndarray, shape (n_levels,)
+        Stated probabilities, ascending; only those that the trajectories were enough for.
+    half_widths : ndarray, shape (n_levels, n_joints)
+        Of the corrected position within the trained range [rad or m].
+    offset_half_widths, raw_half_widths : ndarray, shape (n_levels, n_joints)
+        Of the fixed offset and of the measured position on the same trajectories [rad or m]; they
+        do not grow outside the trained range.
+    growth : float
+        A sample whose features lie outside their training ranges by at most a share s of the
+        range has the half-width ``(1 + growth * s) * half_width``.
+    rezero : float
+        Time of truth [s] that every trajectory began with and that its offset was re-zeroed from;
+        0 when none was: then positions count as homing left them.
+    trajectories : int
+        How many exchangeable units there were.
+    homings : int
+        How many homings they span; 0 when not known.
+    """
+
+    levels: Array
+    half_widths: Array
+    offset_half_widths: Array
+    raw_half_widths: Array
+    growth: float
+    rezero: float
+    trajectories: int
+    homings: int
+
+    def half_width(self, level: float = 0.9) -> Array:
+        """Half-width (n_joints,) [rad or m] at one level, within the trained range.
+
+        Raises
+        ------
+        CalibrationError
+            If the interval does not state that level; the message says what it would take.
+        """
+        return np.asarray(self.half_widths[self.index(level)])
+
+    def index(self, level: float) -> int:
+        """Row of a level in the half-widths; raises CalibrationError as `half_width`."""
+        near = np.flatnonzero(np.isclose(self.levels, level, rtol=0.0, atol=1e-9))
+        if near.size:
+            return int(near[0])
+        stated = ", ".join(f"{100 * known:g} %" for known in self.levels)
+        raise CalibrationError(
+            f"no {100 * level:g} % interval was made of {self.trajectories} trajectories; it "
+            f"takes at least {needed_trajectories(level)}, and the model states {stated}"
+        )
+
+    @property
+    def meaning(self) -> str:
+        """What the interval is for, in one sentence for a person."""
+        if self.rezero > 0.0:
+            return (
+                f"for motions that begin with re-zeroing from {self.rezero:g} s of truth "
+                f"({self.trajectories} trajectories seen)"
+            )
+        if self.homings > 1:
+            return f"for motions after any homing ({self.homings} homings seen)"
+        return (
+            f"for motions after the homing of its {self.trajectories} trajectories only; it says "
+            "nothing of another homing"
+        )
+
+
+def needed_trajectories(level: float) -> int:
+    """Fewest calibration trajectories that an interval of that level can be made of.
+
+    9 for 90 %, 19 for 95 %: the smallest n with ``level * (n + 1) <= n``.
+
+    Raises
+    ------
+    CalibrationError
+        If the level is not between 0 and 1.
+    """
+    if not 0.0 < level < 1.0:
+        raise CalibrationError(f"level {level!r} is not a share between 0 and 1, such as 0.9")
+    return max(1, math.ceil(level / (1.0 - level) - 1e-9))
+
+
+def inverse_span(lower: Array, upper: Array) -> Array:
+    """Inverse length (k,) of the ranges of features; 0 for one that never changed."""
+    span = upper - lower
+    return np.divide(1.0, span, out=np.zeros_like(span), where=span > 0.0)
+
+
+@compiled
+def range_excess(x: Array, lower: Array, upper: Array, per_span: Array) -> float:
+    """Largest share of its training range by which a feature lies outside; 0 if none does.
+
+    Parameters
+    ----------
+    x, lower, upper : ndarray, shape (k,)
+        Features, and their ranges in training.
+    per_span : ndarray, shape (k,)
+        As `inverse_span` gives it.
+    """
+    worst = 0.0
+    for i in range(x.shape[0]):
+        worst = max(worst, (lower[i] - x[i]) * per_span[i], (x[i] - upper[i]) * per_span[i])
+    return worst
+
+
+@compiled
+def range_excesses(X: Array, lower: Array, upper: Array, per_span: Array, out: Array) -> None:
+    """`range_excess` of every row of `X` (n, k), into `out` (n,)."""
+    for row in range(X.shape[0]):
+        out[row] = range_excess(X[row], lower, upper, per_span)
+
+
+def encode_interval(interval: Interval) -> dict[str, Array]:
+    """Arrays for the model file, by name."""
+    return {
+        field.name: np.atleast_1d(np.asarray(getattr(interval, field.name), dtype=np.float64))
+        for field in fields(interval)
+    }
+
+
+def decode_interval(arrays: Mapping[str, Array], n_joints: int) -> Interval:
+    """Inverse of `encode_interval`; raises ModelFileError when any part is not as it must be."""
+    names = {field.name for field in fields(Interval)}
+    if set(arrays) != names or arrays["levels"].ndim != 1:
+        raise ModelFileError("the arrays of the interval are not those of one")
+    n_levels = len(arrays["levels"])
+    widths = names - {"levels", *_SCALARS}
+    shapes_fit = all(arrays[name].shape == (n_levels, n_joints) for name in widths)
+    if not (
+        1 <= n_levels <= MAX_LEVELS
+        and shapes_fit
+        and all(arrays[name].shape == (1,) for name in _SCALARS)
+    ):
+        raise ModelFileError("the arrays of the interval do not fit the joints of the model")
+    if not all(np.isfinite(arrays[name]).all() for name in names):
+        raise ModelFileError("the interval is not finite")
+    levels, count = arrays["levels"], arrays["trajectories"][0]
+    ascending = (np.diff(levels) > 0.0).all() and levels[0] > 0.0 and levels[-1] < 1.0
+    good = (
+        ascending
+        and all(arrays[name].min() >= 0.0 for name in (*widths, *_SCALARS))
+        and all((np.diff(arrays[name], axis=0) >= 0.0).all() for name in widths)
+        and count <= 1e9
+        and count >= needed_trajectories(float(levels[-1]))
+    )
+    if not good:
+        raise ModelFileError("the interval states levels or widths that no calibration gives")
+    return Interval(
+        levels=levels,
+        half_widths=arrays["half_widths"],
+        offset_half_widths=arrays["offset_half_widths"],
+        raw_half_widths=arrays["raw_half_widths"],
+        growth=float(arrays["growth"][0]),
+        rezero=float(arrays["rezero"][0]),
+        trajectories=int(count),
+        homings=int(min(arrays["homings"][0], 1e9)),
+    )

@@ -1,0 +1,216 @@
+"""What the training rows looked like: the measure by which a control loop judges its samples."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.compiled import compiled
+from truejoint.errors import ModelFileError
+
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+SMALLEST_VARIANCE: Final = 1e-4
+"""Directions in which the standardised features vary less than this count as varying so much."""
+
+
+@dataclass(frozen=True, eq=False)
+class Envelope:
+    """Bounds of the training rows, all observed, none assumed.
+
+    Attributes
+    ----------
+    interval : float
+        Median time between rows [s].
+    signal_lower, signal_upper : ndarray, shape (n_signals,)
+        Range of each signal that the calibration needs, in its unit.
+    signal_step : ndarray, shape (n_signals,)
+        Largest change from one row to the next, in its unit.
+    signal_travel : ndarray, shape (n_signals,)
+        Largest share of its range that the partner of a signal (`partners`) moved while the
+        signal itself stood exactly still.
+    hold : float
+        Longest time for which no signal changed at all [s].
+    feature_mean : ndarray, shape (k,)
+    whitening : ndarray, shape (k, k)
+        Makes features less their mean uncorrelated and of unit variance; zero where a feature
+        never changed.
+    distance : float
+        Largest length of a whitened row.
+    error_lower, error_upper : ndarray, shape (n_joints,)
+        Range of truth minus measured [rad or m].
+    """
+
+    interval: float
+    signal_lower: Array
+    signal_upper: Array
+    signal_step: Array
+    signal_travel: Array
+    hold: float
+    feature_mean: Array
+    whitening: Array
+    distance: float
+    error_lower: Array
+    error_upper: Array
+
+
+def fit_envelope(
+    recordings: Sequence[Recording],
+    signals: Sequence[str],
+    gap_limit: float,
+    features: Array,
+    error: Array,
+) -> Envelope:
+    """Envelope of training recordings.
+
+    Parameters
+    ----------
+    recordings : sequence of Recording
+    signals : sequence of str
+        Columns that the calibration needs.
+    gap_limit : float
+        Time without a row [s] across which no change is looked at.
+    features : ndarray, shape (n, k)
+        Features of the rows with truth.
+    error : ndarray, shape (n, n_joints)
+        Truth minus measured of the same rows [rad or m].
+    """
+    tables = [
+        np.ascontiguousarray(np.column_stack([r.column(signal) for signal in signals]))
+        for r in recordings
+    ]
+    times = [np.array(recording.t) for recording in recordings]
+    together = np.concatenate(tables)
+    lower, upper = together.min(axis=0), together.max(axis=0)
+    step, travel, hold = np.zeros(len(signals)), np.zeros(len(signals)), np.zeros(1)
+    for t, table in zip(times, tables, strict=True):
+        watch_changes(t, table, gap_limit, upper > lower, partners(signals), step, travel, hold)
+    span = np.where(upper > lower, upper - lower, 1.0)
+    mean, whitening = _whitening(features)
+    return Envelope(
+        interval=float(np.median(np.concatenate([np.diff(t) for t in times]))),
+        signal_lower=lower,
+        signal_upper=upper,
+        signal_step=step,
+        signal_travel=travel / span[partners(signals)],
+        hold=float(hold[0]),
+        feature_mean=mean,
+        whitening=whitening,
+        distance=float(np.linalg.norm((features - mean) @ whitening.T, axis=1).max()),
+        error_lower=error.min(axis=0),
+        error_upper=error.max(axis=0),
+    )
+
+
+def partners(signals: Sequence[str]) -> Integers:
+    """Index (n_signals,) of the next signal of the same channel, round and round; -1 if alone.
+
+    Position and effort of one joint are partners: neither stands still for long while the other
+    moves far.
+    """
+    channels = [signal.partition("/")[2] for signal in signals]
+    partner = np.full(len(signals), -1, dtype=np.int64)
+    for i, channel in enumerate(channels):
+        order = [*range(i + 1, len(signals)), *range(i)]
+        partner[i] = next((j for j in order if channels[j] == channel), -1)
+    return partner
+
+
+def encode_envelope(envelope: Envelope) -> dict[str, Array]:
+    """Arrays for the model file, by name."""
+    return {
+        field.name: np.atleast_1d(np.asarray(getattr(envelope, field.name), dtype=np.float64))
+        for field in fields(envelope)
+    }
+
+
+def decode_envelope(
+    arrays: Mapping[str, Array], n_signals: int, n_features: int, n_joints: int
+) -> Envelope:
+    """Inverse of `encode_envelope`; raises ModelFileError when any part is not as it must be."""
+    per_signal, per_joint = (n_signals,), (n_joints,)
+    shapes = {
+        "interval": (1,),
+        "signal_lower": per_signal,
+        "signal_upper": per_signal,
+        "signal_step": per_signal,
+        "signal_travel": per_signal,
+        "hold": (1,),
+        "feature_mean": (n_features,),
+        "whitening": (n_features, n_features),
+        "distance": (1,),
+        "error_lower": per_joint,
+        "error_upper": per_joint,
+    }
+    if {name: array.shape for name, array in arrays.items()} != shapes:
+        raise ModelFileError("the arrays of the training envelope are not those of the model")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise ModelFileError("the training envelope is not finite")
+    sizes = ("signal_step", "signal_travel", "hold", "distance")
+    if (
+        any((arrays[name] < 0.0).any() for name in sizes)
+        or not 0.0 < arrays["interval"][0] < 1e9
+        or (arrays["signal_lower"] > arrays["signal_upper"]).any()
+        or (arrays["error_lower"] > arrays["error_upper"]).any()
+    ):
+        raise ModelFileError("the training envelope is inside out")
+    alone = {n: float(arrays[n][0]) for n in ("interval", "hold", "distance")}
+    return Envelope(**{**arrays, **alone})  # type: ignore[arg-type]  # names were compared
+
+
+@compiled
+def watch_changes(
+    t: Array,
+    table: Array,
+    gap_limit: float,
+    varies: NDArray[np.bool_],
+    partner: Integers,
+    step: Array,
+    travel: Array,
+    hold: Array,
+) -> None:
+    """Enlarge `step`, `travel` (n_signals,) and `hold` (1,) to what the rows of a table show.
+
+    `travel` is in the unit of the partner here. `t` (n,), `table` (n, n_signals), `varies` and
+    `partner` (n_signals,).
+    """
+    n_signals = table.shape[1]
+    low, high = np.empty(n_signals), np.empty(n_signals)  # partner's range since the last change
+    still_since = 0
+    for row in range(table.shape[0]):
+        fresh = row == 0 or not t[row] - t[row - 1] <= gap_limit
+        changed = fresh
+        for i in range(n_signals):
+            other = table[row, partner[i]]
+            if fresh or table[row, i] != table[row - 1, i]:
+                low[i] = high[i] = other
+                changed = changed or varies[i]
+            low[i], high[i] = min(low[i], other), max(high[i], other)
+            if varies[i] and partner[i] >= 0:
+                travel[i] = max(travel[i], high[i] - low[i])
+            if not fresh:
+                step[i] = max(step[i], abs(table[row, i] - table[row - 1, i]))
+        if changed:
+            still_since = row
+        hold[0] = max(hold[0], t[row] - t[still_since])
+
+
+def _whitening(features: Array) -> tuple[Array, Array]:
+    """Mean (k,) and whitening matrix (k, k) of the rows of `features` (n, k)."""
+    mean = features.mean(axis=0)
+    inverse = np.zeros(len(mean))
+    low, high = features.min(axis=0), features.max(axis=0)
+    used = high - low > 1e-9 * np.maximum(np.abs(low), np.abs(high))
+    inverse[used] = 1.0 / features.std(axis=0)[used]
+    scaled = (features - mean) * inverse
+    variance, directions = np.linalg.eigh(scaled.T @ scaled / len(scaled))
+    weight = 1.0 / np.sqrt(np.maximum(variance, SMALLEST_VARIANCE))
+    return mean, np.ascontiguousarray((directions * weight).T * inverse)

@@ -1,0 +1,208 @@
+"""The rational error model (25) of yan2020 and three ways to fit it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import Bounds, differential_evolution, least_squares, minimize
+
+from truejoint.errors import CalibrationError
+from truejoint.models.jaw_families import METHODS, Method
+from truejoint.models.jaw_kernels import COEFFICIENTS, NEAREST, rational_rows
+
+Array = NDArray[np.float64]
+
+SMALLEST_DENOMINATOR: Final = 0.3
+"""Least denominator that fitting allows on the tube; 1 in the middle of the range."""
+
+_TUBE: Final = 0.15  # half-width round the curve that the data follow, of the scaled range
+_REACH: Final = 1.3  # how far the tube goes on beyond the data
+_PENALTY: Final = 30.0  # of a denominator that is short by one, in spreads of the error
+_ROWS: Final = 1500  # rows that the search looks at; the last solution uses all
+_NEAREST: Final = NEAREST
+_BOUND: Final = 3.0  # on the five denominator coefficients in the global search
+_STARTS: Final = np.vstack([np.zeros(5), np.random.default_rng(0).uniform(-1.0, 1.0, (4, 5))])
+
+
+@dataclass(frozen=True, eq=False)
+class RationalModel:
+    """Fitted (25): an error [rad] as a function of motor angle and slider displacement.
+
+    Attributes
+    ----------
+    scale : ndarray, shape (2,)
+        Inverse of the largest motor angle [1/rad] and displacement [1/m] of the data; the
+        coefficients apply to the two variables times these.
+    coefficients : ndarray, shape (11,)
+        ``p_1`` to ``p_11``.
+    """
+
+    scale: Array
+    coefficients: Array
+
+    def __call__(self, motor: Array, reset: Array) -> Array:
+        """Error (n,) [rad] at motor angles (n,) [rad] and displacements (n,) [m]."""
+        out = np.empty(len(motor))
+        rational_rows(motor, reset, self.scale, self.coefficients, out)
+        return out
+
+    def denominator(self, motor: Array, reset: Array) -> Array:
+        """Denominator (n,); 1 at zero, and a pole where it vanishes."""
+        design = _denominator_terms(motor * self.scale[0], reset * self.scale[1])
+        return np.asarray(1.0 + design @ self.coefficients[1:10:2])
+
+
+def fit_rational(
+    motor: Array, reset: Array, error: Array, method: Method = "projection"
+) -> RationalModel:
+    """Fit (25) to the error of an estimate.
+
+    ``projection``: given the denominator the numerator is a linear least-squares problem, so only
+    five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps
+    the denominator above `SMALLEST_DENOMINATOR` on a tube round the data; the best of five starts.
+    ``global``: the same
+    problem by differential evolution. ``quasi_newton``: all eleven by BFGS from zero in the units
+    of the data, unconstrained, as the paper says it did.
+
+    Parameters
+    ----------
+    motor, reset, error : ndarray, shape (n,)
+        Motor angle [rad], displacement [m] and error [rad], finite.
+    method : {"projection", "quasi_newton", "global"}
+
+    Returns
+    -------
+    RationalModel
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than 110 rows, a variable does not vary, or the method is unknown.
+    """
+    if method not in METHODS:
+        raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(METHODS)}")
+    if len(error) < 10 * COEFFICIENTS:
+        raise CalibrationError(
+            f"{len(error)} rows for the {COEFFICIENTS} coefficients of an error model; it needs "
+            f"{10 * COEFFICIENTS}"
+        )
+    if np.ptp(motor) == 0.0 or np.ptp(reset) == 0.0:
+        raise CalibrationError(
+            "motor angle or reset cable never move, so an error model has nothing to depend on"
+        )
+    scale = 1.0 / np.array([np.abs(motor).max(), np.abs(reset).max()])
+    if method == "quasi_newton":
+        return RationalModel(scale, _quasi_newton(motor, reset, error, scale))
+    problem = _Projection.of(motor * scale[0], reset * scale[1], error)
+    starts = _global_search(problem) if method == "global" else _STARTS
+    found = [
+        least_squares(problem.residuals, start, problem.jacobian, x_scale="jac", max_nfev=200)
+        for start in starts
+    ]
+    best = min(found, key=lambda solution: float(solution.cost))
+    return RationalModel(scale, problem.coefficients(best.x, motor, reset, error, scale))
+
+
+def _global_search(problem: _Projection) -> Array:
+    def cost(d: Array) -> float:
+        return float(np.sum(problem.residuals(d) ** 2))
+
+    found = differential_evolution(
+        cost,
+        Bounds(np.full(5, -_BOUND), np.full(5, _BOUND)),
+        seed=0,
+        tol=1e-8,
+        popsize=10,
+        maxiter=300,
+        polish=False,
+    )
+    return np.array([found.x])
+
+
+@dataclass(frozen=True, eq=False)
+class _Projection:
+    """What is left of the problem when the numerator is eliminated."""
+
+    above: Array  # (m, 6)
+    below: Array  # (m, 5)
+    error: Array  # (m,)
+    tube: Array  # (k, 5), denominator terms round the data
+    weight: float
+
+    @classmethod
+    def of(cls, u: Array, v: Array, error: Array) -> _Projection:
+        rows = slice(None, None, max(1, len(error) // _ROWS))
+        shown = np.linspace(-_REACH, _REACH, 27)
+        curve = np.polynomial.Polynomial.fit(u[rows], v[rows], 1)(shown)
+        tube = [_denominator_terms(shown, curve + side) for side in (-_TUBE, 0.0, _TUBE)]
+        spread = float(np.std(error[rows])) * np.sqrt(len(error[rows]))
+        return cls(
+            _numerator_terms(u[rows], v[rows]),
+            _denominator_terms(u[rows], v[rows]),
+            error[rows],
+            np.vstack(tube),
+            _PENALTY * max(spread, 1e-12),
+        )
+
+    def residuals(self, d: Array) -> Array:
+        """Error left (m,) by the best numerator, and what the tube lacks in denominator (k,)."""
+        basis = np.linalg.qr(self.above / self._below(d)[:, None])[0]
+        left = self.error - basis @ (basis.T @ self.error)
+        short = np.maximum(SMALLEST_DENOMINATOR - (1.0 + self.tube @ d), 0.0)
+        return np.concatenate([left, self.weight * short])
+
+    def jacobian(self, d: Array) -> Array:
+        """Kaufman's form (m + k, 5): the numerator's own change with the denominator left out."""
+        below = self._below(d)
+        basis = np.linalg.qr(self.above / below[:, None])[0]
+        fitted = basis @ (basis.T @ self.error)
+        change = self.below * (fitted / below)[:, None]
+        left = change - basis @ (basis.T @ change)
+        active = 1.0 + self.tube @ d < SMALLEST_DENOMINATOR
+        return np.vstack([left, -self.weight * self.tube * active[:, None]])
+
+    def _below(self, d: Array) -> Array:
+        below = 1.0 + self.below @ d
+        return np.where(np.abs(below) < _NEAREST, _NEAREST, below)
+
+    def coefficients(self, d: Array, motor: Array, reset: Array, error: Array, s: Array) -> Array:
+        """All eleven, the numerator's from every row."""
+        u, v = motor * s[0], reset * s[1]
+        design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ d)[:, None]
+        p = np.empty(COEFFICIENTS)
+        p[0::2] = np.linalg.lstsq(design, error, rcond=None)[0]
+        p[1::2] = d
+        return p
+
+
+def _quasi_newton(motor: Array, reset: Array, error: Array, scale: Array) -> Array:
+    above, below = _numerator_terms(motor, reset), _denominator_terms(motor, reset)
+
+    def cost(p: Array) -> tuple[float, Array]:
+        denominator = 1.0 + below @ p[1::2]
+        model = (above @ p[0::2]) / denominator
+        left = model - error
+        gradient = np.empty(COEFFICIENTS)
+        gradient[0::2] = 2.0 * (above / denominator[:, None]).T @ left
+        gradient[1::2] = -2.0 * (below * (model / denominator)[:, None]).T @ left
+        return float(left @ left), gradient
+
+    found = minimize(cost, np.zeros(COEFFICIENTS), jac=True, method="BFGS")
+    return np.asarray(found.x) * _unit_change(scale)
+
+
+def _unit_change(scale: Array) -> Array:
+    """Factor (11,) from coefficients in rad and m to those of the scaled variables."""
+    u, v = 1.0 / scale
+    return np.array([1.0, u, u, v, v, u * u, u * u, v * v, v * v, u * u * v, u * v])
+
+
+def _numerator_terms(u: Array, v: Array) -> Array:
+    return np.column_stack([np.ones_like(u), u, v, u * u, v * v, u * v])
+
+
+def _denominator_terms(u: Array, v: Array) -> Array:
+    return np.column_stack([u, v, u * u, v * v, u * u * v])

@@ -1,0 +1,1 @@
+"""A calibration as source that needs no Python: C99 and ONNX."""

@@ -1,0 +1,138 @@
+"""How numbers, texts and tables become C99 source, and how a set of files is written."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final, Literal, get_args
+
+import jinja2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import ExportError
+
+Array = NDArray[np.float64]
+Precision = Literal["double", "float"]
+
+MAX_PREFIX: Final = 40
+_PREFIX: Final = re.compile(r"[A-Za-z](?:_?[A-Za-z0-9])*", re.ASCII)
+_UNSAFE: Final = re.compile(r"[^A-Za-z0-9 _.,:;()\[\]{}<>=+/'%^-]")
+_WIDTH: Final = 96
+
+
+def check_precision(precision: str) -> None:
+    """Refuse, with ExportError, a precision other than ``"double"`` and ``"float"``."""
+    if precision not in get_args(Precision):
+        raise ExportError(f"precision {precision!r:.60} is not 'double' or 'float'")
+
+
+def check_prefix(prefix: str) -> str:
+    """Return `prefix` if every C and C++ name may begin with it; raises ExportError."""
+    if len(prefix) > MAX_PREFIX or not _PREFIX.fullmatch(prefix):
+        raise ExportError(
+            f"prefix {prefix!r:.60} cannot begin the names of the source; use up to {MAX_PREFIX} "
+            "letters, digits and single underscores, a letter first and no underscore last"
+        )
+    return prefix
+
+
+def number(value: float, precision: Precision) -> str:
+    """Hexadecimal C99 constant that is exactly `value`, or the float nearest to it.
+
+    Infinity and NaN become the macros of math.h.
+
+    Raises
+    ------
+    ExportError
+        If a finite value does not fit a float.
+    """
+    if not np.isfinite(value):
+        return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    with np.errstate(over="ignore"):
+        kept = float(value) if precision == "double" else float(np.float32(value))
+    if not np.isfinite(kept):
+        raise ExportError(f"{float(value)!r} does not fit a {precision}; export in double")
+    return kept.hex() + ("" if precision == "double" else "f")
+
+
+def table(values: ArrayLike, precision: Precision) -> str:
+    """Braced initialiser of the values of an array, row by row, in lines of text."""
+    flat = np.asarray(values, dtype=float).ravel()
+    return _braced(number(value, precision) for value in flat)
+
+
+def integer_table(values: ArrayLike) -> str:
+    """Braced initialiser of integers."""
+    return _braced(str(int(value)) for value in np.asarray(values).ravel())
+
+
+def _braced(items: Iterator[str]) -> str:
+    lines, line = [], "   "
+    for item in items:
+        if len(line) + len(item) + 2 > _WIDTH:
+            lines.append(line)
+            line = "   "
+        line += f" {item},"
+    return "\n".join(["{", *lines, line, "}"])
+
+
+def comment(text: object) -> str:
+    """Text that cannot end a C comment, whatever a model file says: plain ASCII, no ``*``."""
+    return _UNSAFE.sub(".", str(text))
+
+
+def render(template: str, context: Mapping[str, Any], precision: Precision) -> str:
+    """Fill a template of this package with `context`; an unknown name is an error."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("truejoint.export", "templates"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
+    )
+    filters: dict[str, Callable[[Any], str]] = {
+        "number": lambda value: number(value, precision),
+        "exact": lambda value: number(value, "double"),
+        "table": lambda values: table(values, precision),
+        "exact_table": lambda values: table(values, "double"),
+        "integers": integer_table,
+        "comment": comment,
+    }
+    environment.filters.update(filters)
+    single = precision == "float"
+    names = {"real": precision, "suffix": "f" if single else "", "single": single}
+    return environment.get_template(template).render(**names, **context)
+
+
+def write_files(
+    folder: str | os.PathLike[str], contents: Mapping[str, bytes], *, overwrite: bool
+) -> tuple[Path, ...]:
+    """Write `contents` by file name into `folder`, none of them if one may not be written.
+
+    Raises
+    ------
+    ExportError
+        If a file exists and `overwrite` is false, or one cannot be written.
+    """
+    folder = Path(folder)
+    paths = tuple(folder / name for name in contents)
+    for path in paths:
+        if path.exists() and not overwrite:
+            raise ExportError(f"{path} exists; choose another folder or allow overwriting")
+    parts = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in paths]
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for part, content in zip(parts, contents.values(), strict=True):
+            part.write_bytes(content)
+        for part, path in zip(parts, paths, strict=True):
+            part.replace(path)
+    except OSError as error:
+        raise ExportError(f"{folder} cannot be written: {error.strerror or error}") from None
+    finally:
+        for part in parts:
+            part.unlink(missing_ok=True)
+    return paths

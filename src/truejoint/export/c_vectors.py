@@ -1,0 +1,347 @@
+"""Test vectors of an exported calibration: samples, and what `Corrector` makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.calibration import Calibration
+from truejoint.calibration.encoding import CalibrationData
+from truejoint.estimators.sequence import SequenceRegressor
+from truejoint.export.c_reference import SteppingCorrector
+from truejoint.export.single_precision import single_features, single_plays, single_prediction
+from truejoint.models.families import EstimatorData
+from truejoint.runtime.corrector import Corrector
+from truejoint.runtime.homing import Homing
+from truejoint.runtime.limits import Limits
+from truejoint.runtime.status import Status
+
+Array = NDArray[np.float64]
+
+NOTHING, SET_HOMING, REZERO = 0, 1, 2
+"""What is done before a sample."""
+HOMING_UNKNOWN, HOMING_OF_CALIBRATION = 0, -1
+"""Homings by the numbers of the C interface."""
+
+_QUIET: Final = 12  # ordinary samples between two faults
+_START: Final = 60  # ordinary samples before the first
+_FASTEST: Final = 0.3  # Hz
+_LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes without that fault
+
+
+def _nothing() -> Array:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Vector:
+    """One sample and what comes of it.
+
+    Attributes
+    ----------
+    action : int
+        `NOTHING`, `SET_HOMING` or `REZERO`, before the sample.
+    is_homed, homing_id
+        For `SET_HOMING`.
+    t : float
+        Time stamp [s].
+    sample : ndarray, shape (n_signals,)
+    status : int
+        Bits of `Status`.
+    position, half_width : ndarray, shape (n_joints,)
+        [rad or m].
+    correction : ndarray, shape (n_joints,)
+        NaN where the features did not see the sample.
+    offset : ndarray, shape (n_joints,)
+        Of the re-zeroing, part of the position [rad or m].
+    forgets : bool
+        Whether the action ended the history of the features.
+    filter_status : int
+        Bits of `FilterStatus` of the last sample that was used.
+    """
+
+    t: float
+    sample: Array
+    action: int = NOTHING
+    is_homed: bool = False
+    homing_id: int = HOMING_UNKNOWN
+    status: int = 0
+    position: Array = field(default_factory=_nothing)
+    half_width: Array = field(default_factory=_nothing)
+    correction: Array = field(default_factory=_nothing)
+    offset: Array = field(default_factory=_nothing)
+    forgets: bool = False
+    filter_status: int = 0
+
+
+def make_vectors(
+    calibration: Calibration,
+    data: CalibrationData[EstimatorData],
+    limits: Limits,
+    level: float,
+    range_margin: float,
+    dtype: type,
+) -> tuple[list[Vector], Array]:
+    """Make samples like those of training, with every fault there is a status for, and answers.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    data : CalibrationData
+        The same with its estimators as plain data.
+    limits : Limits
+    level, range_margin : float
+        As `Corrector` takes them.
+    dtype : type
+        Samples are numbers of this type.
+
+    Returns
+    -------
+    vectors : list of Vector
+    offset : ndarray, shape (n_joints,)
+        For `REZERO` [rad or m].
+    """
+    span = limits.correction_upper - limits.correction_lower
+    offset = (0.1 * span).astype(dtype).astype(float)
+    scale = 0.8
+    while True:  # smaller motion is more like the middle of the training rows
+        stream = [replace(v, sample=v.sample.astype(dtype).astype(float))
+                  for v in _stream(data, limits, scale)]  # fmt: skip
+        vectors = answer(
+            reference_corrector(calibration, level, range_margin),
+            calibration.metadata,
+            stream,
+            offset,
+        )
+        good = sum(v.status == 0 for v in vectors[:_START])
+        scale /= 2
+        if good > _START / 2 or scale < 1e-2:
+            return vectors, offset
+
+
+def reference_corrector(calibration: Calibration, level: float, range_margin: float) -> Corrector:
+    """Corrector that says what the C source must give."""
+    kind = SteppingCorrector if isinstance(calibration.model, SequenceRegressor) else Corrector
+    return kind(calibration, level=level, range_margin=range_margin)
+
+
+def answer(
+    corrector: Corrector, metadata: Mapping[str, Any], stream: list[Vector], offset: Array
+) -> list[Vector]:
+    """Fill in what a fresh `Corrector` makes of a stream."""
+    ids = homing_ids(metadata)
+    names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: ids[0] if ids else "of the calibration"}
+    homing = Homing(metadata)  # as the corrector's own, to know when the history ends
+    answered = []
+    for vector in stream:
+        forgets = False
+        if vector.action == SET_HOMING:
+            name = names.get(vector.homing_id, f"homing {vector.homing_id}")
+            corrector.set_homing(vector.is_homed, name)
+            forgets = homing.tell(vector.is_homed, name)
+        elif vector.action == REZERO:
+            corrector.rezero(offset)
+            homing.accept()
+        status = corrector.step(vector.t, vector.sample)
+        answered.append(
+            replace(
+                vector,
+                status=int(status),
+                position=corrector.position.copy(),
+                half_width=corrector.half_width.copy(),
+                correction=corrector.correction.copy(),
+                offset=corrector.offset.copy(),
+                forgets=forgets,
+                filter_status=getattr(corrector, "filter_status", 0),
+            )
+        )
+    return answered
+
+
+def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
+    """Homings of the training recordings."""
+    return [name for name in metadata.get("homing_ids", ()) if isinstance(name, str)]
+
+
+def single_error(
+    data: CalibrationData[EstimatorData], vectors: list[Vector], context: Mapping[str, Any]
+) -> float:
+    """Largest difference [rad or m] of good positions when computed in single precision.
+
+    `context` are the values of the estimator's template.
+    """
+    used, steps, fresh, last = [], [], True, 0.0
+    for vector in vectors:
+        fresh = fresh or vector.forgets
+        if np.isfinite(vector.correction).all():
+            step = vector.t - last
+            known = not fresh and 0.0 < step <= data.gap_limit
+            steps.append(step if known else 0.0)
+            used.append(vector)
+            last, fresh = vector.t, False
+    samples = np.array([vector.sample for vector in used])
+    sources = [data.signals.index(feature.signal) for feature in data.feature_set.features]
+    X = single_features(data.feature_set, samples, steps, sources)
+    with np.errstate(over="ignore", invalid="ignore"):  # a logistic unit may saturate
+        if "regressions" in context:
+            corrections = single_plays(context["regressions"], context["gate"], X, steps)
+        else:
+            corrections = single_prediction(data.model, X)
+    measured = samples[:, [data.signals.index(f"measured/{j}") for j in data.joints]]
+    worst = 0.0
+    for row, vector in enumerate(used):
+        if vector.status == Status.OK:
+            base = measured[row].astype(np.float32)
+            got = corrections[row] + (base if data.target == "error" else np.float32(0))
+            got = got + vector.offset.astype(np.float32)
+            worst = max(worst, float(np.abs(got - vector.position).max()))
+    return worst
+
+
+def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> list[Vector]:
+    """Smooth motion of all signals about the middle of the training rows, broken by faults."""
+    motion = _Motion(data, limits, scale)
+    vectors = [replace(motion.next(), action=SET_HOMING, is_homed=True,
+                       homing_id=HOMING_OF_CALIBRATION)]  # fmt: skip
+    vectors += motion.run(_START)
+    for fault in _FAULTS:
+        vectors += fault(motion)
+        vectors += motion.run(_QUIET)
+    return vectors
+
+
+class _Motion:
+    """Samples of a smooth motion, one after the other."""
+
+    def __init__(self, data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> None:
+        envelope = data.envelope
+        assert envelope is not None  # noqa: S101  # `limits_of` has refused it
+        self.limits = limits
+        self.lower, self.upper = envelope.signal_lower, envelope.signal_upper
+        self.middle = (self.lower + self.upper) / 2
+        for feature, mean in zip(data.feature_set.features, limits.mean, strict=True):
+            if feature.operation == "value":
+                self.middle[data.signals.index(feature.signal)] = mean
+        room = np.minimum(self.middle - self.lower, self.upper - self.middle)
+        self.amplitude = scale * room * (limits.moves > 0)
+        reach = np.where(limits.moves > 0, envelope.signal_step, 1.0) / limits.interval
+        fastest = np.full(len(room), 2 * np.pi * _FASTEST)
+        fastest *= 1 + 0.1 * np.arange(len(room)) / len(room)
+        some = self.amplitude > 0
+        fastest[some] = np.minimum(fastest[some], reach[some] / self.amplitude[some])
+        self.speed = fastest
+        self.t = 10.0
+        self.count = 0
+
+    def next(self, steps: float = 1.0) -> Vector:
+        """Sample after a number of training intervals."""
+        self.count += 1
+        jitter = 1.0 + 0.1 * np.sin(self.count)
+        self.t += steps * jitter * self.limits.interval
+        phase = self.speed * self.t + np.arange(len(self.speed))
+        return Vector(self.t, self.middle + self.amplitude * np.sin(phase))
+
+    def run(self, n: int) -> list[Vector]:
+        """Ordinary samples."""
+        return [self.next() for _ in range(n)]
+
+    def with_signal(self, index: int, value: float) -> Vector:
+        """Ordinary sample but for one signal."""
+        vector = self.next()
+        vector.sample[index] = value
+        return vector
+
+
+def _not_finite(motion: _Motion) -> list[Vector]:
+    n = len(motion.middle)
+    return [
+        motion.with_signal(0, np.nan), motion.with_signal(n - 1, np.inf),
+        motion.with_signal(n // 2, -np.inf), replace(motion.next(), t=np.nan),
+        replace(motion.next(), t=np.inf),
+    ]  # fmt: skip
+
+
+def _stale(motion: _Motion) -> list[Vector]:
+    first, second = motion.next(), motion.next()
+    return [first, first, second, replace(motion.next(), t=first.t)]
+
+
+def _gap(motion: _Motion) -> list[Vector]:
+    return [motion.next(3 * motion.limits.longest_step / motion.limits.interval)]
+
+
+def _clock_set_back(motion: _Motion) -> list[Vector]:
+    return [motion.next(-5 * motion.limits.longest_step / motion.limits.interval)]
+
+
+def _spikes(motion: _Motion) -> list[Vector]:
+    out = []
+    for i in np.flatnonzero(motion.limits.moves):
+        jump = 1.5 * motion.limits.reach[i]
+        vector = motion.next()
+        vector.sample[i] += jump if vector.sample[i] < motion.middle[i] else -jump
+        out += [vector, motion.next()]
+    return out
+
+
+def _far_out(motion: _Motion) -> list[Vector]:
+    span = motion.upper - motion.lower
+    return [motion.with_signal(int(i), motion.upper[i] + 1.5 * span[i])
+            for i in np.flatnonzero(motion.limits.moves)]  # fmt: skip
+
+
+def _slightly_out(motion: _Motion) -> list[Vector]:
+    """Slowly out of the range of every moving signal in turn, and back."""
+    out = []
+    for i in np.flatnonzero(motion.limits.moves)[:8]:
+        for share in (*range(1, 9), *range(8, 0, -1)):
+            vector = motion.next()
+            way = 1.3 * motion.upper[i] - 0.3 * motion.lower[i] - motion.middle[i]
+            vector.sample[i] += way * share / 8
+            out.append(vector)
+    return out
+
+
+def _one_frozen(motion: _Motion) -> list[Vector]:
+    held = motion.next()
+    out = [held]
+    with_partner = np.flatnonzero(motion.limits.partner >= 0)
+    if len(with_partner):
+        index = int(with_partner[0])
+        out += [motion.with_signal(index, held.sample[index]) for _ in range(100)]
+    return out
+
+
+def _all_frozen(motion: _Motion) -> list[Vector]:
+    held = motion.next()
+    share = 0.5 * motion.limits.longest_step
+    n = int(motion.limits.hold / share) + 3
+    if n > _LONGEST_STANDSTILL:
+        return [held]
+    steps = share / motion.limits.interval
+    return [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
+
+
+def _homings(motion: _Motion) -> list[Vector]:
+    """Not homed; homed again, unknown which; re-zeroed; another homing; that of the calibration."""
+    actions = [
+        (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, HOMING_UNKNOWN),
+        (REZERO, False, HOMING_UNKNOWN), (SET_HOMING, True, 7), (REZERO, False, HOMING_UNKNOWN),
+        (SET_HOMING, True, 7), (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, 8),
+        (SET_HOMING, True, HOMING_OF_CALIBRATION),
+    ]  # fmt: skip
+    out = []
+    for action, is_homed, homing_id in actions:
+        first = replace(motion.next(), action=action, is_homed=is_homed, homing_id=homing_id)
+        out += [first, *motion.run(3)]
+    return out
+
+
+_FAULTS: Final = (
+    _not_finite, _stale, _gap, _clock_set_back, _spikes, _far_out, _slightly_out, _one_frozen,
+    _all_frozen, _homings,
+)  # fmt: skip

@@ -1,0 +1,232 @@
+"""Write a calibration's regressor as an ONNX graph."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.calibration import Calibration
+from truejoint.errors import ExportError
+from truejoint.estimators.base import JointRegressor
+from truejoint.export.c_source import Precision, check_precision, write_files
+from truejoint.models.families import polynomial_terms
+
+Array = NDArray[np.float64]
+
+# Old enough for every run time of the last years; the operators used here have not changed since.
+_OPSET: Final = 13
+_IR_VERSION: Final = 8
+
+
+def export_onnx(
+    calibration: Calibration,
+    path: str | os.PathLike[str],
+    *,
+    precision: Precision = "double",
+    overwrite: bool = False,
+) -> Path:
+    """Write the regressor of a calibration as an ONNX graph; it checks no input and keeps no state.
+
+    The output ``position`` (rows, n_joints) [rad or m] is what `Calibration.correct` gives. Where
+    every feature is the plain value of a signal, the input is ``sample`` (rows, n_signals): the
+    values of `Calibration.signals`. Otherwise the caller computes the features: the inputs are
+    ``features`` (rows, n_features) and, where the model predicts the error of the measured
+    position, ``measured`` (rows, n_joints). The metadata name what stands in each column.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    path : path-like
+    precision : {"double", "float"}
+        Of inputs, weights and output.
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Returns
+    -------
+    Path
+        The file.
+
+    Raises
+    ------
+    ExportError
+        If the package onnx is not installed, the estimator is no regressor of features, or the file
+        exists or cannot be written.
+    """
+    check_precision(precision)
+    onnx = _onnx()
+    path = Path(path)
+    model = _Graph(onnx, precision).build(calibration)
+    write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
+    return path
+
+
+def _onnx() -> ModuleType:
+    try:
+        import onnx  # noqa: PLC0415  # an optional extra
+        import onnx.checker  # noqa: PLC0415
+    except ImportError:
+        raise ExportError(
+            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
+        ) from None
+    module: ModuleType = onnx
+    return module
+
+
+class _Graph:
+    """An ONNX graph under construction; names of values are the Python variables they replace."""
+
+    def __init__(self, onnx: ModuleType, precision: Precision) -> None:
+        self._onnx: Any = onnx
+        self._dtype = np.float64 if precision == "double" else np.float32
+        self._element = getattr(onnx.TensorProto, precision.upper())
+        self._nodes: list[Any] = []
+        self._constants: list[Any] = []
+
+    def build(self, calibration: Calibration) -> Any:
+        """Build the checked model of a calibration."""
+        features, measured, inputs, metadata = self._inputs(calibration)
+        family = calibration.model.family
+        if family not in _BUILDERS:
+            raise ExportError(
+                f"estimator {family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
+            )
+        predicted = _BUILDERS[family](self, features, calibration.model)
+        if calibration.target == "error":
+            self.node("Add", [measured, predicted], "position")
+        else:
+            self.node("Identity", [predicted], "position")
+        helper = self._onnx.helper
+        n_joints = len(calibration.joints)
+        output = helper.make_tensor_value_info("position", self._element, ["rows", n_joints])
+        graph = helper.make_graph(self._nodes, "truejoint", inputs, [output], self._constants)
+        model = helper.make_model(
+            graph,
+            opset_imports=[helper.make_opsetid("", _OPSET)],
+            ir_version=_IR_VERSION,
+            producer_name="truejoint",
+            producer_version=version("truejoint"),
+        )
+        helper.set_model_props(model, metadata)
+        self._onnx.checker.check_model(model, full_check=True)
+        return model
+
+    def _inputs(self, calibration: Calibration) -> tuple[str, str, list[Any], dict[str, str]]:
+        """Features, measured positions, the graph's inputs, and what is to be known of them."""
+        feature_set = calibration.feature_set
+        columns = {"features": feature_set.names}
+        measured = tuple(f"measured/{joint}" for joint in calibration.joints)
+        features_name, measured_name = "features", "measured"
+        if all(feature.operation == "value" for feature in feature_set.features):
+            columns = {"sample": calibration.signals}
+            features_name = self._gather("sample", calibration.signals, feature_set.signals)
+            measured_name = self._gather("sample", calibration.signals, measured)
+        elif calibration.target == "error":
+            columns |= {"measured": measured}
+        make = self._onnx.helper.make_tensor_value_info
+        inputs = [make(name, self._element, ["rows", len(c)]) for name, c in columns.items()]
+        ranges = [[float(low), float(high)] for low, high in
+                  zip(calibration.lower, calibration.upper, strict=True)]  # fmt: skip
+        described: Mapping[str, Any] = {
+            "robot": calibration.robot,
+            "arm": calibration.arm,
+            "joints": calibration.joints,
+            "units": dict(calibration.units),
+            "features": feature_set.names,
+            "training_range": ranges,
+            "gap_limit": calibration.gap_limit,
+            "data_sha256": calibration.metadata.get("data_sha256", ""),
+            **{f"columns_of_{name}": names for name, names in columns.items()},
+        }
+        metadata = {f"truejoint.{key}": json.dumps(value) for key, value in described.items()}
+        return features_name, measured_name, inputs, metadata
+
+    def _gather(self, source: str, has: tuple[str, ...], wanted: tuple[str, ...]) -> str:
+        if wanted == has:
+            return source
+        return self.columns(source, [has.index(name) for name in wanted])
+
+    def node(self, operator: str, inputs: list[str], output: str = "", **attributes: Any) -> str:
+        """Add a node; returns the name of its output."""
+        output = output or f"{operator}_{len(self._nodes)}"
+        make = self._onnx.helper.make_node
+        self._nodes.append(make(operator, inputs, [output], **attributes))
+        return output
+
+    def columns(self, source: str, indices: ArrayLike) -> str:
+        """Choose columns of a value."""
+        return self.node("Gather", [source, self.constant(np.asarray(indices, np.int64))], axis=1)
+
+    def constant(self, values: ArrayLike) -> str:
+        """Add numbers: integers as they are, others in the precision of the graph."""
+        array = np.asarray(values)
+        if array.dtype != np.int64:
+            with np.errstate(over="ignore"):
+                array = array.astype(self._dtype)
+            if not np.isfinite(array).all():
+                raise ExportError("a number of the model does not fit a float; export in double")
+        name = f"constant_{len(self._constants)}"
+        self._constants.append(self._onnx.numpy_helper.from_array(array, name))
+        return name
+
+    def scaled(self, features: str, arrays: Mapping[str, Array]) -> str:
+        """Standardise features."""
+        centred = self.node("Sub", [features, self.constant(arrays["mean"])])
+        return self.node("Mul", [centred, self.constant(arrays["inverse_scale"])])
+
+    def affine(self, source: str, weight: Array, bias: Array) -> str:
+        """Multiply with a matrix (inputs, outputs) and add a vector."""
+        product = self.node("MatMul", [source, self.constant(weight)])
+        return self.node("Add", [product, self.constant(bias)])
+
+
+def _offset(graph: _Graph, features: str, model: JointRegressor) -> str:
+    """Offset for every row: the features, weighted with zero, say how many there are."""
+    offset = model.to_arrays()["offset"]
+    n_features = int(model.n_features_in_)
+    return graph.affine(features, np.zeros((n_features, len(offset))), offset)
+
+
+def _polynomial(graph: _Graph, features: str, model: JointRegressor) -> str:
+    arrays = model.to_arrays()
+    terms = scaled = graph.scaled(features, arrays)
+    degree = 1 if model.family == "linear" else int(model.get_params()["degree"])
+    if degree > 1:
+        factors = polynomial_terms(len(arrays["mean"]), degree)
+        missing = factors < 0
+        terms = ""
+        for j in range(degree):
+            chosen = graph.columns(scaled, np.where(missing[:, j], 0, factors[:, j]))
+            if missing[:, j].any():  # a factor 1 where the term is of lower degree
+                kept = graph.node("Mul", [chosen, graph.constant(1.0 - missing[:, j])])
+                chosen = graph.node("Add", [kept, graph.constant(1.0 * missing[:, j])])
+            terms = graph.node("Mul", [terms, chosen]) if terms else chosen
+    return graph.affine(terms, arrays["coef"], arrays["intercept"])
+
+
+def _network(graph: _Graph, features: str, model: JointRegressor) -> str:
+    arrays = model.to_arrays()
+    units = graph.scaled(features, arrays)
+    n_layers = sum(name.startswith("weight_") for name in arrays)
+    for i in range(n_layers):
+        units = graph.affine(units, arrays[f"weight_{i}"], arrays[f"bias_{i}"])
+        if i < n_layers - 1:
+            units = graph.node("Sigmoid", [units])
+    scaled = graph.node("Mul", [units, graph.constant(arrays["target_scale"])])
+    return graph.node("Add", [scaled, graph.constant(arrays["target_mean"])])
+
+
+_BUILDERS: Final[Mapping[str, Callable[[_Graph, str, JointRegressor], str]]] = {
+    "offset": _offset,
+    "linear": _polynomial,
+    "polynomial": _polynomial,
+    "dnn": _network,
+}

@@ -1,0 +1,316 @@
+"""The unscented filter's correction by a measurement, as compiled kernels for any model and size.
+
+Equation numbers are those of yan2020, section III-B. All arrays live in the filter's memory (see
+`memory`); nothing is allocated and nothing raised.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from truejoint.compiled import compiled
+from truejoint.filters import memory as lay
+from truejoint.filters.factors import inlined, solve_rows, wrap
+from truejoint.filters.memory import (
+    Array,
+    Integers,
+    call_measurement,
+    copy,
+    fill,
+    integers,
+    matrix,
+    vector,
+)
+from truejoint.filters.prediction import LIMIT, finish, place_points, within_limit
+from truejoint.filters.status import FilterStatus
+
+_MISSING: Final = int(FilterStatus.MISSING)
+_PARTIAL: Final = int(FilterStatus.PARTIAL)
+_GATED: Final = int(FilterStatus.GATED)
+_REACQUIRED: Final = int(FilterStatus.REACQUIRED)
+_INVALID_MEASUREMENT: Final = int(FilterStatus.INVALID_MEASUREMENT)
+_MEASUREMENT_FAILED: Final = int(FilterStatus.MEASUREMENT_FAILED)
+_REPAIRED: Final = int(FilterStatus.COVARIANCE_REPAIRED)
+_OUT_OF_RANGE: Final = int(FilterStatus.OUT_OF_RANGE)
+_SINGULAR: Final = int(FilterStatus.SINGULAR)
+_INFLATION_TRIES: Final = 60
+_LOG_2_PI: Final = math.log(2.0 * math.pi)
+
+
+@compiled
+def _choose_measurements(numbers: Integers, memory: Array) -> int:
+    """List the components of the measurement that are there; status bits."""
+    m = numbers[lay.M]
+    z = vector(memory, numbers[lay.Z], m)
+    innovation = vector(memory, numbers[lay.INNOVATION], m)
+    status = 0
+    count = 0
+    for i in range(m):
+        innovation[i] = np.nan
+        if abs(z[i]) <= LIMIT:
+            numbers[numbers[lay.CHOSEN] + count] = i
+            count += 1
+        elif not math.isnan(z[i]):
+            status |= _INVALID_MEASUREMENT
+    numbers[lay.OBSERVED] = count
+    memory[lay.NIS] = np.nan
+    memory[lay.LOGLIK] = 0.0
+    memory[lay.INFLATION] = 1.0
+    if count == 0:
+        status |= _MISSING
+    elif count < m:
+        status |= _PARTIAL
+    return status
+
+
+@compiled
+def _observe(numbers: Integers, memory: Array) -> bool:
+    """Send the sigma points through the measurement function, (19); False if unusable."""
+    n, m = numbers[lay.N], numbers[lay.M]
+    count = numbers[lay.OBSERVED]
+    chosen = integers(numbers, numbers[lay.CHOSEN], count)
+    angles = integers(numbers, numbers[lay.ANGLES] + n, m)
+    u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
+    theta = vector(memory, numbers[lay.THETA], numbers[lay.PARAMETERS])
+    centre = vector(memory, numbers[lay.CENTRE], n)
+    point = vector(memory, numbers[lay.POINT], n)
+    image = vector(memory, numbers[lay.IMAGE], m)
+    z_mean = vector(memory, numbers[lay.Z_MEAN], count)
+    z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
+    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
+    fill(image, m, np.nan)
+    copy(centre, point, n)
+    call_measurement(numbers[lay.H], point, u, theta, image)
+    for c in range(count):
+        z_mean[c] = image[chosen[c]]
+        z_shift[c] = 0.0
+    if not within_limit(z_mean, count, LIMIT):
+        return False
+    for k in range(numbers[lay.POINTS]):
+        for i in range(n):
+            point[i] = centre[i] + deviations[k, i]
+        fill(image, m, np.nan)
+        call_measurement(numbers[lay.H], point, u, theta, image)
+        for c in range(count):
+            i = chosen[c]
+            difference = image[i] - z_mean[c]
+            if not (abs(difference) <= LIMIT):
+                return False
+            if angles[i]:
+                difference = wrap(difference)
+            z_deviations[k, c] = difference
+            z_shift[c] += difference
+    weight = memory[lay.ROOT_WEIGHT] ** 2
+    for c in range(count):
+        z_shift[c] *= weight
+        z_mean[c] += z_shift[c]
+    return True
+
+
+@compiled
+def _innovate(numbers: Integers, memory: Array) -> int:
+    """Innovation, its covariance, (20), and its NIS; status bits."""
+    n, m = numbers[lay.N], numbers[lay.M]
+    count = numbers[lay.OBSERVED]
+    chosen = integers(numbers, numbers[lay.CHOSEN], count)
+    points = numbers[lay.POINTS]
+    if not _observe(numbers, memory):
+        return _MEASUREMENT_FAILED
+    z = vector(memory, numbers[lay.Z], m)
+    z_mean = vector(memory, numbers[lay.Z_MEAN], count)
+    innovation = vector(memory, numbers[lay.INNOVATION], m)
+    white = vector(memory, numbers[lay.WHITE], count)
+    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
+    noise = matrix(memory, numbers[lay.R], m, m)
+    stack = matrix(memory, numbers[lay.STACK], 4 * n + m + 1, count)
+    root = memory[lay.ROOT_WEIGHT]
+    for k in range(points):
+        for c in range(count):
+            stack[k, c] = root * z_deviations[k, c]
+    for j in range(m):
+        row = stack[points + j]
+        for c in range(count):
+            row[c] = noise[chosen[c], j]
+    whole = finish(numbers, memory, stack, points + m, count, lay.Z_SHIFT, lay.P_ZZ, lay.S_ZZ)
+    status = 0 if whole else _REPAIRED
+    factor = matrix(memory, numbers[lay.S_ZZ], count, count)
+    angles = integers(numbers, numbers[lay.ANGLES] + n, m)
+    nis, logarithm, product, rank = 0.0, 0.0, 1.0, 0
+    for c in range(count):
+        i = chosen[c]
+        difference = z[i] - z_mean[c]
+        innovation[i] = wrap(difference) if angles[i] else difference
+        rest = innovation[i]
+        for k in range(c):
+            rest -= factor[c, k] * white[k]
+        if factor[c, c] > 0.0:
+            white[c] = rest / factor[c, c]
+            nis += white[c] * white[c]
+            product *= factor[c, c]
+            if not (1e-100 < product < 1e100):
+                logarithm += math.log(product)
+                product = 1.0
+            rank += 1
+        else:
+            white[c] = 0.0
+            status |= _SINGULAR
+    memory[lay.NIS] = nis
+    memory[lay.LOGLIK] = -0.5 * (nis + rank * _LOG_2_PI) - logarithm - math.log(product)
+    return status
+
+
+@inlined
+def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
+    """Draw sigma points again from the predicted mean and covariance, (18)."""
+    n = numbers[lay.N]
+    place_points(numbers, memory, lay.S_MEAN, scale)
+    copy(vector(memory, numbers[lay.X_MEAN], n), vector(memory, numbers[lay.CENTRE], n), n)
+    fill(vector(memory, numbers[lay.SHIFT], n), n, 0.0)
+
+
+@inlined
+def _gain(numbers: Integers, memory: Array) -> None:
+    """Covariance of state and measurement, (21), divided by that of the measurement, (22)."""
+    n, count, points = numbers[lay.N], numbers[lay.OBSERVED], numbers[lay.POINTS]
+    shift = vector(memory, numbers[lay.SHIFT], n)
+    z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
+    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
+    gain = matrix(memory, numbers[lay.GAIN], n, count)
+    weight = memory[lay.ROOT_WEIGHT] ** 2
+    for i in range(n):
+        for c in range(count):
+            total = 0.0
+            for k in range(points):
+                total += deviations[k, i] * z_deviations[k, c]
+            gain[i, c] = weight * total + memory[lay.CORRECTION] * shift[i] * z_shift[c]
+    solve_rows(matrix(memory, numbers[lay.S_ZZ], count, count), count, gain, n)
+
+
+@compiled
+def _apply_gain(numbers: Integers, memory: Array) -> int:
+    """Corrected state, (23), and its covariance in Joseph's form; status bits.
+
+    Each sigma point is corrected with the gain as if it were the state, and the covariance is that
+    of the corrected points plus the gain's share of the measurement noise. For this gain that is
+    (23), but it cannot turn indefinite.
+    """
+    n, m = numbers[lay.N], numbers[lay.M]
+    count = numbers[lay.OBSERVED]
+    chosen = integers(numbers, numbers[lay.CHOSEN], count)
+    points = numbers[lay.POINTS]
+    x = vector(memory, numbers[lay.X], n)
+    x_mean = vector(memory, numbers[lay.X_MEAN], n)
+    shift = vector(memory, numbers[lay.SHIFT], n)
+    innovation = vector(memory, numbers[lay.INNOVATION], m)
+    z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
+    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
+    noise = matrix(memory, numbers[lay.R], m, m)
+    gain = matrix(memory, numbers[lay.GAIN], n, count)
+    stack = matrix(memory, numbers[lay.STACK], 4 * n + m + 1, n)
+    root = memory[lay.ROOT_WEIGHT]
+    _gain(numbers, memory)
+    angles = integers(numbers, numbers[lay.ANGLES], n)
+    for j in range(m):
+        row = stack[points + j]
+        for i in range(n):
+            total = 0.0
+            for c in range(count):
+                total += gain[i, c] * noise[chosen[c], j]
+            row[i] = total
+    for i in range(n):
+        for k in range(points):
+            rest = deviations[k, i]
+            for c in range(count):
+                rest -= gain[i, c] * z_deviations[k, c]
+            stack[k, i] = root * rest
+        x[i] = x_mean[i]
+        for c in range(count):
+            x[i] += gain[i, c] * innovation[chosen[c]]
+            shift[i] -= gain[i, c] * z_shift[c]
+        if angles[i]:
+            x[i] = wrap(x[i])
+    whole = finish(numbers, memory, stack, points + m, n, lay.SHIFT, lay.P, lay.S)
+    covariance = vector(memory, numbers[lay.P], n * n)
+    if within_limit(x, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2):
+        return 0 if whole else _REPAIRED
+    _keep_prediction(numbers, memory)
+    return _OUT_OF_RANGE
+
+
+@inlined
+def _keep_prediction(numbers: Integers, memory: Array) -> None:
+    """Take the prediction for the state."""
+    n = numbers[lay.N]
+    square = n * n
+    copy(vector(memory, numbers[lay.X_MEAN], n), vector(memory, numbers[lay.X], n), n)
+    copy(
+        vector(memory, numbers[lay.P_MEAN], square), vector(memory, numbers[lay.P], square), square
+    )
+    copy(
+        vector(memory, numbers[lay.S_MEAN], square), vector(memory, numbers[lay.S], square), square
+    )
+
+
+@compiled
+def _reacquire(numbers: Integers, memory: Array, limit: float) -> int:
+    """Enlarge the predicted covariance until the gate lets the measurement in; status bits.
+
+    A filter that trusts its own wrong prediction would gate every measurement for ever. If the
+    measurement function cannot bear points that far out, the last covariance it bore is used.
+    """
+    inflation = 1.0
+    status = 0
+    for _ in range(_INFLATION_TRIES):
+        # Twice at least, so that it ends; a thousandfold at most, so that it does not overshoot.
+        larger = inflation * min(max(memory[lay.NIS] / limit, 2.0), 1e3)
+        _second_generation(numbers, memory, math.sqrt(larger))
+        attempt = _innovate(numbers, memory)
+        if attempt & _MEASUREMENT_FAILED:
+            break
+        status = attempt
+        inflation = larger
+        if memory[lay.NIS] <= limit:
+            memory[lay.INFLATION] = inflation
+            return status | _REACQUIRED
+    _second_generation(numbers, memory, math.sqrt(inflation))
+    status |= _innovate(numbers, memory)
+    memory[lay.INFLATION] = inflation
+    return status | _REACQUIRED
+
+
+@compiled
+def correct(numbers: Integers, memory: Array) -> int:
+    """Correct the prediction by the measurement in Z, as far as it can be used, (18)-(23).
+
+    Returns
+    -------
+    int
+        Status bits; innovation, NIS, log-likelihood and inflation stand in the memory.
+    """
+    status = _choose_measurements(numbers, memory)
+    if status & _MISSING:
+        _keep_prediction(numbers, memory)
+        return status
+    if numbers[lay.SECOND] == 1:
+        _second_generation(numbers, memory, 1.0)
+    status |= _innovate(numbers, memory)
+    limit = vector(memory, numbers[lay.GATE], numbers[lay.M] + 1)[numbers[lay.OBSERVED]]
+    if limit > 0.0 and not (status & _MEASUREMENT_FAILED) and not (memory[lay.NIS] <= limit):
+        if numbers[lay.REJECTED] < numbers[lay.PATIENCE]:
+            numbers[lay.REJECTED] += 1
+            memory[lay.LOGLIK] = 0.0
+            _keep_prediction(numbers, memory)
+            return status | _GATED
+        status |= _reacquire(numbers, memory, limit)
+    if status & _MEASUREMENT_FAILED:
+        memory[lay.INFLATION] = 1.0
+        _keep_prediction(numbers, memory)
+        return status
+    numbers[lay.REJECTED] = 0
+    return status | _apply_gain(numbers, memory)

@@ -1,0 +1,434 @@
+"""The unscented Kalman filter: a whole record in one compiled call, or one step at a time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+import numpy.typing as npt
+
+from truejoint.filters import kernels
+from truejoint.filters import memory as lay
+from truejoint.filters.memory import Array, Integers
+from truejoint.filters.sigma_points import (
+    FilterError,
+    LambdaSigmaPoints,
+    ScaledSigmaPoints,
+)
+from truejoint.filters.smoother import smooth
+from truejoint.filters.state_space import (
+    StateSpaceModel,
+    check_covariance,
+    covariance_factor,
+)
+
+_step: Final = kernels.step
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Measurements that a filter refuses, and when it gives in.
+
+    Parameters
+    ----------
+    probability : float
+        A measurement is left out if its NIS exceeds this quantile of chi-square.
+    patience : int
+        Measurements left out in a row; the next one is used with an enlarged covariance, so that
+        a filter that is wrong finds back.
+    """
+
+    probability: float = 0.999
+    patience: int = 10
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.probability < 1.0:
+            raise FilterError(f"gate probability is {self.probability}: give one between 0 and 1")
+        if not 0 <= self.patience <= 10**9:
+            raise FilterError(f"gate patience is {self.patience}: give a number of measurements")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FilterState:
+    """Where a filter stands between two steps; `UnscentedFilter.step` changes it in place.
+
+    The arrays are views of one block of memory: copy what you want to keep.
+
+    Attributes
+    ----------
+    x : (n,) array
+        State estimate.
+    P : (n, n) array
+        Its covariance.
+    innovation : (m,) array
+        Measured less predicted in the last step, NaN where nothing was measured.
+    """
+
+    owner: UnscentedFilter
+    numbers: Integers = field(repr=False)
+    memory: Array = field(repr=False)
+    x: Array
+    P: Array
+    innovation: Array
+    z: Array = field(repr=False)
+    u: Array = field(repr=False)
+
+    @property
+    def nis(self) -> float:
+        """Normalised innovation squared of the last step, NaN without a measurement."""
+        return float(self.memory[lay.NIS])
+
+    @property
+    def loglik(self) -> float:
+        """Log-likelihood of the last measurement; 0 if there was none or it was gated."""
+        return float(self.memory[lay.LOGLIK])
+
+
+@dataclass(frozen=True, eq=False)
+class FilterResult:
+    """What a filter made of a record of N rows.
+
+    Attributes
+    ----------
+    x : (N, n) array
+        State after each row's measurement.
+    P : (N, n, n) array
+        Its covariance.
+    innovation : (N, m) array
+        Measured less predicted, NaN where nothing was measured.
+    nis : (N,) array
+        Normalised innovation squared, NaN without a measurement.
+    loglik : (N,) array
+        Log-likelihood of each measurement that was used; their sum is the record's.
+    inflation : (N,) array
+        Factor by which re-acquiring enlarged the predicted covariance, 1 elsewhere.
+    status : (N,) int64 array
+        Bits of `FilterStatus`.
+    u, dt, x0, P0 : arrays
+        The inputs (N, inputs), time steps (N,) [s] and prior that it started from.
+    """
+
+    x: Array
+    P: Array
+    innovation: Array
+    nis: Array
+    loglik: Array
+    inflation: Array
+    status: Integers
+    u: Array = field(repr=False)
+    dt: Array = field(repr=False)
+    x0: Array = field(repr=False)
+    P0: Array = field(repr=False)
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedResult:
+    """States given the whole record, by the unscented Rauch-Tung-Striebel smoother.
+
+    Attributes
+    ----------
+    x : (N, n) array
+        Smoothed states.
+    P : (N, n, n) array
+        Their covariances.
+    x0, P0 : (n,), (n, n) array
+        The state before the first row and its covariance.
+    """
+
+    x: Array
+    P: Array
+    x0: Array
+    P0: Array
+
+
+@dataclass(frozen=True, eq=False)
+class UnscentedFilter:
+    """Unscented Kalman filter for any `StateSpaceModel` (yan2020, equations 15-23).
+
+    Parameters
+    ----------
+    model : StateSpaceModel
+        What is filtered.
+    sigma_points : ScaledSigmaPoints or LambdaSigmaPoints
+        How far the points stand out and what they weigh.
+    second_generation : bool
+        Draw the points again from the predicted covariance before the measurement, equation (18).
+        If not, the propagated points go on, with further points for the process noise. On linear
+        models both give the Kalman filter.
+    square_root : bool
+        Carry a factor of the covariance, found by orthogonal triangularisation, instead of the
+        covariance: twice the digits where variances differ wildly, for somewhat more time.
+    gate : Gate or None
+        Which measurements to leave out; None uses all.
+    """
+
+    model: StateSpaceModel
+    sigma_points: ScaledSigmaPoints | LambdaSigmaPoints = field(default_factory=ScaledSigmaPoints)
+    second_generation: bool = True
+    square_root: bool = False
+    gate: Gate | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, StateSpaceModel):
+            raise FilterError(f"model: give a StateSpaceModel, not {type(self.model).__name__}")
+        self.sigma_points.reach(self._directions)
+
+    @property
+    def _directions(self) -> int:
+        n = len(self.model.states)
+        return n if self.second_generation else 2 * n
+
+    def initial_state(self, x0: npt.ArrayLike, P0: npt.ArrayLike) -> FilterState:
+        """Filter at rest, ready to step; the step is compiled when this returns.
+
+        Parameters
+        ----------
+        x0 : (n,) array_like
+            State before the first step.
+        P0 : (n, n) array_like
+            Its covariance; zero, or singular, where the state is known.
+
+        Returns
+        -------
+        FilterState
+            State with memory of its own.
+
+        Raises
+        ------
+        FilterError
+            If a shape is wrong, a number not finite or P0 no covariance.
+        """
+        model = self.model
+        n, m, inputs = len(model.states), len(model.measurements), len(model.inputs)
+        mean = _numbers(x0, "x0")
+        if mean.shape != (n,) or not np.all(np.abs(mean) <= 1e100):
+            raise FilterError(f"x0: give {n} finite numbers ({', '.join(model.states)})")
+        covariance = check_covariance(P0, n, "P0")
+        theta = np.asarray(model.parameters)
+        numbers, memory = lay.allocate(n, m, inputs, len(theta))
+
+        def put(block: int, values: Array) -> None:
+            memory[numbers[block] : numbers[block] + values.size] = values.ravel()
+
+        numbers[[lay.F, lay.H, lay.G]] = model.addresses
+        numbers[lay.SECOND], numbers[lay.ROOT] = self.second_generation, self.square_root
+        for i, name in enumerate((*model.states, *model.measurements)):
+            numbers[numbers[lay.ANGLES] + i] = name in model.angles
+        reach, correction = (
+            self.sigma_points.reach(self._directions),
+            self.sigma_points.centre_correction,
+        )
+        memory[lay.REACH], memory[lay.ROOT_WEIGHT] = reach, np.sqrt(0.5) / reach
+        memory[lay.CORRECTION], memory[lay.ROOT_CORRECTION] = correction, np.sqrt(abs(correction))
+        put(lay.THETA, theta)
+        put(lay.R, covariance_factor(np.asarray(model.measurement_noise)))
+        if not callable(model.process_noise):
+            put(lay.Q, covariance_factor(np.asarray(model.process_noise)))
+        if self.gate is not None:
+            from scipy.stats import chi2  # noqa: PLC0415  # a control loop without a gate
+
+            numbers[lay.PATIENCE] = self.gate.patience
+            put(lay.GATE, np.append(0.0, chi2.ppf(self.gate.probability, np.arange(1, m + 1))))
+        put(lay.Z, np.full(m, np.nan))
+        # With no measurement and dt = 0 a step changes nothing, but it compiles the kernel.
+        _step(numbers.copy(), memory.copy())
+        put(lay.X, mean)
+        put(lay.P, covariance)
+        put(lay.S, covariance_factor(covariance))
+
+        def view(block: int, size: int) -> Array:
+            return memory[numbers[block] : numbers[block] + size]
+
+        return FilterState(
+            owner=self,
+            numbers=numbers,
+            memory=memory,
+            x=view(lay.X, n),
+            P=view(lay.P, n * n).reshape(n, n),
+            innovation=view(lay.INNOVATION, m),
+            z=view(lay.Z, m),
+            u=view(lay.U, inputs),
+        )
+
+    def step(self, state: FilterState, z: npt.ArrayLike, u: npt.ArrayLike | None, dt: float) -> int:
+        """Advance a state by one sample, in place; for the loop, so it allocates nothing.
+
+        Parameters
+        ----------
+        state : FilterState
+            From this filter's `initial_state`.
+        z : (m,) sequence of float
+            Measurement, NaN where missing.
+        u : (inputs,) sequence of float or None
+            Control input over the step; None for a model without.
+        dt : float
+            Time since the last step [s]; 0 only corrects.
+
+        Returns
+        -------
+        int
+            Bits of `FilterStatus`, 0 if all is well.
+
+        Raises
+        ------
+        FilterError
+            If the state is another filter's or a length is wrong; never for what numbers hold.
+        """
+        if state.owner is not self:
+            raise FilterError("state: belongs to another filter; use this one's initial_state")
+        if len(z) != len(state.z):  # type: ignore[arg-type]  # a scalar has no length: TypeError
+            raise FilterError(f"z: give {len(state.z)} numbers, NaN where missing")
+        state.z[:] = z
+        if u is not None:
+            if len(u) != len(state.u):  # type: ignore[arg-type]
+                raise FilterError(f"u: give {len(state.u)} numbers")
+            state.u[:] = u
+        elif len(state.u):
+            raise FilterError(f"u: give {len(state.u)} numbers, this model has control inputs")
+        state.memory[lay.DT] = dt
+        return _step(state.numbers, state.memory)
+
+    def run(
+        self,
+        z: npt.ArrayLike,
+        u: npt.ArrayLike | None = None,
+        *,
+        x0: npt.ArrayLike,
+        P0: npt.ArrayLike,
+        dt: npt.ArrayLike | None = None,
+        t: npt.ArrayLike | None = None,
+    ) -> FilterResult:
+        """Filter a whole record in one compiled call; the same bits as its single steps.
+
+        Row k first advances the state over dt[k] under u[k], then corrects it by z[k].
+
+        Parameters
+        ----------
+        z : (N, m) array_like
+            Measurements, NaN where missing.
+        u : (N, inputs) array_like, optional
+            Control input over the step that ends at each row.
+        x0, P0 : (n,), (n, n) array_like
+            Prior: at the first row if dt[0] = 0, else dt[0] before it.
+        dt : float or (N,) array_like, optional
+            Time from the row before [s].
+        t : (N,) array_like, optional
+            Time stamps [s] instead of dt; the prior then holds at the first row.
+
+        Returns
+        -------
+        FilterResult
+            Estimates, innovations and what happened in each row. Rows that hold NaN or make no
+            sense are survived and carry a status.
+
+        Raises
+        ------
+        FilterError
+            If shapes do not fit together, or the prior is wrong.
+        """
+        state = self.initial_state(x0, P0)
+        measured = _table(z, len(state.z), "z")
+        rows = len(measured)
+        control = np.zeros((rows, 0)) if u is None else _table(u, len(state.u), "u")
+        if control.shape != (rows, len(state.u)):
+            raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
+        steps = _time_steps(dt, t, rows)
+        result = _empty_result(state, control, steps)
+        kernels.run(
+            state.numbers,
+            state.memory,
+            measured,
+            control,
+            steps,
+            result.x,
+            result.P.reshape(rows, -1),
+            result.innovation,
+            result.nis,
+            result.loglik,
+            result.inflation,
+            result.status,
+        )
+        return result
+
+    def smooth(self, result: FilterResult) -> SmoothedResult:
+        """Smooth a record that this filter has run over, in one compiled call.
+
+        Parameters
+        ----------
+        result : FilterResult
+            From this filter's `run`.
+
+        Returns
+        -------
+        SmoothedResult
+            States given all measurements, before and after. Nothing passes backwards over a row
+            whose prediction failed.
+        """
+        state = self.initial_state(result.x0, result.P0)
+        x, P = result.x.copy(), result.P.copy()
+        x0, P0 = result.x0.copy(), result.P0.copy()
+        smooth(
+            state.numbers,
+            state.memory,
+            result.u,
+            result.dt,
+            result.inflation,
+            result.status,
+            x0,
+            P0,
+            x,
+            P,
+        )
+        return SmoothedResult(x=x, P=P, x0=x0, P0=P0)
+
+
+def _empty_result(state: FilterState, control: Array, steps: Array) -> FilterResult:
+    rows, n, m = len(steps), len(state.x), len(state.z)
+    return FilterResult(
+        x=np.empty((rows, n)),
+        P=np.empty((rows, n, n)),
+        innovation=np.empty((rows, m)),
+        nis=np.empty(rows),
+        loglik=np.empty(rows),
+        inflation=np.empty(rows),
+        status=np.empty(rows, dtype=np.int64),
+        u=control,
+        dt=steps,
+        x0=state.x.copy(),
+        P0=state.P.copy(),
+    )
+
+
+def _numbers(values: npt.ArrayLike, what: str) -> Array:
+    try:
+        return np.array(values, dtype=np.float64, order="C")
+    except (TypeError, ValueError):
+        raise FilterError(f"{what}: give numbers, all rows of the same length") from None
+
+
+def _table(values: npt.ArrayLike, columns: int, what: str) -> Array:
+    table = _numbers(values, what)
+    if table.ndim == 1 and columns == 1:
+        table = table[:, np.newaxis]
+    if table.ndim != 2 or table.shape[1] != columns or not len(table):
+        raise FilterError(f"{what}: shape is {table.shape}, must be (rows, {columns})")
+    return table
+
+
+def _time_steps(dt: npt.ArrayLike | None, t: npt.ArrayLike | None, rows: int) -> Array:
+    if (dt is None) == (t is None):
+        raise FilterError("time: give either dt or t")
+    if t is not None:
+        stamps = _numbers(t, "t")
+        if stamps.shape != (rows,):
+            raise FilterError(f"t: shape is {stamps.shape}, must be {(rows,)}")
+        return np.diff(stamps, prepend=stamps[0])
+    steps = _numbers(dt if dt is not None else (), "dt")
+    if steps.ndim == 0:
+        if not (np.isfinite(steps) and steps > 0.0):
+            raise FilterError(f"dt is {steps}: give a positive time step in seconds")
+        return np.full(rows, float(steps))
+    if steps.shape != (rows,):
+        raise FilterError(f"dt: shape is {steps.shape}, must be a number or {(rows,)}")
+    return steps.copy()

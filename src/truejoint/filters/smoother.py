@@ -1,0 +1,186 @@
+"""The unscented Rauch-Tung-Striebel smoother over a filtered record, as a compiled kernel."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+from truejoint.compiled import compiled
+from truejoint.filters import memory as lay
+from truejoint.filters.factors import (
+    combine,
+    semidefinite_cholesky,
+    solve_rows,
+    wrap,
+)
+from truejoint.filters.memory import Array, Integers, copy, matrix, vector
+from truejoint.filters.prediction import LIMIT, predict, within_limit
+from truejoint.filters.status import BROKEN_PREDICTION
+
+_BROKEN: Final = int(BROKEN_PREDICTION)
+
+
+@compiled
+def _load(numbers: Integers, memory: Array, x: Array, covariance: Array) -> None:
+    """Put a filtered state and its factor where the prediction starts from."""
+    n = numbers[lay.N]
+    copy(x, vector(memory, numbers[lay.X], n), n)
+    for i in range(n):
+        copy(covariance[i], matrix(memory, numbers[lay.P], n, n)[i], n)
+    semidefinite_cholesky(covariance, n, matrix(memory, numbers[lay.S], n, n))
+
+
+@compiled
+def _gain(numbers: Integers, memory: Array, inflation: float, gain: Array) -> None:
+    """Smoother gain: covariance of state and prediction, divided by that of the prediction."""
+    n = numbers[lay.N]
+    factor = matrix(memory, numbers[lay.S], n, n)
+    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    # Points stand in pairs at plus and minus reach times a column of the factor and weigh
+    # 1 / (2 reach^2): the sum over a pair is the column times a difference of images.
+    weight = 0.5 / (memory[lay.REACH] * inflation)
+    for i in range(n):
+        for j in range(n):
+            total = 0.0
+            for k in range(n):
+                total += factor[i, k] * (deviations[2 * k + 1, j] - deviations[2 * k, j])
+            gain[i, j] = weight * total
+    solve_rows(matrix(memory, numbers[lay.S_MEAN], n, n), n, gain, n)
+
+
+@compiled
+def _fill_stack(
+    numbers: Integers, memory: Array, inflation: float, gain: Array, later: Array, stack: Array
+) -> int:
+    """Outer products whose sum is the smoothed covariance, all of them positive; their number."""
+    n = numbers[lay.N]
+    factor = matrix(memory, numbers[lay.S], n, n)
+    predicted = matrix(memory, numbers[lay.S_MEAN], n, n)
+    noise = matrix(memory, numbers[lay.Q], n, n)
+    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    reach = memory[lay.REACH]
+    root = memory[lay.ROOT_WEIGHT]
+    moving = 1.0 if memory[lay.DT] != 0.0 else 0.0
+    surplus = math.sqrt(inflation - 1.0)
+    for i in range(n):
+        for j in range(n):
+            for sign in range(2):
+                rest = (2 * sign - 1) * reach * factor[i, j]
+                for k in range(n):
+                    rest -= gain[i, k] * deviations[2 * j + sign, k]
+                stack[2 * j + sign, i] = root * rest
+            by_noise, by_surplus, by_later = 0.0, 0.0, 0.0
+            for k in range(n):
+                by_noise += gain[i, k] * noise[k, j]
+                by_surplus += gain[i, k] * predicted[k, j]
+                by_later += gain[i, k] * later[k, j]
+            stack[2 * n + j, i] = moving * by_noise
+            stack[3 * n + j, i] = surplus * by_surplus
+            stack[4 * n + j, i] = by_later
+    return 5 * int(n)
+
+
+@compiled
+def _move(numbers: Integers, memory: Array, gain: Array, x: Array, later_x: Array) -> bool:
+    """Smoothed state into POINT and the centre's term into DEFICIT; False if out of range."""
+    n = numbers[lay.N]
+    shift = vector(memory, numbers[lay.SHIFT], n)
+    mean = vector(memory, numbers[lay.X_MEAN], n)
+    deficit = vector(memory, numbers[lay.DEFICIT], n)
+    smoothed = vector(memory, numbers[lay.POINT], n)
+    for i in range(n):
+        smoothed[i] = x[i]
+        deficit[i] = 0.0
+        for k in range(n):
+            difference = later_x[k] - mean[k]
+            if numbers[numbers[lay.ANGLES] + k]:
+                difference = wrap(difference)
+            smoothed[i] += gain[i, k] * difference
+            deficit[i] += memory[lay.ROOT_CORRECTION] * gain[i, k] * shift[k]
+        if numbers[numbers[lay.ANGLES] + i]:
+            smoothed[i] = wrap(smoothed[i])
+    return bool(within_limit(smoothed, n, LIMIT))
+
+
+@compiled
+def _smooth_one(
+    numbers: Integers,
+    memory: Array,
+    inflation: float,
+    x: Array,
+    covariance: Array,
+    later_x: Array,
+    later_covariance: Array,
+) -> None:
+    """Smooth the state that `_load` has put in place, given the smoothed state one row later."""
+    n = numbers[lay.N]
+    if predict(numbers, memory) & _BROKEN:
+        return
+    gain = matrix(memory, numbers[lay.NOISE], n, n)
+    stack = matrix(memory, numbers[lay.STACK], 5 * n + 1, n)
+    deficit = vector(memory, numbers[lay.DEFICIT], n)
+    # P_MEAN has done its duty: it holds the later factor, then the smoothed covariance.
+    scratch = matrix(memory, numbers[lay.P_MEAN], n, n)
+    _gain(numbers, memory, inflation, gain)
+    if not _move(numbers, memory, gain, x, later_x):
+        return
+    semidefinite_cholesky(later_covariance, n, scratch)
+    rows = _fill_stack(numbers, memory, inflation, gain, scratch, stack)
+    correction = memory[lay.CORRECTION]
+    if correction > 0.0:
+        copy(deficit, stack[rows], n)
+        rows += 1
+    combine(
+        stack,
+        rows,
+        n,
+        deficit,
+        correction < 0.0,
+        numbers[lay.ROOT] == 1,
+        scratch,
+        matrix(memory, numbers[lay.S_MEAN], n, n),
+    )
+    if within_limit(vector(memory, numbers[lay.P_MEAN], n * n), n * n, LIMIT**2):
+        copy(vector(memory, numbers[lay.POINT], n), x, n)
+        for i in range(n):
+            copy(scratch[i], covariance[i], n)
+
+
+@compiled
+def smooth(
+    numbers: Integers,
+    memory: Array,
+    u: Array,
+    dt: Array,
+    inflation: Array,
+    status: Integers,
+    x0: Array,
+    P0: Array,
+    x: Array,
+    P: Array,
+) -> None:
+    """Smooth a filtered record backwards, in place (Saerkkae, IEEE TAC 53(3), 2008).
+
+    Parameters
+    ----------
+    numbers, memory : arrays
+        A filter's memory, used as scratch space.
+    u, dt, inflation, status : (N, inputs), (N,), (N,), (N,) array
+        What the filter was given, and what it reported, for each row.
+    x0, P0 : (n,), (n, n) array
+        Prior; replaced by its smoothed self.
+    x, P : (N, n), (N, n, n) array
+        Filtered states and covariances; replaced by smoothed ones.
+    """
+    row_u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
+    for k in range(x.shape[0] - 2, -2, -1):
+        if status[k + 1] & _BROKEN:
+            continue
+        copy(u[k + 1], row_u, numbers[lay.INPUTS])
+        memory[lay.DT] = dt[k + 1]
+        if k < 0:
+            _load(numbers, memory, x0, P0)
+            _smooth_one(numbers, memory, inflation[0], x0, P0, x[0], P[0])
+        else:
+            _load(numbers, memory, x[k], P[k])
+            _smooth_one(numbers, memory, inflation[k + 1], x[k], P[k], x[k + 1], P[k + 1])

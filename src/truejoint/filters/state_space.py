@@ -1,0 +1,382 @@
+"""State-space models that a user writes, and the exact discretisation of linear ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+import numpy.typing as npt
+from numba.core.dispatcher import Dispatcher
+from numba.core.errors import NumbaError
+
+from truejoint.compiled import compiled
+from truejoint.filters.factors import semidefinite_cholesky
+from truejoint.filters.memory import (
+    MEASUREMENT,
+    PROCESS_NOISE,
+    TRANSITION,
+    Array,
+    address,
+    matrix,
+)
+from truejoint.filters.sigma_points import FilterError
+
+# How far from symmetric or from semidefinite, relative to the variances, rounding may leave a
+# covariance that somebody computed.
+_TOLERANCE: Final = 1e-8
+# No model writes this number: an element that still holds it was never written.
+_UNWRITTEN: Final = 1.2345678e-67
+
+
+def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
+    """Covariance matrix, checked.
+
+    Parameters
+    ----------
+    value : array_like, (n, n)
+        Symmetric and positive semidefinite within rounding; zero is allowed.
+    size : int
+        Wanted n.
+    what : str
+        What the matrix is called in a message.
+
+    Returns
+    -------
+    (n, n) array
+        The matrix, exactly symmetric.
+
+    Raises
+    ------
+    FilterError
+        If it is no covariance of that size.
+    """
+    try:
+        matrix = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise FilterError(f"{what}: give a matrix of {size} x {size} numbers") from None
+    if matrix.shape != (size, size):
+        raise FilterError(f"{what}: shape is {matrix.shape}, must be {(size, size)}")
+    if not np.all(np.abs(matrix) <= 1e100):
+        raise FilterError(f"{what}: holds NaN, infinity or a number above 1e100")
+    variance = np.diag(matrix)
+    if np.any(variance < 0.0):
+        raise FilterError(f"{what}: variance {variance.min():.3g} on the diagonal is negative")
+    scale = np.sqrt(np.outer(variance, variance))
+    if np.any(np.abs(matrix - matrix.T) > _TOLERANCE * scale):
+        raise FilterError(f"{what}: not symmetric; pass (P + P') / 2 if that is what you mean")
+    matrix = 0.5 * (matrix + matrix.T)
+    correlation = np.divide(matrix, scale, out=np.zeros_like(matrix), where=scale > 0.0)
+    lowest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
+    if lowest < -_TOLERANCE * size or np.any((scale == 0.0) & (matrix != 0.0)):
+        raise FilterError(f"{what}: not positive semidefinite, so no covariance")
+    return matrix
+
+
+def covariance_factor(covariance: Array) -> Array:
+    """Lower factor of a checked covariance.
+
+    Parameters
+    ----------
+    covariance : (n, n) array
+        Positive semidefinite.
+
+    Returns
+    -------
+    (n, n) array
+        L with L L' = covariance.
+    """
+    factor = np.zeros_like(covariance)
+    semidefinite_cholesky(covariance, len(covariance), factor)
+    return factor
+
+
+@dataclass(frozen=True, eq=False)
+class StateSpaceModel:
+    """A discrete model x[k] = f(x[k-1], u[k], dt) + w, z[k] = h(x[k], u[k]) + v.
+
+    The functions are compiled with ``numba.njit(cache=True, error_model="numpy")`` and fill `out`;
+    the options keep them on disk and let a division by zero give infinity. The filter survives
+    NaN and infinity with a status. An exception counts as a failed function too, but numba prints
+    each one, which takes milliseconds.
+
+    Parameters
+    ----------
+    transition : compiled ``f(x, u, dt, parameters, out)``
+        Writes the next state into `out`; all but `dt` [s] are 1-D arrays.
+    measurement : compiled ``h(x, u, parameters, out)``
+        Writes the expected measurement into `out`.
+    process_noise : (n, n) array_like or compiled ``q(x, u, dt, parameters, out)``
+        Covariance of w over one step. A function writes it into `out` (n, n), which comes filled
+        with zeros; use one where dt varies.
+    measurement_noise : (m, m) array_like
+        Covariance of v.
+    states, measurements, inputs : tuple of str
+        Names, which also give n, m and the length of u.
+    parameters : (p,) array_like
+        Passed on to the functions.
+    angles : tuple of str
+        States and measurements that are angles [rad]: their differences are taken the short way
+        round and their values kept in (-pi, pi].
+
+    Raises
+    ------
+    FilterError
+        If a function is not compiled, does not compile or writes past `out`, or a covariance or
+        a name is wrong.
+    """
+
+    transition: Callable[..., None]
+    measurement: Callable[..., None]
+    process_noise: npt.ArrayLike | Callable[..., None]
+    measurement_noise: npt.ArrayLike
+    states: tuple[str, ...]
+    measurements: tuple[str, ...]
+    inputs: tuple[str, ...] = ()
+    parameters: npt.ArrayLike = ()
+    angles: tuple[str, ...] = ()
+    addresses: tuple[int, int, int] = field(init=False, repr=False)
+    """Where the compiled transition, measurement and process noise (0: a matrix) stand."""
+
+    def __post_init__(self) -> None:
+        for kind in ("states", "measurements", "inputs", "angles"):
+            names = getattr(self, kind)
+            if isinstance(names, str) or len(set(names)) != len(names):
+                raise FilterError(f"{kind} {names!r}: give a tuple of different names")
+        if not self.states or not self.measurements:
+            raise FilterError("a model needs at least one state and one measurement")
+        unknown = set(self.angles) - set(self.states) - set(self.measurements)
+        if unknown:
+            raise FilterError(f"angles {sorted(unknown)}: neither a state nor a measurement")
+        n, m = len(self.states), len(self.measurements)
+        freeze = object.__setattr__
+        parameters = np.array(self.parameters, dtype=np.float64)
+        if parameters.ndim != 1:
+            raise FilterError(f"parameters: shape is {parameters.shape}, must be one row")
+        freeze(self, "parameters", parameters)
+        noise = check_covariance(self.measurement_noise, m, "measurement noise")
+        freeze(self, "measurement_noise", noise)
+        x, u = np.zeros(n), np.zeros(len(self.inputs))
+        f = _compile(self.transition, TRANSITION, "transition", (x, u, 1e-3, parameters), (n,))
+        h = _compile(self.measurement, MEASUREMENT, "measurement", (x, u, parameters), (m,))
+        q = 0
+        if callable(self.process_noise):
+            given = (x, u, 1e-3, parameters)
+            q = _compile(self.process_noise, PROCESS_NOISE, "process noise", given, (n, n))
+        else:
+            freeze(self, "process_noise", check_covariance(self.process_noise, n, "process noise"))
+        freeze(self, "addresses", (f, h, q))
+
+
+def _compile(
+    function: Any, signature: Any, what: str, given: tuple[Any, ...], shape: tuple[int, ...]
+) -> int:
+    """Address of a model function, after a trial run in Python that sees writes out of bounds."""
+    if not isinstance(function, Dispatcher):
+        raise FilterError(f"{what}: {function!r} is not compiled; decorate it with numba.njit")
+    try:
+        place = address(function, signature)
+    except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
+        reason = " ".join(str(error).split())[:200]
+        raise FilterError(f"{what}: numba cannot compile it for {signature}: {reason}") from None
+    out = np.full(shape, _UNWRITTEN if len(shape) == 1 else 0.0)
+    try:
+        with np.errstate(all="ignore"):
+            function.py_func(*given, out)
+    except IndexError as error:
+        raise FilterError(f"{what}: {error}; check its names and parameters") from None
+    except (ArithmeticError, ValueError, NotImplementedError):
+        # Zero may lie outside the model; compiled, it gives NaN there. Or it runs compiled only.
+        return place
+    if np.any(out == _UNWRITTEN):
+        element = int(np.flatnonzero(out == _UNWRITTEN)[0])
+        raise FilterError(f"{what}: it does not write element {element} of `out`")
+    return place
+
+
+@compiled
+def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:  # noqa: ARG001 - a transition's arguments
+    """Next state A x + B u, with A and B row by row at the head of the parameters."""
+    n, p = len(x), len(u)
+    A, B = matrix(parameters, 0, n, n), matrix(parameters, n * n, n, p)
+    for i in range(n):
+        total = 0.0
+        for j in range(n):
+            total += A[i, j] * x[j]
+        for j in range(p):
+            total += B[i, j] * u[j]
+        out[i] = total
+
+
+@compiled
+def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Measurement C x, with C after A and B in the parameters."""
+    n, m = len(x), len(out)
+    C = matrix(parameters, n * (n + len(u)), m, n)
+    for i in range(m):
+        total = 0.0
+        for j in range(n):
+            total += C[i, j] * x[j]
+        out[i] = total
+
+
+@compiled
+def linear_measurement_with_input(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Measurement C x + D u, with C and D after A and B in the parameters."""
+    n, p, m = len(x), len(u), len(out)
+    linear_measurement(x, u, parameters, out)
+    D = matrix(parameters, n * (n + p) + m * n, m, p)
+    for i in range(m):
+        for j in range(p):
+            out[i] += D[i, j] * u[j]
+
+
+def linear_model(
+    A: npt.ArrayLike,
+    B: npt.ArrayLike,
+    C: npt.ArrayLike,
+    D: npt.ArrayLike,
+    process_noise: npt.ArrayLike,
+    measurement_noise: npt.ArrayLike,
+    *,
+    states: tuple[str, ...],
+    measurements: tuple[str, ...],
+    inputs: tuple[str, ...] = (),
+    angles: tuple[str, ...] = (),
+) -> StateSpaceModel:
+    """Model x[k] = A x[k-1] + B u[k] + w, z[k] = C x[k] + D u[k] + v, for steps of one length.
+
+    Parameters
+    ----------
+    A, B, C, D : (n, n), (n, p), (m, n), (m, p) array_like
+        Matrices of the discrete system; see `discretise` for a continuous one.
+    process_noise, measurement_noise : (n, n), (m, m) array_like
+        Covariances of w and v; see `van_loan`.
+    states, measurements, inputs, angles : tuple of str
+        Names, as in `StateSpaceModel`.
+
+    Returns
+    -------
+    StateSpaceModel
+        Its functions are compiled once for all linear models.
+
+    Raises
+    ------
+    FilterError
+        If a shape does not fit the names, or a number is not finite.
+    """
+    n, m, p = len(states), len(measurements), len(inputs)
+    parts = []
+    for name, value, shape in zip(
+        "ABCD", (A, B, C, D), ((n, n), (n, p), (m, n), (m, p)), strict=True
+    ):
+        part = np.array(value, dtype=np.float64)
+        if part.shape != shape or not np.all(np.isfinite(part)):
+            raise FilterError(f"{name}: shape is {part.shape}, must be {shape} of finite numbers")
+        parts.append(part.ravel())
+    return StateSpaceModel(
+        linear_transition,
+        linear_measurement_with_input if parts[3].any() else linear_measurement,
+        process_noise,
+        measurement_noise,
+        states=states,
+        measurements=measurements,
+        inputs=inputs,
+        parameters=np.concatenate(parts),
+        angles=angles,
+    )
+
+
+def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
+    """Exact discretisation of dx/dt = A x + B u with u constant over a step: (13) to (14).
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        System matrix.
+    B : (n, p) array_like
+        Input matrix.
+    dt : float
+        Step [s], not negative.
+
+    Returns
+    -------
+    (n, n) array, (n, p) array
+        exp(A dt), and the integral of exp(A s) B over 0 <= s <= dt.
+
+    Raises
+    ------
+    FilterError
+        If shapes or numbers are wrong.
+    """
+    from scipy.linalg import expm  # noqa: PLC0415  # a control loop needs none of it
+
+    system, step = _check_system(A, dt)
+    inputs = np.array(B, dtype=np.float64)
+    n = len(system)
+    if inputs.ndim != 2 or len(inputs) != n or not np.all(np.isfinite(inputs)):
+        raise FilterError(f"B: shape is {inputs.shape}, must be {n} rows of finite numbers")
+    p = inputs.shape[1]
+    both = np.zeros((n + p, n + p))
+    both[:n, :n], both[:n, n:] = system * step, inputs * step
+    exponential = expm(both)
+    return exponential[:n, :n], exponential[:n, n:]
+
+
+def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
+    """Exact transition matrix and covariance of white noise acting on dx/dt = A x + w.
+
+    Van Loan (IEEE Transactions on Automatic Control 23(3), 1978) over a step short enough for
+    exp(-A dt) to be harmless, then Q(2h) = Q(h) + F Q(h) F' until the whole step is covered, in
+    balanced coordinates: stiff cables and slow sampling cost no digits.
+
+    Parameters
+    ----------
+    A : (n, n) array_like
+        System matrix.
+    density : (n, n) array_like
+        Spectral density of w, its covariance per second.
+    dt : float
+        Step [s], not negative.
+
+    Returns
+    -------
+    (n, n) array, (n, n) array
+        F = exp(A dt), and Q = integral of exp(A s) density exp(A s)' over 0 <= s <= dt.
+
+    Raises
+    ------
+    FilterError
+        If shapes or numbers are wrong.
+    """
+    from scipy.linalg import expm, matrix_balance  # noqa: PLC0415  # as in `discretise`
+
+    system, step = _check_system(A, dt)
+    n = len(system)
+    noise = check_covariance(density, n, "spectral density")
+    balanced, (scale, _) = matrix_balance(system, permute=False, separate=True)
+    noise = noise / np.outer(scale, scale)
+    size = float(np.linalg.norm(balanced, 1)) * step
+    halvings = max(0, int(np.ceil(np.log2(size)))) if size > 0.0 else 0
+    h = step / 2.0**halvings
+    both = np.zeros((2 * n, 2 * n))
+    both[:n, :n], both[:n, n:], both[n:, n:] = -balanced * h, noise * h, balanced.T * h
+    exponential = expm(both)
+    transition = exponential[n:, n:].T
+    covariance = transition @ exponential[:n, n:]
+    for _ in range(halvings):
+        covariance = covariance + transition @ covariance @ transition.T
+        transition = transition @ transition
+    covariance = 0.5 * (covariance + covariance.T)
+    back = np.outer(scale, scale)
+    return transition * np.outer(scale, 1.0 / scale), covariance * back
+
+
+def _check_system(A: npt.ArrayLike, dt: float) -> tuple[Array, float]:
+    system = np.array(A, dtype=np.float64)
+    if system.ndim != 2 or system.shape[0] != system.shape[1] or not np.all(np.isfinite(system)):
+        raise FilterError(f"A: shape is {system.shape}, must be a square of finite numbers")
+    if not (np.isfinite(dt) and dt >= 0.0):
+        raise FilterError(f"dt is {dt}: give a finite time step of 0 s or more")
+    return system, float(dt)

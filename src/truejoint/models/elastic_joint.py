@@ -1,0 +1,248 @@
+"""An elastic joint with friction, seen from its motor: what its unscented filter is made of.
+
+Everything is in units of the calibration: the driver's angle ``d`` from the middle of its range in
+half ranges, torques in standard deviations of the driver's torque.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.compiled import compiled
+from truejoint.errors import CalibrationError
+from truejoint.filters.state_space import StateSpaceModel
+
+Array = NDArray[np.float64]
+
+POLYNOMIAL: Final = 10
+"""Terms of a cubic in driver angle and load."""
+PER_ELEMENT: Final = 6
+"""Terms of a quadratic in both, by which each friction element is weighed."""
+LOAD_TERMS: Final = (0, 4, 5, 6)
+"""Terms of the load alone: 1, B, B^2, B^3."""
+SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "interval")
+"""What turns radians and newton metres into units of the calibration, and its interval [s]."""
+NOISE: Final = (
+    "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
+)  # fmt: skip
+"""Fields of `ElasticJoint` that are one number each, in the order of the model file."""
+
+_LARGEST: Final = 1e30
+
+# Parameters of the compiled functions; then come the widths and the coefficients.
+_ELEMENTS: Final = 0
+_LOAD_DENSITY: Final = 1
+_REST_VARIANCE: Final = 2
+_REST_TRAVEL: Final = 3
+_WIDTHS: Final = 4
+
+
+def count_terms(elements: int) -> int:
+    """Count the coefficients of a response with so many friction elements."""
+    return POLYNOMIAL + PER_ELEMENT * elements
+
+
+@compiled
+def response(angle: float, load: float, x: Array, elements: int, coefficients: Array) -> float:
+    """Respond as the joint does at rest: with a torque, or an angle.
+
+    A cubic in ``d`` and ``B`` plus, for each friction element, its deflection ``z`` times a
+    quadratic in both: the ratio of the linkage changes over its travel, the cable stiffens with
+    load, and friction grows with the cable's tension.
+
+    Parameters
+    ----------
+    angle, load : float
+        ``d`` and ``B``.
+    x : ndarray, shape (at least elements,)
+        Deflections ``z`` of the friction elements; beyond -1 to 1 they count as sliding.
+    elements : int
+    coefficients : ndarray, shape (count_terms(elements),)
+
+    Returns
+    -------
+    float
+    """
+    c = coefficients
+    total: float = c[0] + angle * (c[1] + angle * (c[2] + angle * c[3]))
+    total += load * (c[4] + load * (c[5] + load * c[6]))
+    total += angle * load * (c[7] + load * c[8] + angle * c[9])
+    for i in range(elements):
+        place = POLYNOMIAL + PER_ELEMENT * i
+        deflection = min(max(x[i], -1.0), 1.0)
+        weight = c[place] + angle * (c[place + 1] + angle * c[place + 2])
+        weight += load * (c[place + 3] + load * c[place + 4] + angle * c[place + 5])
+        total += deflection * weight
+    return total
+
+
+def terms(angle: Array, load: Array, deflections: Array) -> Array:
+    """Terms (n, count_terms) that `response` weighs, for ``d`` (n,), ``B`` (n,), ``z`` (n, m)."""
+    one = np.ones_like(angle)
+    deflections = np.clip(deflections, -1.0, 1.0)
+    columns = [
+        one, angle, angle**2, angle**3, load, load**2, load**3,
+        angle * load, angle * load**2, angle**2 * load,
+    ]  # fmt: skip
+    for z in deflections.T:
+        columns += [z, z * angle, z * angle**2, z * load, z * load**2, z * angle * load]
+    return np.column_stack(columns)
+
+
+@compiled
+def output(angle: float, x: Array, elements: int, coefficients: Array) -> float:
+    """Tell what the filter is asked for, the jaw's angle or torque.
+
+    Parameters
+    ----------
+    angle : float
+        ``d``.
+    x : ndarray, shape (elements + 2,)
+        Deflections, load, and the rest of friction.
+    elements : int
+    coefficients : ndarray, shape (count_terms(elements) + 2,)
+        Of `response`, then of the rest of friction ``w`` and of ``w d``.
+
+    Returns
+    -------
+    float
+    """
+    last = POLYNOMIAL + PER_ELEMENT * elements
+    rest: float = x[elements + 1] * (coefficients[last] + angle * coefficients[last + 1])
+    return response(angle, x[elements], x, elements, coefficients) + rest
+
+
+@compiled
+def outputs(angles: Array, states: Array, elements: int, coefficients: Array, out: Array) -> None:
+    """`output` of every row for each row of `coefficients` (k, ...), into `out` (n, k)."""
+    for i in range(states.shape[0]):
+        for j in range(coefficients.shape[0]):
+            out[i, j] = output(angles[i], states[i], elements, coefficients[j])
+
+
+def output_terms(angle: Array, states: Array) -> Array:
+    """Terms (n, count_terms + 2) that `output` weighs, for ``d`` (n,) and states (n, m + 2)."""
+    elements = states.shape[1] - 2
+    rest = states[:, -1]
+    static = terms(angle, states[:, elements], states[:, :elements])
+    return np.column_stack([static, rest, rest * angle])
+
+
+@compiled
+def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) -> None:
+    """Drag the friction elements along; the load stays; the rest of friction fades with travel.
+
+    Parameters
+    ----------
+    x, out : ndarray, shape (elements + 2,)
+        Deflections, load ``B``, and the friction that they do not explain.
+    u : ndarray, shape (2,)
+        ``d``, and how far it went over the step.
+    parameters : ndarray
+        As `state_space` lays them out.
+    """
+    elements = int(parameters[_ELEMENTS])
+    for i in range(elements):
+        moved = x[i] + u[1] / parameters[_WIDTHS + i]
+        out[i] = min(max(moved, -1.0), 1.0)
+    out[elements] = x[elements]
+    out[elements + 1] = x[elements + 1] * math.exp(-abs(u[1]) / parameters[_REST_TRAVEL])
+
+
+@compiled
+def process_noise(_x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
+    """Covariance of the load's random walk over `dt` and of the rest of friction over a travel."""
+    elements = int(parameters[_ELEMENTS])
+    out[elements, elements] = parameters[_LOAD_DENSITY] * dt
+    fade = -math.expm1(-2.0 * abs(u[1]) / parameters[_REST_TRAVEL])
+    out[elements + 1, elements + 1] = parameters[_REST_VARIANCE] * fade
+
+
+@compiled
+def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Torque at the driver: load, the friction that the elements explain, and the rest of it."""
+    elements = int(parameters[_ELEMENTS])
+    coefficients = parameters[_WIDTHS + elements :]
+    out[0] = x[elements + 1] + response(u[0], x[elements], x, elements, coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticJoint:
+    """Identified joint, in units of the calibration.
+
+    Attributes
+    ----------
+    widths : ndarray, shape (m,)
+        Travel from the middle of a friction element's deflection to sliding.
+    torque : ndarray, shape (count_terms(m),)
+        Response of the driver's torque; the load ``B`` is the torque that the driver would need in
+        the middle of its range without friction.
+    load_density : float
+        Variance that the load gains in a second.
+    rest_deviation, rest_travel : float
+        Standard deviation of the friction that the elements do not explain, and the travel over
+        which it forgets itself.
+    noise_density : float
+        Variance of the measured torque times the interval between its samples [s]: what it says of
+        the load in a second does not depend on how often it is read.
+    load_mean, load_deviation : float
+        Of the loads calibrated with: what the filter expects at first.
+    """
+
+    widths: Array
+    torque: Array
+    load_density: float
+    rest_deviation: float
+    rest_travel: float
+    noise_density: float
+    load_mean: float
+    load_deviation: float
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
+        """Joint of the arrays of a fitted filter; raises CalibrationError if one makes no sense."""
+        noise = dict(zip(NOISE, arrays["noise"].tolist(), strict=True))
+        positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
+        bounded = all(abs(v) <= _LARGEST for v in (*arrays["scales"], *arrays["noise"]))
+        if min(positive) <= 0.0 or noise["load_density"] < 0.0 or not bounded:
+            raise CalibrationError(
+                f"ukf_elastic: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit it "
+                "again"
+            )
+        return cls(arrays["widths"], arrays["torque"], **noise)
+
+    def state_space(self, interval: float) -> StateSpaceModel:
+        """Build the model of the filter for rows `interval` [s] apart."""
+        elements = len(self.widths)
+        return StateSpaceModel(
+            transition=transition,
+            measurement=measurement,
+            process_noise=process_noise,
+            measurement_noise=[[self.noise_density / interval]],
+            states=(*(f"friction{i + 1}" for i in range(elements)), "load", "rest"),
+            measurements=("torque",),
+            inputs=("driver", "travel"),
+            parameters=np.concatenate(
+                [
+                    [elements, self.load_density, self.rest_deviation**2, self.rest_travel],
+                    self.widths,
+                    self.torque,
+                ]
+            ),
+        )
+
+    def prior(self) -> tuple[Array, Array]:
+        """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
+        elements = len(self.widths)
+        mean = np.zeros(elements + 2)
+        mean[elements] = self.load_mean
+        variance = np.full(elements + 2, 1.0 / 3.0)
+        variance[elements] = self.load_deviation**2
+        variance[elements + 1] = self.rest_deviation**2
+        return mean, np.diag(variance)

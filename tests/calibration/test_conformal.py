@@ -1,0 +1,308 @@
+"""Intervals: what they are made of, what they cover, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.calibration import (
+    Calibration,
+    calibrate,
+    cross_check,
+    load_calibration,
+    measure_coverage,
+    needed_trajectories,
+    rezeroed,
+    with_interval,
+)
+from truejoint.calibration.conformal import (
+    conformal_threshold,
+    exchangeable_units,
+    half_widths,
+    range_excess_of,
+    trained_on,
+)
+from truejoint.calibration.interval import (
+    decode_interval,
+    encode_interval,
+    inverse_span,
+    range_excesses,
+)
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.recordings import Recording
+
+FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
+
+
+@pytest.fixture(scope="module")
+def calibration(recording) -> Calibration:
+    return calibrate(recording, "linear", features=FEATURES)
+
+
+@pytest.fixture(scope="module")
+def motions(build) -> list[Recording]:
+    return [build(200, seed, homing_id=f"h{seed}") for seed in range(10, 32)]
+
+
+def test_fewest_trajectories_are_those_of_the_literature():
+    assert [needed_trajectories(level) for level in (0.5, 0.8, 0.9, 0.95, 0.99)] == [
+        1, 4, 9, 19, 99,
+    ]  # fmt: skip
+
+
+@given(st.integers(1, 199))
+def test_fewest_trajectories_reach_the_level_and_one_fewer_does_not(thousandths):
+    level = Fraction(thousandths * 5, 1000)
+    n = needed_trajectories(float(level))
+    assert Fraction(n, n + 1) >= level
+    assert n == 1 or Fraction(n - 1, n) < level
+
+
+@pytest.mark.parametrize("level", [0.0, 1.0, -0.1, float("nan")])
+def test_a_level_must_be_a_probability(level):
+    with pytest.raises(CalibrationError, match="between 0 and 1"):
+        needed_trajectories(level)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(9, 30), st.integers(0, 10**6))
+def test_threshold_is_the_smallest_score_that_leaves_no_more_than_a_tenth(n, seed):
+    rng = np.random.default_rng(seed)
+    scores = [np.round(rng.exponential(size=rng.integers(1, 40)), 2) for _ in range(n)]
+    threshold = conformal_threshold(scores, 0.9)
+
+    def weight_below(value: float) -> Fraction:
+        return sum(Fraction(int((s <= value).sum()), len(s)) for s in scores) / (n + 1)
+
+    assert weight_below(threshold) >= Fraction(9, 10)
+    below = [v for s in scores for v in s if v < threshold]
+    assert not below or weight_below(max(below)) < Fraction(9, 10)
+
+
+def test_nine_trajectories_give_the_largest_score_and_eight_are_refused():
+    scores = [np.array([1.0, float(k)]) for k in range(9)]
+    assert conformal_threshold(scores, 0.9) == 8.0
+    with pytest.raises(CalibrationError, match="takes 9"):
+        conformal_threshold(scores[:8], 0.9)
+
+
+def test_coverage_on_new_trajectories_is_as_stated_where_pooled_samples_fall_short():
+    rng = np.random.default_rng(0)
+    own, pooled = [], []
+    for _ in range(1500):
+        # Trajectories differ far more from each other than samples within one.
+        groups = np.abs(rng.normal(size=(13, 1)) + 0.1 * rng.normal(size=(13, 40)))
+        threshold = conformal_threshold(list(groups[:12]), 0.9)
+        own.append((groups[12] <= threshold).mean())
+        pooled.append((groups[12] <= np.quantile(groups[:12], 0.9)).mean())
+    error = np.std(own) / np.sqrt(len(own))
+    assert 0.9 - 3 * error < np.mean(own) < 0.9 + 2 / 13
+    assert np.mean(pooled) < 0.9 - 3 * error
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(-50, 50), min_size=3, max_size=3))
+def test_range_excess_is_the_largest_share_of_a_range_outside(row):
+    lower, upper = np.array([-1.0, 2.0, 5.0]), np.array([1.0, 2.0, 9.0])
+    out = np.empty(1)
+    range_excesses(np.array([row]), lower, upper, inverse_span(lower, upper), out)
+    # The second feature never changed in training: it has no range to be outside of.
+    expected = max(0.0, abs(row[0]) / 2 - 0.5, (5 - row[2]) / 4, (row[2] - 9) / 4)
+    assert out[0] == pytest.approx(expected, abs=1e-12)
+
+
+def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration, motions):
+    interval = with_interval(calibration, motions, growth=0.0).interval
+    assert interval.levels.tolist() == [0.8, 0.9, 0.95]
+    assert (interval.trajectories, interval.homings) == (22, 22)
+    for k, joint in enumerate(calibration.joints):
+        truth = [m.column(f"truth/{joint}") for m in motions]
+        measured = [m.column(f"measured/{joint}") for m in motions]
+        corrected = [calibration.correct(m)[:, k] for m in motions]
+        offset = calibration.baseline_models["offset"].to_arrays()["offset"][k]
+        wanted = {
+            "half_widths": [np.abs(t - c) for t, c in zip(truth, corrected, strict=True)],
+            "offset_half_widths": [
+                np.abs(t - m - offset) for t, m in zip(truth, measured, strict=True)
+            ],
+            "raw_half_widths": [np.abs(t - m) for t, m in zip(truth, measured, strict=True)],
+        }
+        for name, scores in wanted.items():
+            for row, level in enumerate(interval.levels):
+                expected = conformal_threshold(scores, level)
+                assert getattr(interval, name)[row, k] == pytest.approx(expected, rel=1e-12)
+
+
+def test_interval_widens_outside_the_trained_range_by_its_rule(calibration, motions):
+    stated = with_interval(calibration, motions, growth=3.0)
+    inside, outside = motions[0], motions[0]
+    shift = 0.5 * (calibration.upper[0] - calibration.lower[0])
+    highest = inside.column("measured/shoulder").max()
+    table = outside.table.assign(**{
+        "measured/shoulder": outside.column("measured/shoulder")
+        + (calibration.upper[0] - highest) + shift
+    })  # fmt: skip
+    moved = Recording(table, outside.units, outside.provenance)
+    width = half_widths(stated, moved) / stated.interval.half_width(0.9)
+    top = int(np.argmax(moved.column("measured/shoulder")))
+    assert width[top] == pytest.approx(1 + 3.0 * 0.5)
+    assert range_excess_of(stated, moved)[top] == pytest.approx(0.5)
+    corrected, lower, upper = stated.correct_with_interval(moved)
+    assert (upper - lower) / 2 == pytest.approx(half_widths(stated, moved))
+    assert (upper + lower) / 2 == pytest.approx(corrected)
+
+
+def test_scores_shrink_where_the_interval_widens(calibration, build):
+    far = [build(200, seed) for seed in range(40, 49)]
+    for k, recording in enumerate(far):
+        moved = recording.column("measured/roll")  # no feature of the model
+        assert moved.size == 200, k
+    plain = with_interval(calibration, far, growth=0.0).interval
+    growing = with_interval(calibration, far, growth=5.0).interval
+    assert any(range_excess_of(calibration, r).max() > 0.01 for r in far)
+    assert (growing.half_widths <= plain.half_widths).all()
+    assert (growing.offset_half_widths == plain.offset_half_widths).all()
+
+
+def shifted(recording: Recording, offset: float) -> Recording:
+    names = [c for c in recording.table if c.startswith("truth")]
+    table = recording.table.assign(**{n: recording.table[n] + offset for n in names})
+    return Recording(table, recording.units, recording.provenance)
+
+
+def test_rezeroing_makes_the_interval_blind_to_the_offset_of_a_homing(calibration, motions):
+    rng = np.random.default_rng(1)
+    homed = [shifted(motion, rng.normal(0.0, 0.05)) for motion in motions]
+    as_homed = with_interval(calibration, homed).interval
+    zeroed = with_interval(calibration, homed, rezero=2.0).interval
+    same = with_interval(calibration, motions, rezero=2.0).interval
+    assert zeroed.half_widths == pytest.approx(same.half_widths, rel=1e-9)
+    assert (as_homed.half_width(0.9) > 3 * zeroed.half_width(0.9)).all()
+    assert "any homing (22 homings seen)" in as_homed.meaning
+    assert "re-zeroing from 2 s of truth" in zeroed.meaning
+
+
+def test_recordings_of_one_homing_count_once_where_there_are_several(calibration, motions):
+    names = ["a", "b", "a", "", "", "b"]
+    six = [
+        replace(m, provenance=replace(m.provenance, homing_id=name))
+        for m, name in zip(motions, names, strict=False)
+    ]
+    assert exchangeable_units(six) == [[0, 2], [1, 5], [3], [4]]
+    assert exchangeable_units(six, per_homing=False) == [[i] for i in range(6)]
+    one = [replace(m, provenance=replace(m.provenance, homing_id="a")) for m in motions]
+    assert len(exchangeable_units(one)) == 22
+    assert "nothing of another homing" in with_interval(calibration, one).interval.meaning
+    twelve = [
+        replace(m, provenance=replace(m.provenance, homing_id=f"h{i % 3}"))
+        for i, m in enumerate(motions[:12])
+    ]
+    with pytest.raises(CalibrationError, match="3 calibration trajectories are too few for a 80 %"):
+        with_interval(calibration, twelve)
+
+
+def test_only_levels_with_enough_trajectories_are_stated(calibration, motions):
+    stated = with_interval(calibration, motions[:9])
+    assert stated.interval.levels.tolist() == [0.8, 0.9]
+    with pytest.raises(CalibrationError, match=r"95 % interval was made of 9 .* at least 19"):
+        stated.interval.half_width(0.95)
+    with pytest.raises(CalibrationError, match="8 calibration trajectories are too few for a 90 %"):
+        with_interval(calibration, motions[:8], levels=[0.9])
+
+
+def test_the_recordings_of_the_fit_are_refused(calibration, recording, motions):
+    assert trained_on(calibration.metadata, recording)
+    assert not trained_on(calibration.metadata, motions[0])
+    with pytest.raises(CalibrationError, match="synthetic-0 was used in the fit"):
+        with_interval(calibration, [*motions, recording])
+
+
+@pytest.mark.parametrize(
+    "settings_", [{"levels": []}, {"growth": -1.0}, {"rezero": float("nan")}, {"growth": 1e3}]
+)
+def test_senseless_settings_are_refused(calibration, motions, settings_):
+    with pytest.raises(CalibrationError, match="give a level, a growth"):
+        with_interval(calibration, motions, **settings_)
+
+
+def test_truth_that_only_rezeroes_leaves_nothing_to_judge(calibration, motions):
+    with pytest.raises(CalibrationError, match="nothing is left to judge"):
+        with_interval(calibration, motions, rezero=1e4)
+
+
+def test_without_an_interval_none_is_made_up(calibration, motions):
+    with pytest.raises(CalibrationError, match="states no interval"):
+        calibration.correct_with_interval(motions[0])
+    assert calibration.baselines["linear"].interval is None
+
+
+def test_measured_coverage_is_the_share_of_samples_inside(calibration, motions, build):
+    stated = with_interval(calibration, motions)
+    fresh = [build(150, seed) for seed in (60, 61, 62)]
+    found = measure_coverage(stated, fresh)
+    for row, recording in enumerate(fresh):
+        _, lower, upper = stated.correct_with_interval(recording)
+        truth = recording.columns("truth", stated.joints)
+        assert found.shares[row] == pytest.approx(
+            ((lower <= truth) & (truth <= upper)).mean(axis=0)
+        )
+    assert found.mean == pytest.approx(found.shares.mean(axis=0))
+    assert found.standard_error == pytest.approx(found.shares.std(axis=0, ddof=1) / np.sqrt(3))
+    assert np.isnan(measure_coverage(stated, fresh[:1]).standard_error).all()
+
+
+def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_path):
+    stated = with_interval(calibration, motions, rezero=1.0)
+    stated.save(tmp_path / "m.safetensors")
+    back = load_calibration(tmp_path / "m.safetensors").interval
+    for name, array in encode_interval(stated.interval).items():
+        assert encode_interval(back)[name].tobytes() == array.tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("levels", lambda a: a[::-1]),
+        ("levels", lambda a: a + 0.5),
+        ("levels", lambda a: a[:0]),
+        ("half_widths", lambda a: -a),
+        ("half_widths", lambda a: a * np.nan),
+        ("half_widths", lambda a: a[:, :2]),
+        ("half_widths", lambda a: a[::-1]),
+        ("trajectories", lambda a: a * 0 + 12),  # too few for the 95 % that it states
+        ("growth", lambda a: a - 100),
+        ("rezero", lambda a: np.append(a, a)),
+        ("extra", lambda a: a),
+    ],
+)
+def test_an_edited_interval_is_refused(calibration, motions, name, change):
+    arrays = encode_interval(with_interval(calibration, motions).interval)
+    arrays[name] = change(arrays.get(name, np.zeros(1)))
+    with pytest.raises(ModelFileError, match="interval"):
+        decode_interval(arrays, 3)
+
+
+def test_two_calibrations_that_differ_by_more_than_they_state_are_found(
+    calibration, motions, build
+):
+    other = with_interval(calibrate(build(1500, 77), "linear", features=FEATURES), motions)
+    first = with_interval(calibration, motions)
+    agreement = cross_check(first, other, motions[0])
+    assert agreement.consistent.all()
+    apart = 3.0 * first.interval.half_width(0.9).max()
+    wrong = rezeroed(other, shifted(motions[0], apart))
+    found = cross_check(first, wrong, motions[0])
+    assert not found.consistent.any()
+    difference = first.correct(motions[0]) - wrong.correct(motions[0])
+    assert found.difference == pytest.approx(np.sqrt((difference**2).mean(axis=0)))
+
+
+def test_calibrations_of_different_joints_are_not_compared(calibration, recording, motions):
+    elbow = calibrate(recording, "linear", features=FEATURES, joints=["elbow"])
+    with pytest.raises(CalibrationError, match="compare two of the same joints"):
+        cross_check(calibration, elbow, motions[0])

@@ -1,0 +1,190 @@
+"""How an arm behaves while its calibration holds: efforts on the way, errors over time."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.calibration import calibrate, load_calibration
+from truejoint.calibration.effort_baseline import (
+    MAX_JOINTS,
+    count_effort_terms,
+    decode_reference,
+    effort_steps,
+    effort_terms,
+    encode_reference,
+    fit_reference,
+    residual_statistics,
+)
+from truejoint.errors import ModelFileError
+from truejoint.recordings import Provenance, Recording
+from truejoint.robots import get_robot
+
+JOINTS = ("shoulder", "elbow", "insertion")
+LOWER, UPPER = np.array([0.4, 1.0, 0.33]), np.array([1.0, 1.9, 0.42])
+FEATURES = [f"{quantity}/{joint}" for quantity in ("measured", "effort") for joint in JOINTS]
+
+
+def known_effort(position: np.ndarray, speed: np.ndarray) -> np.ndarray:
+    """Effort (n, 3) that the terms can express: gravity, Coulomb and viscous friction."""
+    scaled = (2 * position - LOWER - UPPER) / (UPPER - LOWER)
+    gravity = 0.1 + 0.05 * scaled[:, [1, 2, 0]] + 0.02 * scaled**2
+    per_range = speed / (UPPER - LOWER)
+    return gravity + np.sign(speed) * (0.08 + 0.01 * scaled) + 0.3 * per_range
+
+
+def motion(seed: int = 0, *, duration=400.0, rate=30.0, noise=0.004, shoulder=1.0) -> Recording:
+    """Triangular motion of three joints over their ranges, efforts known."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(0.0, duration, 1.0 / rate)
+    phase = np.outer(t, [0.021 * shoulder, 0.05, 0.087]) + rng.uniform(0, 1, 3)
+    share = np.abs((phase % 1.0) * 2 - 1)
+    position = LOWER + (0.02 + 0.96 * share) * (UPPER - LOWER)
+    if shoulder == 0.0:
+        position[:, 0] += 1e-4 * np.sin(t)
+    speed = np.diff(position, axis=0, prepend=position[:1] - (position[1] - position[0])) * rate
+    effort = known_effort(position, speed) + rng.normal(0, noise, position.shape)
+    columns = {"t": t}
+    for k, joint in enumerate(JOINTS):
+        columns[f"measured/{joint}"] = position[:, k]
+        columns[f"effort/{joint}"] = effort[:, k]
+        columns[f"truth/{joint}"] = position[:, k] + 0.01 + rng.normal(0, 1e-3, len(t))
+    provenance = Provenance("raven2", arm="left", source=f"motion-{seed}", session=str(seed))
+    return Recording.from_columns(columns, provenance)
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return calibrate([motion(0), motion(1)], "linear", features=FEATURES)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(0, 1), min_size=3, max_size=3), st.floats(-1, 1).filter(bool))
+def test_terms_are_gravity_and_friction(shares, speed):
+    position = LOWER + np.array(shares) * (UPPER - LOWER)
+    out = np.full(count_effort_terms(3), np.nan)
+    effort_terms(position, speed, LOWER, UPPER, out)
+    z = 2 * np.array(shares) - 1
+    products = [z[i] * z[j] for i in range(3) for j in range(i, 3)]
+    sign = np.sign(speed)
+    assert out == pytest.approx([1, *z, *products, sign, *(sign * z), speed], abs=1e-12)
+
+
+def test_reference_recovers_the_efforts_and_their_noise(calibration):
+    reference = calibration.reference
+    assert reference.monitored.tolist() == [1.0, 1.0, 1.0]
+    assert reference.scale == pytest.approx(0.004, rel=0.3)  # and speeds at 30 Hz are rough
+    test = motion(5, noise=0.0)
+    position = np.ascontiguousarray(test.columns("measured", JOINTS))
+    effort = np.ascontiguousarray(test.columns("effort", JOINTS))
+    rows = np.empty((position.size, 4 + count_effort_terms(3)))
+    count = effort_steps(test.t.copy(), position, effort, reference.lower, reference.upper, rows)
+    assert count > 1000
+    joint = rows[:count, 0].astype(int)
+    predicted = np.einsum("ij,ij->i", rows[:count, 4:], reference.coef[joint])
+    assert np.abs(predicted - rows[:count, 1]).max() < 0.012  # friction alone is 0.16 apart
+
+
+def test_steps_count_travel_and_not_time(calibration):
+    counts = {}
+    for rate in (30.0, 500.0):
+        test = motion(5, duration=100.0, rate=rate)
+        position = np.ascontiguousarray(test.columns("measured", JOINTS))
+        rows = np.empty((position.size, 4 + count_effort_terms(3)))
+        counts[rate] = effort_steps(test.t.copy(), position, position, LOWER, UPPER, rows)
+        travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (UPPER - LOWER)
+        assert counts[rate] < 200 * travel.sum()
+    # At 30 Hz a step is up to one row longer than 1/200 of the range.
+    assert 0.6 * counts[500.0] < counts[30.0] <= counts[500.0]
+
+
+def test_standstill_makes_no_steps():
+    still = np.tile((LOWER + UPPER) / 2, (500, 1)) + 1e-5 * np.random.default_rng(0).normal(
+        size=(500, 3)
+    )
+    rows = np.empty((1500, 4 + count_effort_terms(3)))
+    assert effort_steps(np.arange(500.0), still, still, LOWER, UPPER, rows) == 0
+
+
+def test_a_joint_that_hardly_moved_is_not_monitored():
+    calibration = calibrate([motion(0, shoulder=0.2), motion(1, shoulder=0.2)], "linear",
+                            features=FEATURES)  # fmt: skip
+    assert calibration.reference.monitored.tolist() == [0.0, 1.0, 1.0]
+
+
+def test_a_joint_whose_effort_the_calibration_does_not_see_is_not_monitored():
+    calibration = calibrate(motion(0), "linear", features=FEATURES[:5])
+    assert calibration.reference.monitored.tolist() == [1.0, 1.0, 0.0]
+    assert calibration.reference.coef[2].tolist() == [0.0] * count_effort_terms(3)
+
+
+def test_recordings_that_disagree_raise_the_limits():
+    other = motion(1)
+    table = other.table.assign(**{"effort/elbow": other.column("effort/elbow") + 0.05})
+    changed = Recording(table, other.units, other.provenance)
+    alike = calibrate([motion(0), other], "linear", features=FEATURES).reference
+    apart = calibrate([motion(0), changed], "linear", features=FEATURES).reference
+    assert alike.shift_limit.tolist() == [1.3, 1.3, 1.3]
+    # 0.05 is twelve standard deviations of the noise, and the limit twice what was held out.
+    assert apart.shift_limit[1] > 10
+    assert apart.shift_limit[[0, 2]].tolist() == [1.3, 1.3]
+
+
+def test_size_and_correlation_time_of_errors_are_found():
+    rng = np.random.default_rng(0)
+    base = motion(0, duration=2000.0, rate=5.0)
+    n, keep = len(base), np.exp(-0.2 / 4.0)
+    wander = np.zeros((n, 3))
+    for i in range(1, n):
+        wander[i] = keep * wander[i - 1] + np.sqrt(1 - keep**2) * rng.normal(size=3)
+    truth = {
+        f"truth/{j}": base.column(f"measured/{j}") + 0.02 * wander[:, k]
+        for k, j in enumerate(JOINTS)
+    }
+    recording = Recording(base.table.assign(**truth), base.units, base.provenance)
+    calibration = calibrate(recording, "offset", features=FEATURES)
+    size, time = residual_statistics(calibration, [recording])
+    assert size == pytest.approx(0.02, rel=0.1)
+    assert time == pytest.approx(4.0, rel=0.3)
+
+
+def test_too_many_joints_or_a_joint_at_rest_give_no_reference(calibration):
+    test = motion(3, duration=20.0)
+    still = test.table.assign(**{"measured/elbow": 1.0})
+    assert fit_reference(calibration, [Recording(still, test.units, test.provenance)]) is None
+    many = replace(calibration, joints=("elbow",) * (MAX_JOINTS + 1))
+    assert fit_reference(many, [test]) is None
+
+
+def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
+    calibration.save(tmp_path / "m.safetensors")
+    back = encode_reference(load_calibration(tmp_path / "m.safetensors").reference)
+    for name, array in encode_reference(calibration.reference).items():
+        assert back[name].tobytes() == array.tobytes(), name
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("scale", lambda a: a * 0),
+        ("coef", lambda a: a[:, 1:]),
+        ("coef", lambda a: a * np.nan),
+        ("monitored", lambda a: a * 0.5),
+        ("upper", lambda a: a - 10),
+        ("residual", lambda a: -a),
+        ("extra", lambda a: a),
+    ],
+)
+def test_an_edited_reference_is_refused(calibration, name, change):
+    arrays = encode_reference(calibration.reference)
+    arrays[name] = change(arrays.get(name, np.zeros(3)))
+    with pytest.raises(ModelFileError, match="reference"):
+        decode_reference(arrays, 3)
+
+
+def test_the_public_robots_have_joints_enough():
+    assert len(get_robot("kuka_kr300").joints) <= MAX_JOINTS

@@ -1,0 +1,111 @@
+"""Re-zeroing: only the offset moves, and it says how well it is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.calibration import calibrate, find_zero, load_calibration, rezeroed
+from truejoint.calibration.zero import _shifted
+from truejoint.errors import CalibrationError
+from truejoint.estimators import NeuralNetwork
+from truejoint.recordings import Recording
+
+FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
+
+
+def homed_again(recording: Recording, offset: np.ndarray, known: slice) -> Recording:
+    """The same motion after a homing that shifted it, with little truth."""
+    changed = {}
+    for k, joint in enumerate(recording.robot.positioning):
+        truth = np.full(len(recording), np.nan)
+        truth[known] = recording.column(f"truth/{joint}")[known] + offset[k]
+        changed[f"truth/{joint}"] = truth
+    return Recording(
+        recording.table.assign(**changed),
+        recording.units,
+        replace(recording.provenance, homing_id="h2", source="brief"),
+    )
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    ["offset", "linear", "poly2", NeuralNetwork(hidden_layer_sizes=(8,), epochs=3)],
+    ids=str,
+)
+def test_every_estimator_moves_by_the_offset_and_nothing_else(
+    build, recording, estimator, tmp_path
+):
+    calibration = calibrate(recording, estimator, features=FEATURES)
+    test = build(300, 4)
+    brief = homed_again(test, np.array([0.01, -0.02, 0.003]), slice(100, 140))
+    moved = rezeroed(calibration, brief)
+    zero = find_zero(calibration, brief)
+    error = brief.columns("truth", moved.joints)[100:140] - calibration.correct(brief)[100:140]
+    assert zero.offset == pytest.approx(np.median(error, axis=0), abs=1e-15)
+    assert moved.correct(test) - calibration.correct(test) == pytest.approx(
+        np.broadcast_to(zero.offset, (300, 3)), abs=1e-12
+    )
+    left = find_zero(moved, brief).offset
+    assert left == pytest.approx(np.zeros(3), abs=1e-12)
+    assert find_zero(moved.baselines["offset"], brief).offset == pytest.approx(0, abs=1e-12)
+    assert moved.metadata["homing_ids"] == ["h2"]
+    assert moved.metadata["rezeroed"]["rows"] == 40
+    moved.save(tmp_path / "m.safetensors")
+    again = load_calibration(tmp_path / "m.safetensors")
+    assert again.correct(test).tobytes() == moved.correct(test).tobytes()
+
+
+def test_the_calibration_that_was_given_is_left_as_it_was(build, recording):
+    calibration = calibrate(recording, "linear", features=FEATURES)
+    before = calibration.correct(build(50, 3)).tobytes()
+    rezeroed(calibration, homed_again(recording, np.ones(3), slice(0, 9)))
+    assert calibration.correct(build(50, 3)).tobytes() == before
+
+
+def test_a_few_wrong_readings_do_not_move_the_zero(build, recording):
+    calibration = calibrate(recording, "linear", features=FEATURES)
+    brief = homed_again(build(300, 4), np.zeros(3), slice(0, 100))
+    table = brief.table.copy()
+    table.loc[::10, [f"truth/{j}" for j in calibration.joints]] += 1.0
+    wrong = Recording(table, brief.units, brief.provenance)
+    shift = find_zero(calibration, wrong).offset - find_zero(calibration, brief).offset
+    assert np.abs(shift).max() < 2e-3  # their mean moves by 0.1: a tenth is 1 rad off
+
+
+def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
+    calibration = calibrate(recording, "linear", features=FEATURES)
+    brief = homed_again(build(300, 4), np.zeros(3), slice(0, 60))
+    zero = find_zero(calibration, brief)
+    rng = np.random.default_rng(0)
+    for k in range(3):
+        size = calibration.reference.residual[k]
+        time = calibration.reference.correlation[k]
+        t = brief.t[:60]
+        covariance = size**2 * np.exp(-np.abs(t[:, None] - t) / time)
+        means = rng.multivariate_normal(np.zeros(60), covariance, 4000).mean(axis=1)
+        assert zero.sd[k] == pytest.approx(means.std(), rel=0.06)
+    one = homed_again(build(300, 4), np.zeros(3), slice(7, 8))
+    assert find_zero(calibration, one).sd == pytest.approx(calibration.reference.residual)
+    bare = replace(calibration, reference=None)
+    assert np.isnan(find_zero(bare, one).sd).all()
+    assert rezeroed(bare, one).metadata["rezeroed"]["sd"] is None
+
+
+def test_without_truth_it_is_refused(build, recording):
+    calibration = calibrate(recording, "linear", features=FEATURES)
+    with pytest.raises(CalibrationError, match="brief: no row has the truth of shoulder, elbow"):
+        rezeroed(calibration, homed_again(recording, np.zeros(3), slice(0, 0)))
+    bare = recording.table.drop(columns=["truth/elbow"])
+    with pytest.raises(CalibrationError, match="synthetic-0 has no truth of elbow"):
+        find_zero(calibration, Recording(bare, recording.units, recording.provenance))
+
+
+def test_an_estimator_without_an_offset_is_refused():
+    class Filter:
+        family = name = "some_filter"
+
+    with pytest.raises(CalibrationError, match="some_filter has no offset that could be moved"):
+        _shifted(Filter(), np.zeros(3))  # type: ignore[arg-type]

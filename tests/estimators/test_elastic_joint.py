@@ -1,0 +1,229 @@
+"""The unscented filter of an elastic joint, on joints whose friction and load are known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from sklearn.base import clone
+
+from truejoint import calibrate, load_calibration
+from truejoint.errors import CalibrationError
+from truejoint.estimators.elastic_joint import MIN_ROWS, ElasticJointFilter
+from truejoint.estimators.sequence import time_steps
+from truejoint.recordings import Provenance, Recording
+
+RATE = 100.0
+WIDTHS = (0.01, 0.08)
+
+
+def slide(driver, width):
+    """Deflection of an element that sticks until the driver has gone `width`, by definition."""
+    out, anchor = np.empty_like(driver), driver[0]
+    for i, value in enumerate(driver):
+        anchor = min(max(anchor, value - width), value + width)
+        out[i] = (value - anchor) / width
+    return out
+
+
+def joint(seed, seconds=25.0, load=None):
+    """Driver angle and torque, jaw angle and torque, and the load, of a jaw that rubs and gives."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(round(seconds * RATE)) / RATE
+    swing = 0.8 + 0.2 * np.sin(0.3 * t + rng.uniform(0.0, 6.0))
+    driver = 0.5 + 0.5 * swing * np.cos(2.0 * np.pi * rng.uniform(0.15, 0.5) * t)
+    load = np.full(len(t), rng.uniform(0.02, 0.12)) if load is None else load(t)
+    narrow, wide = (slide(driver, width) for width in WIDTHS)
+    torque = load + 0.02 * narrow + (0.03 + 0.2 * load) * wide + 0.01 * (driver - 0.5)
+    torque += 0.002 * rng.standard_normal(len(t))
+    jaw = 1.1 - 0.88 * driver - load * (0.9 + 2.0 * load) - 0.0075 * narrow - 0.015 * wide
+    return driver, torque, jaw, -1.1 * load - 0.01, load, t
+
+
+def rows(seeds, **options):
+    """Inputs (n, 2), targets (n, 2), steps (n,) and loads (n,) of several histories."""
+    parts = [joint(seed, **options) for seed in seeds]
+    X = np.concatenate([np.column_stack(part[:2]) for part in parts])
+    y = np.concatenate([np.column_stack(part[2:4]) for part in parts])
+    steps = np.concatenate([time_steps(part[5], 1.0) for part in parts])
+    return X, y, steps, np.concatenate([part[4] for part in parts])
+
+
+def recording(seed):
+    driver, torque, jaw, _, _, t = joint(seed)
+    columns = {
+        "t": t,
+        "measured/jaw": 1.0 - 0.9 * driver,
+        "driver/jaw": driver,
+        "effort/jaw": torque,
+        "truth/jaw": jaw,
+    }
+    return Recording.from_columns(
+        columns, Provenance("davinci_grasper", session=str(seed)), {"effort/jaw": "Nm"}
+    )
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    X, y, steps, _ = rows(range(5))
+    return ElasticJointFilter(elements=2).fit(X, y, None, steps)
+
+
+def test_it_finds_the_widths_of_the_friction(fitted):
+    widths = fitted.joint_.widths * fitted.scales_[1]
+    assert widths == pytest.approx(WIDTHS, rel=0.03)
+
+
+def test_it_estimates_angle_torque_and_load_of_motions_that_it_never_saw(fitted):
+    X, y, steps, load = rows([50, 51, 52])
+    estimate = fitted.estimate(X, steps)
+    error = estimate.outputs - y
+    # Torque noise of 2 mNm stands for 0.12 deg; a constant angle is off by 15 deg, and a jaw that
+    # followed the driver's angle alone by its load's spread, 2 deg.
+    assert np.degrees(error[:, 0].std()) < 0.08
+    assert error[:, 1].std() < 1.5e-3
+    assert (estimate.load - load).std() < 1.2e-3
+
+
+def test_it_follows_a_load_that_changes(fitted):
+    X, y, steps, load = rows([60], seconds=60.0, load=lambda t: 0.06 + 0.04 * np.sin(0.1 * t))
+    estimate = fitted.estimate(X, steps)
+    assert np.corrcoef(estimate.load, load)[0, 1] > 0.99
+    assert np.degrees((estimate.outputs - y)[:, 0].std()) < 0.2
+
+
+def test_what_it_states_of_its_errors_holds(fitted):
+    X, y, steps, _ = rows(range(5))
+    noise = 0.002 / np.sqrt(RATE) / fitted.scales_[2]
+    model = ElasticJointFilter(elements=2, torque_noise=noise).fit(X, y, None, steps)
+    wander = np.sqrt(model.joint_.load_density / RATE) * model.scales_[2]
+    rng = np.random.default_rng(7)
+    X, y, steps, load = rows(
+        range(70, 90), load=lambda t: 0.07 + np.cumsum(wander * rng.standard_normal(len(t)))
+    )
+    estimate = model.estimate(X, steps)
+    for error, deviation in (
+        (estimate.outputs[:, 0] - y[:, 0], estimate.deviations[:, 0]),
+        (estimate.load - load, estimate.load_deviation),
+    ):
+        assert 0.7 < np.sqrt(np.mean((error / deviation) ** 2)) < 1.3
+
+
+def test_the_smoother_is_more_accurate_than_the_filter(fitted):
+    X, _, steps, load = rows(range(80, 84))
+    filtered = fitted.estimate(X, steps).load - load
+    smoothed = fitted.estimate(X, steps, smoothed=True).load - load
+    assert np.sqrt(np.mean(smoothed**2)) < 0.9 * np.sqrt(np.mean(filtered**2))
+
+
+def test_single_steps_give_the_bits_of_the_whole_record(fitted):
+    X, _, steps, _ = rows([90, 91], seconds=3.0)
+    whole = fitted.predict(X, steps)
+    memory = fitted.start()
+    single = [fitted.step(memory, steps[i], X[i]) for i in range(len(X))]
+    np.testing.assert_array_equal(single, whole)
+
+
+def test_a_history_does_not_depend_on_the_one_before(fitted):
+    X, _, steps, _ = rows([92, 93], seconds=3.0)
+    second = slice(len(X) // 2, None)
+    np.testing.assert_array_equal(
+        fitted.predict(X, steps)[second], fitted.predict(X[second], steps[second])
+    )
+
+
+def test_rows_without_truth_are_seen_and_not_fitted_to(fitted):
+    X, y, steps, _ = rows(range(5))
+    rng = np.random.default_rng(0)
+    known = rng.random(len(y)) < 0.5
+    model = clone(fitted).fit(X, np.where(known[:, None], y, np.nan), None, steps)
+    Xt, yt, stepst, _ = rows([50])
+    assert np.degrees((model.predict(Xt, stepst) - yt)[:, 0].std()) < 0.08
+
+
+def test_from_recordings_to_a_model_file_and_back(tmp_path):
+    calibration = calibrate([recording(s) for s in range(4)], "ukf_elastic")
+    unseen = recording(50)
+    corrected = calibration.correct(unseen)
+    error = corrected - unseen.columns("truth", ("jaw",))
+    raw = unseen.error(("jaw",))
+    assert error.std() < 0.1 * raw.std()
+    path = tmp_path / "jaw.safetensors"
+    calibration.save(path)
+    np.testing.assert_array_equal(load_calibration(path).correct(unseen), corrected)
+    state = calibration.start()
+    signals = np.column_stack([unseen.table[s].to_numpy() for s in calibration.signals])
+    steps = [calibration.step(state, unseen.t[i], signals[i]) for i in range(200)]
+    np.testing.assert_array_equal(np.array(steps), corrected[:200])
+
+
+def never_back(X, y):
+    X[:, 0] = np.linspace(0.0, 1.0, len(X))
+
+
+def jumping(X, y):
+    X[len(X) // 3 :, 0] += 3.0
+
+
+def stuck(X, y):
+    X[:, 1] = 0.07
+
+
+def untrue(X, y):
+    y[MIN_ROWS // 2 :] = np.nan
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (never_back, "reverses 0 times"),
+        (jumping, "jumps between two rows"),
+        (stuck, "effort/jaw never changes"),
+        (untrue, "rows with a known position"),
+    ],
+)
+def test_rows_that_teach_nothing_are_refused(spoil, words):
+    X, y, steps, _ = rows(range(2))
+    spoil(X, y)
+    with pytest.raises(CalibrationError, match=words):
+        ElasticJointFilter(elements=1).fit(X, y, None, steps)
+
+
+def test_one_load_for_all_is_refused():
+    X, y, steps, _ = rows(range(3), load=lambda t: np.full(len(t), 0.05))
+    with pytest.raises(CalibrationError, match="add recordings under other loads"):
+        ElasticJointFilter(elements=2).fit(X, y, None, steps)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("elements", 0), ("elements", 2.0), ("load_drift", -1.0), ("torque_noise", np.nan)],
+)
+def test_parameters_out_of_their_range_are_refused(name, value):
+    X, y, steps, _ = rows([0], seconds=5.0)
+    with pytest.raises(CalibrationError, match=f"{name} is .* it must be"):
+        ElasticJointFilter(**{name: value}).fit(X, y, None, steps)
+
+
+@pytest.mark.parametrize("name", ["scales", "noise", "widths"])
+def test_a_model_that_was_edited_is_refused(fitted, name):
+    arrays = {key: array.copy() for key, array in fitted.to_arrays().items()}
+    arrays[name][1] *= -1.0
+    with pytest.raises(CalibrationError, match="not above 0"):
+        ElasticJointFilter.from_arrays(fitted.get_params(), arrays, n_features=2, n_outputs=2)
+
+
+numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
+
+
+@settings(
+    max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(st.lists(st.tuples(st.floats(0.0, 100.0), numbers, numbers), min_size=1, max_size=20))
+def test_it_outlives_any_finite_rows(fitted, garbage):
+    memory = fitted.start()
+    for interval, driver, torque in garbage:
+        fitted.step(memory, interval, np.array([driver, torque]))
+        assert np.isfinite(memory.state.x).all()
+        assert np.isfinite(memory.state.P).all()

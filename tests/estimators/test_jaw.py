@@ -1,0 +1,134 @@
+"""The jaw's estimators behind `calibrate`, the model file and `step`, and what they refuse."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from tests.estimators.conftest import Pair
+
+from truejoint.calibration import calibrate, load_calibration
+from truejoint.errors import CalibrationError
+from truejoint.estimators import get_estimator
+from truejoint.estimators.registry import JAW_ESTIMATORS
+from truejoint.recordings import Recording
+
+
+@pytest.fixture(scope="module", params=JAW_ESTIMATORS)
+def calibrated(request, pair):
+    return calibrate(pair.recordings()[0], request.param)
+
+
+def test_names_lead_to_estimators():
+    for name in JAW_ESTIMATORS:
+        assert get_estimator(name).name == name
+        assert clone(get_estimator(name)).get_params() == get_estimator(name).get_params()
+
+
+def test_file_and_loop_give_the_same_bits(calibrated, pair, tmp_path):
+    verification = pair.recordings()[1]
+    calibrated.save(tmp_path / "jaw.safetensors")
+    loaded = load_calibration(tmp_path / "jaw.safetensors")
+    expected = calibrated.correct(verification)
+    assert np.array_equal(loaded.correct(verification), expected)
+    assert loaded.target == "position"
+    assert loaded.baselines["linear"].correct(verification).shape == expected.shape
+    if not calibrated.model.causal:
+        with pytest.raises(CalibrationError, match="cannot run in a loop"):
+            loaded.start()
+        return
+    state = loaded.start()
+    samples = np.column_stack([verification.column(name) for name in loaded.signals])
+    online = [loaded.step(state, verification.t[i], samples[i]) for i in range(300)]
+    assert np.array_equal(np.array(online), expected[:300])
+
+
+def test_history_starts_anew_after_a_gap(pair):
+    calibration, verification = pair.recordings()
+    model = calibrate(calibration, "play_reset")
+    rows = np.concatenate([np.arange(2000), np.arange(6000, 8000)])
+    part = verification.rows(rows)
+    whole = model.correct(part)
+    again = model.correct(verification.rows(np.arange(6000, 8000)))
+    assert np.array_equal(whole[2000:], again)
+
+
+def test_rows_without_truth_are_seen_but_not_fitted_to(pair):
+    calibration, verification = pair.recordings()
+    hole = changed(calibration, "truth/jaw", lambda y: np.where(np.arange(len(y)) % 2, np.nan, y))
+    full = calibrate(calibration, "play_reset").correct(verification)
+    half = calibrate(hole, "play_reset").correct(verification)
+    assert 0.0 < np.abs(full - half).max() < np.radians(0.05)
+    thin = calibrate(calibration, "play_reset", fit_rate=20.0).correct(verification)
+    assert np.abs(full - thin).max() < np.radians(0.1)
+
+
+def changed(recording: Recording, name: str, change) -> Recording:
+    columns = {c: np.array(recording.table[c]) for c in recording.table.columns}
+    columns[name] = change(columns[name])
+    return Recording.from_columns(columns, recording.provenance, dict(recording.units))
+
+
+def one_way(pair: Pair) -> Recording:
+    recording = pair.recordings()[0]
+    jaw = recording.column("truth/jaw")
+    top, bottom = int(np.argmax(jaw[3000:])) + 3000, int(np.argmin(jaw[:3000]))
+    return recording.rows(np.arange(min(top, bottom), max(top, bottom)))
+
+
+def test_a_motion_without_reversal_is_refused(pair):
+    with pytest.raises(CalibrationError, match=r"reverses [01] times"):
+        calibrate(one_way(pair), "ukf_compensated")
+
+
+def test_a_stuck_encoder_is_refused(pair):
+    recording = pair.recordings()[0]
+    stuck = changed(
+        recording, "cable/reset", lambda x: np.where(np.arange(len(x)) > 7000, x[7000], x)
+    )
+    with pytest.raises(CalibrationError, match="stands still"):
+        calibrate(stuck, "ukf_compensated")
+    still = changed(recording, "cable/reset", np.zeros_like)
+    with pytest.raises(CalibrationError, match="never change"):
+        calibrate(still, "ukf_compensated")
+
+
+def test_a_jumping_encoder_is_refused(pair):
+    recording = pair.recordings()[0]
+    jump = changed(recording, "cable/reset", lambda x: x + 1e-3 * (np.arange(len(x)) > 5000))
+    with pytest.raises(CalibrationError, match="jumps"):
+        calibrate(jump, "play_gated")
+
+
+def test_a_loaded_calibration_is_refused(pair):
+    recording = pair.recordings()[0]
+    columns = {c: np.array(recording.table[c]) for c in recording.table.columns}
+    provenance = dataclasses.replace(recording.provenance, load=0.1)
+    loaded = Recording.from_columns(columns, provenance, dict(recording.units))
+    with pytest.raises(CalibrationError, match="100 g on the jaw"):
+        calibrate(loaded, "play_reset")
+
+
+def test_wrong_columns_and_targets_are_refused(pair):
+    recording = pair.recordings()[0]
+    with pytest.raises(CalibrationError, match="takes 2 features"):
+        calibrate(recording, "ukf", features=["cable/reset"])
+    with pytest.raises(CalibrationError, match="use target 'position'"):
+        calibrate(recording, "ukf", target="error")
+    model = get_estimator("play_reset")
+    with pytest.raises(CalibrationError, match="columns cable/reset"):
+        model.fit(np.zeros((500, 2)), np.zeros(500))
+    with pytest.raises(CalibrationError, match="row 3 is not finite"):
+        model.fit(np.where(np.arange(500) == 3, np.nan, 1.0)[:, None], np.zeros(500))
+    with pytest.raises(CalibrationError, match="not negative"):
+        model.fit(np.ones((500, 1)), np.zeros(500), steps=np.full(500, -1.0))
+
+
+def test_a_filter_is_refused_at_another_rate(pair):
+    calibration, verification = pair.recordings()
+    slow = verification.rows(np.arange(0, len(verification), 4))
+    with pytest.raises(CalibrationError, match=r"a row every 0\.02 s, training every 0\.005 s"):
+        calibrate(calibration, "ukf_compensated").correct(slow)
+    calibrate(calibration, "play_gated").correct(slow)  # knows no rate

@@ -1,0 +1,99 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.estimators.conftest import SETTLED, columns, steps, target
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators.jaw_load import JawLoad, identify_stiffness
+from truejoint.estimators.jaw_zero import find_zero
+from truejoint.motion.forceps_references import calibration_reference, sine_reference
+from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps_parameters import friction_at_pretension
+from truejoint.simulation.forceps_sensors import ZeroShift
+from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+
+NOMINAL = specimen("nominal")
+
+
+@pytest.fixture(scope="module")
+def load():
+    run = simulate_forceps(NOMINAL, calibration_reference().positions[:, 0], seed=0)
+    return JawLoad().fit(columns(run, JawLoad.inputs), target(run), steps(run))
+
+
+def weighed(mass: float, direction: str = "along"):
+    run = simulate_load_test(NOMINAL, LoadTest(mass, direction), seed=3)
+    phases = run.load.phases
+    before = (run.t >= phases["II"][0]) & (run.t < phases["II"][1])
+    return run, before, run.t >= phases["IV"][0]
+
+
+def test_friction_of_the_jaw_is_seen_unloaded(load):
+    true = friction_at_pretension(NOMINAL)[0]
+    assert load.jaw_friction == pytest.approx(true, rel=0.25)
+    assert load.dead_band == 2.0 * load.jaw_friction
+
+
+def test_one_known_weight_calibrates_the_others(load):
+    run, before, after = weighed(0.2)
+    torque = float(run.external_torque[after].mean())
+    X = columns(run, JawLoad.inputs)
+    found = identify_stiffness(load, X, before, after, torque, steps(run))
+    mended = load.with_stiffness(found.drive_stiffness)
+    # A weight hung along the motion shows at once, against it up to the dead band is missing.
+    for mass, direction, missing in (
+        (0.1, "along", 0.0),
+        (0.25, "along", 0.0),
+        (0.25, "opposing", mended.dead_band),
+    ):
+        run, _before, after = weighed(mass, direction)
+        estimate = mended.predict(columns(run, JawLoad.inputs), steps(run))[after].mean()
+        true = run.external_torque[after].mean()
+        assert abs(estimate - true) < 0.15 * abs(true) + missing
+    assert mended.grams(np.array([true]), NOMINAL.jaw.load_arm)[0] == pytest.approx(
+        -250.0, rel=0.05
+    )
+
+
+def test_steps_give_the_bits_of_the_whole(load):
+    run, _before, _after = weighed(0.1)
+    X, intervals = columns(run, JawLoad.inputs)[:300], steps(run)[:300]
+    state = load.start()
+    online = [load.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
+    assert np.array_equal(online, load.predict(X, intervals))
+
+
+def test_a_constant_or_hidden_load_tells_no_stiffness(load):
+    run, before, after = weighed(0.2)
+    X, torque = columns(run, JawLoad.inputs), float(run.external_torque[after].mean())
+    with pytest.raises(CalibrationError, match="constant load"):
+        identify_stiffness(load, X, np.zeros_like(after), after, torque)
+    with pytest.raises(CalibrationError, match="constant load"):
+        identify_stiffness(load, X, after, after, torque)
+    with pytest.raises(CalibrationError, match="hang a heavier one"):
+        identify_stiffness(load, X, before, after, 1e-4)
+    with pytest.raises(CalibrationError, match="its sign"):
+        identify_stiffness(load, X, before, after, -torque)
+
+
+@pytest.mark.parametrize("shift", [0.0, 8e-6, -2e-5])
+def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
+    motion = sine_reference(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
+    run = simulate_forceps(
+        NOMINAL, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift)
+    )
+    X = columns(run, JawLoad.inputs)[run.t > SETTLED]
+    zero = find_zero(load, X)
+    assert zero.shift == pytest.approx(shift, abs=1.5e-6)
+    assert np.allclose(zero.applied(X)[:, 1], X[:, 1] - zero.shift)
+
+
+def test_what_tells_no_zero_is_refused(load):
+    run, before, _after = weighed(0.2)
+    X = columns(run, JawLoad.inputs)
+    with pytest.raises(CalibrationError, match="of the calibration's range"):
+        find_zero(load, X[before])
+    with pytest.raises(CalibrationError, match=r"0\.3 mm"):
+        find_zero(load, X + np.array([0.0, 1e-2]))

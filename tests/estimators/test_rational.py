@@ -1,0 +1,93 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators.rational import (
+    SMALLEST_DENOMINATOR,
+    RationalModel,
+    fit_rational,
+)
+from truejoint.models.jaw_kernels import rational_row
+
+
+def loop(n: int = 1200) -> tuple[np.ndarray, np.ndarray]:
+    """Motor angle and displacement along a hysteresis loop."""
+    phase = np.linspace(0.0, 4.0 * np.pi, n)
+    motor = 12.0 * np.sin(phase)
+    return motor, 3e-3 * (np.sin(phase) - 0.05 * np.cos(phase) + 0.02 * np.sin(3.0 * phase))
+
+
+def printed_form(p: np.ndarray, phi: np.ndarray, x2: np.ndarray) -> np.ndarray:
+    """(25) of yan2020 as it is printed."""
+    above = p[0] + p[2] * phi + p[4] * x2 + p[6] * phi**2 + p[8] * x2**2 + p[10] * phi * x2
+    below = 1 + p[1] * phi + p[3] * x2 + p[5] * phi**2 + p[7] * x2**2 + p[9] * phi**2 * x2
+    return above / below
+
+
+TRUE = np.array([0.01, 0.1, 0.02, -0.2, -0.03, 0.3, 0.01, -0.1, -0.005, 0.05, 0.004])
+
+
+def test_evaluation_is_equation_25():
+    motor, reset = loop(50)
+    model = RationalModel(np.array([0.08, 300.0]), TRUE)
+    expected = printed_form(TRUE, 0.08 * motor, 300.0 * reset)
+    assert np.allclose(model(motor, reset), expected, rtol=1e-13)
+    assert rational_row(motor[7], reset[7], model.scale, TRUE) == model(motor, reset)[7]
+
+
+@pytest.mark.parametrize("method", ["projection", "global"])
+def test_a_rational_error_is_found_again(method):
+    motor, reset = loop()
+    scale = np.array([1.0 / 12.0, 1.0 / np.abs(reset).max()])
+    error = printed_form(TRUE, motor * scale[0], reset * scale[1])
+    model = fit_rational(motor, reset, error, method)
+    assert np.abs(model(motor, reset) - error).max() < 2e-3 * np.ptp(error)
+
+
+def test_projection_reaches_the_optimum_of_a_plain_search():
+    motor, reset = loop()
+    rng = np.random.default_rng(1)
+    scale = np.array([1.0 / 12.0, 1.0 / np.abs(reset).max()])
+    u, v = motor * scale[0], reset * scale[1]
+    error = printed_form(TRUE, u, v) + rng.normal(0.0, 1e-4, len(motor))
+    model = fit_rational(motor, reset, error)
+    found = float(np.sum((model(motor, reset) - error) ** 2))
+    plain = least_squares(lambda p: printed_form(p, u, v) - error, TRUE)
+    assert found < 1.01 * 2.0 * plain.cost
+
+
+def test_denominator_stays_away_from_zero_round_the_data():
+    motor, reset = loop()
+    sharp = 0.01 / (1.02 + 0.99 * motor / 12.0)  # wants a pole at the end of the range
+    model = fit_rational(motor, reset, sharp)
+    for side in (-0.15, 0.0, 0.15):
+        assert model.denominator(motor, reset + side * 3e-3).min() > 0.9 * SMALLEST_DENOMINATOR
+
+
+def test_quasi_newton_fits_in_the_units_of_the_data():
+    motor, reset = loop()
+    error = 0.02 + 0.001 * motor
+    model = fit_rational(motor, reset, error, "quasi_newton")
+    assert np.sqrt(np.mean((model(motor, reset) - error) ** 2)) < 0.1 * error.std()
+
+
+def test_a_pole_gives_a_finite_number():
+    coefficients = np.zeros(11)
+    coefficients[[0, 1]] = 1.0, -1.0  # 1 / (1 - u)
+    assert np.isfinite(rational_row(1.0, 0.0, np.ones(2), coefficients))
+
+
+@pytest.mark.parametrize(
+    ("motor", "method", "message"),
+    [
+        (np.linspace(0, 1, 50), "projection", "50 rows"),
+        (np.ones(500), "projection", "never move"),
+        (np.linspace(0, 1, 500), "newton", "'newton'"),
+    ],
+)
+def test_what_cannot_be_fitted_is_refused(motor, method, message):
+    with pytest.raises(CalibrationError, match=message):
+        fit_rational(motor, np.linspace(0, 1e-3, len(motor)), np.zeros(len(motor)), method)

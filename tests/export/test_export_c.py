@@ -1,0 +1,312 @@
+"""The exported C source, compiled without a warning, against the corrector."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import re
+import shutil
+import subprocess
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import CalibrationError, ExportError, ModelFileError
+from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.export.c_models import model_context
+from truejoint.export.c_source import check_prefix, comment, number
+from truejoint.export.export_c import MEANINGS, export_c
+from truejoint.models.families import EstimatorData
+from truejoint.runtime import Corrector, Status
+
+from .export_models import HISTORY, PLAIN, calibration, recording
+
+COMPILER = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
+FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-shared", "-fPIC")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
+
+# The generated check as a function, and a loop over many samples, in one library.
+BRIDGE = """
+#define main check
+#include "m_check.c"
+#undef main
+int check(void);
+static m_state kept;
+void start(void) {{ m_init(&kept); m_set_homing(&kept, 1, M_HOMING_OF_CALIBRATION); }}
+void forget_all(void) {{ m_reset(&kept); }}
+void run(int n, const double *t, const {real} *sample, int *status, {real} *position,
+    {real} *half_width)
+{{
+    int i;
+    for (i = 0; i < n; i++) {{
+        status[i] = m_step(&kept, t[i], sample + i * M_SIGNALS, position + i * M_JOINTS,
+            half_width + i * M_JOINTS);
+    }}
+}}
+"""
+ESTIMATORS = (
+    FixedOffset(), LinearRegressor(), PolynomialRegressor(2), PolynomialRegressor(3),
+    NeuralNetwork(hidden_layer_sizes=(9, 7)),
+)  # fmt: skip
+
+
+class Library:
+    """An exported calibration, compiled."""
+
+    def __init__(self, folder: Path, precision: str = "double") -> None:
+        (folder / "bridge.c").write_text(BRIDGE.format(real=precision), encoding="ascii")
+        sources = [str(folder / "m.c"), str(folder / "bridge.c")]
+        path = folder / "library.so"
+        subprocess.run([COMPILER, *FLAGS, *sources, "-lm", "-o", str(path)], check=True)  # noqa: S603  # our own
+        self.functions = ctypes.CDLL(str(path))
+        self.dtype = np.dtype(np.float64 if precision == "double" else np.float32)
+
+    def run(self, t, samples, n_joints: int):
+        """Status (n,), position and half-width (n, n_joints) of samples (n, n_signals)."""
+        n = len(t)
+        t, samples = np.ascontiguousarray(t), np.ascontiguousarray(samples, dtype=self.dtype)
+        status = np.empty(n, dtype=np.int32)
+        position, half_width = np.empty((2, n, n_joints), dtype=self.dtype)
+        arrays = (t, samples, status, position, half_width)
+        self.functions.run(n, *(a.ctypes.data_as(ctypes.c_void_p) for a in arrays))
+        return status, position, half_width
+
+
+def exported(folder: Path, model, precision: str = "double", **options) -> Library:
+    export_c(model, folder, prefix="m", precision=precision, overwrite=True, **options)
+    return Library(folder, precision)
+
+
+def random_stream(model, n: int, seed: int):
+    """Stamps and samples of a smooth motion, with faults of every kind here and there."""
+    rng = np.random.default_rng(seed)
+    source = recording(model.signals, n, seed)
+    t, samples = np.array(source.t), source.table[list(model.signals)].to_numpy().copy()
+    samples += rng.normal(0, 1e-4, samples.shape)
+    for row in rng.choice(np.arange(20, n - 20), n // 40, replace=False):
+        kind, column = rng.integers(8), rng.integers(samples.shape[1])
+        if kind == 0:
+            samples[row, column] = rng.choice([np.nan, np.inf, -np.inf])
+        elif kind == 1:
+            t[row] = rng.choice([np.nan, t[row - 1], t[row - 3]])
+        elif kind == 2:
+            t[row:] += rng.uniform(0.2, 3.0)
+        elif kind == 3:
+            t[row:] -= rng.uniform(0.2, 3.0)
+        elif kind == 4:
+            samples[row, column] += rng.normal(0, 0.3)
+        elif kind == 5:
+            samples[row : row + 15, column] = samples[row, column]
+        elif kind == 6:
+            samples[row : row + 15] = samples[row]
+        else:
+            samples[row : row + 10, column] += 0.03 * np.arange(10)
+    return t, samples
+
+
+def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> float:
+    """Compare on a random stream; returns the share of its samples that are corrected."""
+    t, samples = random_stream(model, n, seed)
+    corrector = Corrector(model)
+    corrector.set_homing(True, "h1")
+    library.functions.start()
+    status, position, half_width = library.run(t, samples, len(model.joints))
+    expected = np.empty((2, *position.shape))
+    for row in range(n):
+        assert corrector.step(t[row], samples[row]) == status[row], row
+        expected[:, row] = corrector.position, corrector.half_width
+    np.testing.assert_allclose(position, expected[0], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(half_width, expected[1], rtol=0, atol=1e-12)
+    return float((status == 0).mean())
+
+
+@needs_compiler
+@settings(max_examples=12, deadline=None)
+@given(data=st.data())
+def test_source_does_what_the_corrector_does(tmp_path_factory, data):
+    operations = ["{}", "lag({}, 1)", "lag({}, 7)", "lowpass({}, 0.05)", "rate({}, 0.1)",
+                  "play({}, 0.02)"]  # fmt: skip
+    signals = st.sampled_from(["measured/elbow", "effort/elbow", "effort/roll", "measured/jaw1"])
+    texts = st.builds(str.format, st.sampled_from(operations), signals)
+    features = data.draw(st.lists(texts, min_size=1, max_size=9, unique=True))
+    joints = data.draw(st.sampled_from([("elbow",), ("shoulder", "elbow", "insertion", "roll")]))
+    layers = st.lists(st.integers(1, 9), min_size=1, max_size=4)
+    networks = st.builds(NeuralNetwork, hidden_layer_sizes=layers.map(tuple))
+    model = calibration(
+        data.draw(st.sampled_from(ESTIMATORS[:4]) | networks),
+        features,
+        joints,
+        data.draw(st.sampled_from(["error", "position"])),
+        seed=data.draw(st.integers(0, 1000)),
+        rezero=data.draw(st.sampled_from([None, 0.0, 10.0])),
+        homing_ids=data.draw(st.sampled_from([("h1",), ()])),
+    )
+    library = exported(tmp_path_factory.mktemp("c"), model)
+    assert library.functions.check() == 0
+    assert_same_as_corrector(library, model, 400, data.draw(st.integers(0, 1000)))
+
+
+@needs_compiler
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
+def test_long_streams_stay_equal(tmp_path, estimator):
+    model = calibration(estimator, HISTORY, rezero=0.0)
+    assert 0.3 < assert_same_as_corrector(exported(tmp_path, model), model, 6000, 3) < 0.95
+
+
+@needs_compiler
+def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
+    model = calibration(LinearRegressor(), rezero=10.0).with_metadata(rezeroed={"at": 1.0})
+    library = exported(tmp_path, model)
+    assert library.functions.check() == 0
+    assert assert_same_as_corrector(library, model, 400, 3) > 0.3
+    library.functions.start()
+    t, samples = random_stream(model, 400, 3)
+    status, _position, half_width = library.run(t, samples, 3)
+    assert np.isfinite(half_width[status == 0]).all()
+
+
+@needs_compiler
+def test_many_signals_are_checked_in_a_loop(tmp_path):
+    names = [f"measured/s{i}" for i in range(40)]
+    model = calibration(LinearRegressor(), names, ("elbow",), rezero=0.0)
+    model = replace(model, envelope=replace(model.envelope, distance=1e4))
+    assert 0.3 < assert_same_as_corrector(exported(tmp_path, model), model, 300, 3) < 1.0
+
+
+@needs_compiler
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
+@pytest.mark.parametrize("target", ["error", "position"])
+def test_single_precision_is_as_far_off_as_its_header_says(tmp_path, estimator, target, capfd):
+    model = calibration(estimator, HISTORY, target=target)
+    assert exported(tmp_path, model, "float").functions.check() == 0
+    ctypes.CDLL(None).fflush(None)
+    measured = float(re.search(r"largest difference (\S+)", capfd.readouterr().out)[1])
+    stated = float(re.search(r"within (\S+) \(rad", (tmp_path / "m.h").read_text())[1])
+    assert 1e-10 < measured < 1e-5
+    assert stated == pytest.approx(measured, rel=0.5)
+
+
+@needs_compiler
+def test_reset_forgets_the_samples_and_nothing_else(tmp_path):
+    model = calibration(LinearRegressor(), HISTORY)
+    library = exported(tmp_path, model)
+    t, samples = random_stream(model, 300, 1)
+    library.functions.start()
+    fresh = library.run(t[150:], samples[150:], 3)
+    library.functions.start()
+    library.run(t[:150], samples[:150], 3)
+    library.functions.forget_all()
+    again = library.run(t[150:], samples[150:], 3)
+    for one, other in zip(fresh, again, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (fresh[0] == 0).any()
+
+
+@needs_compiler
+def test_check_notices_a_changed_number(tmp_path):
+    model = calibration(LinearRegressor(), PLAIN)
+    export_c(model, tmp_path, prefix="m")
+    source = tmp_path / "m.c"
+    text = source.read_text()
+    head, name, rest = text.partition("static const double intercept[4] = {")
+    value = re.search(r"\S+0x\S+|0x\S+", rest)[0].rstrip(",")
+    changed = (float.fromhex(value) + 1e-9).hex()
+    source.write_text(head + name + rest.replace(value, changed, 1))
+    assert Library(tmp_path).functions.check() == 1
+
+
+def test_vectors_hold_every_status(tmp_path):
+    export_c(calibration(PolynomialRegressor(3), HISTORY), tmp_path, prefix="m")
+    text = (tmp_path / "m_vectors.h").read_text()
+    seen = Status(0)
+    statuses = [int(s) for s in re.findall(r"^\}, (\d+),$", text, re.MULTILINE)]
+    for status in statuses:
+        seen |= Status(status)
+    assert seen == Status((1 << 11) - 1) & ~Status.WRONG_SIZE
+    assert statuses.count(0) > 100
+
+
+def test_header_explains_every_status():
+    assert set(MEANINGS) == {Status.OK, *Status} - {Status.WRONG_SIZE}
+
+
+def test_nothing_is_overwritten_unless_told(tmp_path):
+    model = calibration(LinearRegressor())
+    paths = export_c(model, tmp_path / "new" / "folder")
+    assert [path.name for path in paths] == [
+        "raven2_left.h", "raven2_left.c", "raven2_left_vectors.h", "raven2_left_check.c",
+    ]  # fmt: skip
+    before = [path.read_bytes() for path in paths]
+    paths[0].unlink()
+    with pytest.raises(ExportError, match="exists"):
+        export_c(model, paths[0].parent, precision="float")
+    assert not paths[0].exists()
+    assert [path.read_bytes() for path in paths[1:]] == before[1:]
+    export_c(model, paths[0].parent, overwrite=True)
+    assert [path.read_bytes() for path in paths] == before
+    assert sorted(paths[0].parent.iterdir()) == sorted(paths)
+
+
+@pytest.mark.parametrize("prefix", ["", "1arm", "_arm", "a__b", "arm_", "a-b", "a b", "a/b", "é",
+                                    "a\n", "a" * 41, "../x"])  # fmt: skip
+def test_bad_prefixes_are_refused(tmp_path, prefix):
+    with pytest.raises(ExportError, match="prefix") as caught:
+        export_c(calibration(FixedOffset()), tmp_path, prefix=prefix)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+@given(st.from_regex(r"[a-z]([a-z0-9]|_[a-z])*", fullmatch=True).filter(lambda s: len(s) <= 40))
+def test_good_prefixes_pass(prefix):
+    assert check_prefix(prefix) == prefix
+
+
+def test_what_cannot_be_exported_is_refused_in_one_line(tmp_path):
+    model = calibration(LinearRegressor(), rezero=0.0)
+    cases = [
+        (ExportError, "double' or 'float", {"precision": "half"}, model),
+        (CalibrationError, "95 %", {"level": 0.95}, model),
+        (ModelFileError, "calibrate it again", {}, replace(model, envelope=None)),
+    ]
+    model.model.coef_[0, 0] = 1e200
+    cases.append((ExportError, "export in double", {"precision": "float"}, model))
+    for error, said, options, bad in cases:
+        with pytest.raises(error, match=said) as caught:
+            export_c(bad, tmp_path, **options)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(ExportError, match="'later' has no C source"):
+        model_context(EstimatorData("later", {}, {}))
+    assert not list(tmp_path.iterdir())
+
+
+@given(st.floats(allow_nan=False, allow_infinity=False))
+def test_numbers_are_exact(value):
+    text = number(value, "double")
+    assert float.fromhex(text) == value
+    assert math.copysign(1, float.fromhex(text)) == math.copysign(1, value)
+
+
+@given(st.floats(width=32, allow_nan=False, allow_infinity=False))
+def test_single_numbers_are_exact(value):
+    text = number(value, "float")
+    assert text.endswith("f")
+    assert float.fromhex(text[:-1]) == value
+
+
+@given(st.text())
+def test_no_text_ends_a_comment(text):
+    safe = comment(text)
+    assert safe.isascii()
+    assert not set(safe) & set('*\\?"\n\r#')
+
+
+@needs_compiler
+def test_texts_of_a_model_file_stay_in_comments(tmp_path):
+    model = calibration(LinearRegressor(), homing_ids=["*/ int homing; /*", "??/\n"])
+    evil = dict.fromkeys(model.units, "*/ }; int unit = 1; /* \\")
+    model = replace(model, units=evil).with_metadata(data_sha256="*/\n#error hash\n/*")
+    assert exported(tmp_path, model).functions.check() == 0

@@ -1,0 +1,96 @@
+"""The ONNX graph, run by onnxruntime, against the corrections that Python makes."""
+
+from __future__ import annotations
+
+import json
+import sys
+
+import numpy as np
+import pytest
+
+from truejoint.errors import ExportError
+from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.export.export_onnx import export_onnx
+
+from .export_models import HISTORY, PLAIN, calibration, recording
+
+onnx = pytest.importorskip("onnx", reason="the extra [onnx] is not installed")
+onnxruntime = pytest.importorskip("onnxruntime", reason="the extra [onnx] is not installed")
+
+ESTIMATORS = (
+    FixedOffset(), LinearRegressor(), PolynomialRegressor(2), PolynomialRegressor(3),
+    NeuralNetwork(hidden_layer_sizes=(9, 7, 5)),
+)  # fmt: skip
+
+
+def run(path, model, test) -> tuple[list[str], np.ndarray]:
+    """Names of the inputs of an exported graph, and what it gives for a recording."""
+    session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
+    columns = {
+        "sample": test.table[list(model.signals)].to_numpy(),
+        "features": model.feature_set.compute(test, model.gap_limit),
+        "measured": test.columns("measured", model.joints),
+    }
+    types = {"tensor(double)": np.float64, "tensor(float)": np.float32}
+    feed = {i.name: columns[i.name].astype(types[i.type]) for i in session.get_inputs()}
+    return list(feed), session.run(["position"], feed)[0]
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
+@pytest.mark.parametrize("features", [PLAIN, HISTORY], ids=["plain", "history"])
+@pytest.mark.parametrize("target", ["error", "position"])
+def test_graph_gives_what_correct_gives(tmp_path, estimator, features, target):
+    model = calibration(estimator, features, target=target)
+    test = recording(model.signals, 100, 5)
+    expected = model.correct(test)
+    path = export_onnx(model, tmp_path / "m.onnx")
+    inputs, position = run(path, model, test)
+    if features == HISTORY:
+        assert inputs == (["features", "measured"] if target == "error" else ["features"])
+    else:
+        assert inputs == ["sample"]
+    np.testing.assert_allclose(position, expected, rtol=0, atol=1e-12)
+    path = export_onnx(model, tmp_path / "m.onnx", precision="float", overwrite=True)
+    _, position = run(path, model, test)
+    assert position.dtype == np.float32
+    np.testing.assert_allclose(position, expected, rtol=0, atol=1e-5)
+    assert not np.allclose(position, expected, rtol=0, atol=1e-12)
+
+
+def test_metadata_name_the_columns(tmp_path):
+    fitted = calibration(LinearRegressor(), HISTORY, ("elbow",))
+    model = onnx.load(export_onnx(fitted, tmp_path / "m.onnx"))
+    said = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
+    assert said["truejoint.columns_of_features"] == list(fitted.feature_set.names)
+    assert said["truejoint.columns_of_measured"] == ["measured/elbow"]
+    assert (said["truejoint.robot"], said["truejoint.arm"]) == ("raven2", "left")
+    ranges = np.array(said["truejoint.training_range"])
+    np.testing.assert_array_equal(ranges, np.column_stack([fitted.lower, fitted.upper]))
+
+
+def test_nothing_is_overwritten_unless_told(tmp_path):
+    fitted = calibration(FixedOffset())
+    path = export_onnx(fitted, tmp_path / "m.onnx")
+    before = path.read_bytes()
+    with pytest.raises(ExportError, match="exists"):
+        export_onnx(fitted, path, precision="float")
+    assert path.read_bytes() == before
+    export_onnx(fitted, path, precision="float", overwrite=True)
+    assert path.read_bytes() != before
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_without_onnx_the_refusal_says_how_to_install_it(tmp_path, monkeypatch):
+    fitted = calibration(FixedOffset())
+    monkeypatch.setitem(sys.modules, "onnx", None)
+    with pytest.raises(ExportError, match=r"pip install 'truejoint\[onnx\]'") as caught:
+        export_onnx(fitted, tmp_path / "m.onnx")
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
+
+
+def test_numbers_too_large_for_a_float_are_refused(tmp_path):
+    fitted = calibration(FixedOffset())
+    fitted.model.offset_ = np.full(3, 1e39)
+    with pytest.raises(ExportError, match="export in double"):
+        export_onnx(fitted, tmp_path / "m.onnx", precision="float")

@@ -1,0 +1,377 @@
+"""Bad input, bad models and bad luck: the filter survives each with the status it deserves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numba import njit
+
+from truejoint.filters import FilterResult, Gate, UnscentedFilter
+from truejoint.filters.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.filters.state_space import StateSpaceModel, linear_model
+from truejoint.filters.status import FilterStatus as Status
+
+DT = 0.01
+
+
+def joint(gate: Gate | None = None, angle: bool = False, **options) -> UnscentedFilter:
+    """A joint with a constant speed that wanders; position and speed are measured."""
+    model = linear_model(
+        [[1.0, DT], [0.0, 1.0]],
+        [[0.0], [DT]],
+        np.eye(2),
+        np.zeros((2, 1)),
+        np.diag([1e-8, 1e-6]),
+        np.diag([1e-4, 1e-4]),
+        states=("position", "speed"),
+        measurements=("encoder", "tachometer"),
+        inputs=("acceleration",),
+        angles=("position", "encoder") if angle else (),
+    )
+    return UnscentedFilter(model, gate=gate, **options)
+
+
+def record(rows: int = 400, speed: float = 0.5) -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(3)
+    t = DT * np.arange(rows)
+    z = np.column_stack([speed * t, np.full(rows, speed)]) + rng.normal(size=(rows, 2)) * 0.01
+    return z, speed * t
+
+
+def run(estimator: UnscentedFilter, z, u=None, dt=DT) -> FilterResult:
+    u = np.zeros((len(z), 1)) if u is None else u
+    return estimator.run(z, u, x0=[0.0, 0.5], P0=np.diag([1e-2, 1e-2]), dt=dt)
+
+
+def sound(P: np.ndarray) -> bool:
+    """Whether covariances are finite, exactly symmetric and semidefinite up to rounding."""
+    if not (np.all(np.isfinite(P)) and np.array_equal(P, np.swapaxes(P, -1, -2))):
+        return False
+    values = np.linalg.eigvalsh(P)
+    return bool(np.all(values[..., 0] >= -1e-12 * values[..., -1]))
+
+
+def test_encoder_jump_is_gated_and_then_reacquired() -> None:
+    z, truth = record()
+    z[200:, 0] += 1.0
+    result = run(joint(Gate(0.9999, 10)), z)
+    np.testing.assert_array_equal(result.status[:200], 0)
+    np.testing.assert_array_equal(result.status[200:210], Status.GATED)
+    assert result.status[210] == Status.REACQUIRED
+    assert result.inflation[210] > 1.0
+    np.testing.assert_array_equal(result.status[250:], 0)
+    assert np.abs(result.x[205, 0] - truth[205]) < 0.02
+    assert np.abs(result.x[250:, 0] - truth[250:] - 1.0).max() < 0.02
+    smoothed = joint(Gate(0.9999, 10)).smooth(result)
+    assert sound(smoothed.P)
+    # The inflated step counts as a jump: smoothing does not drag it back over the rows before.
+    assert np.abs(smoothed.x[:200, 0] - truth[:200]).max() < 0.03
+
+
+def test_single_spikes_leave_no_trace() -> None:
+    z, truth = record()
+    z[100::37, 1] = 50.0
+    gated = run(joint(Gate(0.9999, 10)), z)
+    np.testing.assert_array_equal(gated.status[100::37], Status.GATED)
+    assert np.isfinite(gated.nis[100])
+    assert gated.loglik[100] == 0.0
+    assert np.abs(gated.x[:, 0] - truth).max() < 0.03
+    assert np.abs(run(joint(), z).x[:, 0] - truth).max() > 0.1
+
+
+@pytest.mark.parametrize("wrong", [10.0, 1e4, 1e9])
+@pytest.mark.parametrize("patience", [0, 5])
+def test_gate_cannot_lock_itself_out(wrong: float, patience: int) -> None:
+    """A filter that starts far off, sure of itself and without process noise, finds back."""
+    model = linear_model(
+        np.eye(1), np.zeros((1, 0)), np.eye(1), np.zeros((1, 0)), [[0.0]], [[1e-4]],
+        states=("x",), measurements=("z",),
+    )  # fmt: skip
+    estimator = UnscentedFilter(model, gate=Gate(0.999, patience))
+    rng = np.random.default_rng(0)
+    z = rng.normal(size=60) * 0.01
+    result = estimator.run(z, x0=[wrong], P0=[[1e-12]], dt=DT)
+    assert np.abs(result.x[-1, 0]) < 0.05
+    assert not result.status[-10:].any()
+
+
+def test_gate_with_nothing_to_inflate_still_goes_on() -> None:
+    model = linear_model(
+        np.eye(1), np.zeros((1, 0)), np.eye(1), np.zeros((1, 0)), [[0.0]], [[1e-4]],
+        states=("x",), measurements=("z",),
+    )  # fmt: skip
+    result = UnscentedFilter(model, gate=Gate(0.999, 2)).run(
+        np.ones(9), x0=[0.0], P0=[[0.0]], dt=DT
+    )
+    # P0 = 0 and Q = 0 say that the state is 0 whatever is measured.
+    np.testing.assert_array_equal(result.x, 0.0)
+    assert result.status[2] == Status.REACQUIRED
+
+
+def test_stuck_encoder_is_seen() -> None:
+    z, _ = record(800)
+    z[300:, 0] = z[300, 0]
+    result = run(joint(Gate(0.9999, 20)), z)
+    assert (result.status[300:] & int(Status.GATED)).any()
+    assert np.all(np.isfinite(result.x))
+
+
+def test_angles_take_the_short_way_round() -> None:
+    z, truth = record(2000, speed=3.0)
+    wrapped = z.copy()
+    wrapped[:, 0] = np.angle(np.exp(1j * z[:, 0]))
+    estimator = joint(Gate(0.9999), angle=True)
+    result = estimator.run(wrapped, np.zeros((2000, 1)), x0=[0.0, 3.0], P0=1e-2 * np.eye(2), dt=DT)
+    smoothed = estimator.smooth(result)
+    plain = joint().run(z, np.zeros((2000, 1)), x0=[0.0, 3.0], P0=1e-2 * np.eye(2), dt=DT)
+    assert truth[-1] > 9 * 2 * np.pi
+    for ours, whole in ((result.x, plain.x), (smoothed.x, joint().smooth(plain).x)):
+        assert np.all(np.abs(ours[:, 0]) <= np.pi)
+        np.testing.assert_allclose(np.exp(1j * ours[:, 0]), np.exp(1j * whole[:, 0]), atol=1e-9)
+        np.testing.assert_allclose(ours[:, 1], whole[:, 1], atol=1e-9)
+    np.testing.assert_allclose(result.P, plain.P, atol=1e-14)
+
+
+@pytest.mark.parametrize("square_root", [False, True])
+@pytest.mark.parametrize("second", [False, True])
+def test_known_start_stays_known_without_noise(square_root: bool, second: bool) -> None:
+    model = linear_model(
+        [[1.0, DT], [0.0, 1.0]], np.zeros((2, 0)), np.eye(2), np.zeros((2, 0)),
+        np.zeros((2, 2)), np.eye(2), states=("x", "v"), measurements=("a", "b"),
+    )  # fmt: skip
+    estimator = UnscentedFilter(model, second_generation=second, square_root=square_root)
+    z = np.random.default_rng(0).normal(size=(50, 2))
+    result = estimator.run(z, x0=[1.0, 2.0], P0=np.zeros((2, 2)), dt=DT)
+    assert not result.status.any()
+    np.testing.assert_array_equal(result.P, 0.0)
+    np.testing.assert_allclose(result.x[:, 0], 1.0 + 2.0 * DT * np.arange(1, 51), rtol=1e-12)
+    # One state known, the other not.
+    half = estimator.run(z, x0=[1.0, 2.0], P0=np.diag([0.0, 1.0]), dt=DT)
+    assert sound(half.P)
+    assert 0.0 < half.P[-1, 1, 1] < 0.02
+    assert sound(estimator.smooth(half).P)
+
+
+def test_exact_measurement_of_a_known_state_is_not_used() -> None:
+    model = linear_model(
+        np.eye(1), np.zeros((1, 0)), np.eye(1), np.zeros((1, 0)), [[0.0]], [[0.0]],
+        states=("x",), measurements=("z",),
+    )  # fmt: skip
+    result = UnscentedFilter(model).run(np.ones(3), x0=[0.0], P0=[[0.0]], dt=DT)
+    np.testing.assert_array_equal(result.status, Status.SINGULAR)
+    np.testing.assert_array_equal(result.x, 0.0)
+
+
+def test_partly_missing_measurement_uses_the_rest() -> None:
+    z, _ = record()
+    z[:, 1] = np.nan
+    result = run(joint(), z)
+    np.testing.assert_array_equal(result.status, Status.PARTIAL)
+    alone = linear_model(
+        [[1.0, DT], [0.0, 1.0]], [[0.0], [DT]], [[1.0, 0.0]], [[0.0]],
+        np.diag([1e-8, 1e-6]), [[1e-4]],
+        states=("position", "speed"), measurements=("encoder",), inputs=("acceleration",),
+    )  # fmt: skip
+    expected = run(UnscentedFilter(alone), z[:, :1])
+    np.testing.assert_allclose(result.x, expected.x, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(result.nis, expected.nis, rtol=1e-9)
+    assert np.isnan(result.innovation[:, 1]).all()
+
+
+@pytest.mark.parametrize(
+    ("fault", "status"),
+    [
+        ({"dt": np.nan}, Status.INVALID_INPUT),
+        ({"dt": -DT}, Status.INVALID_INPUT),
+        ({"dt": np.inf}, Status.INVALID_INPUT),
+        ({"u": np.nan}, Status.INVALID_INPUT),
+        ({"z": [np.nan, np.nan]}, Status.MISSING),
+        ({"z": [np.inf, np.nan]}, Status.MISSING | Status.INVALID_MEASUREMENT),
+        ({"z": [-np.inf, 0.5]}, Status.PARTIAL | Status.INVALID_MEASUREMENT),
+        ({"z": [1e300, 0.5]}, Status.PARTIAL | Status.INVALID_MEASUREMENT),
+    ],
+)
+def test_one_bad_row_is_survived_and_named(fault: dict, status: Status) -> None:
+    z, truth = record()
+    u, dt = np.zeros((400, 1)), np.full(400, DT)
+    z[200] = fault.get("z", z[200])
+    u[200] = fault.get("u", 0.0)
+    dt[200] = fault.get("dt", DT)
+    estimator = joint()
+    result = run(estimator, z, u, dt)
+    assert result.status[200] == status
+    assert not np.delete(result.status, 200).any()
+    assert np.abs(result.x[:, 0] - truth).max() < 0.05
+    assert sound(result.P)
+    smoothed = estimator.smooth(result)
+    assert sound(smoothed.P)
+    assert np.abs(smoothed.x[:, 0] - truth).max() < 0.05
+
+
+@njit(error_model="numpy")
+def fragile(x, u, dt, parameters, out):
+    out[0] = x[0] + dt * x[1] + (np.nan if u[0] > 1.0 else 0.0)
+    if u[0] > -1.0:  # below, the second element is never written
+        out[1] = x[1]
+
+
+@njit(error_model="numpy")
+def fragile_measurement(x, u, parameters, out):
+    out[0] = np.sqrt(x[0]) if u[0] != 0.5 else np.inf
+
+
+def test_model_functions_that_fail() -> None:
+    model = StateSpaceModel(
+        fragile, fragile_measurement, 1e-6 * np.eye(2), [[1e-4]],
+        states=("x", "v"), measurements=("root",), inputs=("fault",),
+    )  # fmt: skip
+    estimator = UnscentedFilter(model)
+    u = np.zeros((6, 1))
+    u[[1, 3, 5], 0] = 2.0, -2.0, 0.5
+    result = estimator.run(np.full(6, 2.0), u, x0=[4.0, 0.0], P0=1e-2 * np.eye(2), dt=DT)
+    failed = int(Status.TRANSITION_FAILED)
+    assert list(result.status) == [0, failed, 0, failed, 0, int(Status.MEASUREMENT_FAILED)]
+    assert sound(result.P)
+    assert sound(estimator.smooth(result).P)
+    # Held state, still corrected by the measurement; its variance grew by the process noise first.
+    assert np.abs(result.x[:, 0] - 4.0).max() < 1e-3
+    # A square root of a negative point fails; the prediction stands.
+    low = estimator.run([0.0], [[0.0]], x0=[0.01, 0.0], P0=np.eye(2), dt=DT)
+    assert low.status[0] == Status.MEASUREMENT_FAILED
+    assert low.x[0, 0] == pytest.approx(0.01, abs=1e-12)
+
+
+def test_noise_function_that_fails_keeps_the_last_noise() -> None:
+    @njit
+    def still(x, u, dt, parameters, out):
+        out[0] = x[0]
+
+    @njit
+    def seen(x, u, parameters, out):
+        out[0] = x[0]
+
+    @njit
+    def noise(x, u, dt, parameters, out):
+        out[0, 0] = u[0]
+
+    model = StateSpaceModel(
+        still, seen, noise, [[1.0]], states=("x",), measurements=("z",), inputs=("variance",)
+    )
+    u = np.array([[1.0], [-1.0], [1e200], [2.0]])
+    result = UnscentedFilter(model).run(np.full(4, np.nan), u, x0=[0.0], P0=[[0.0]], dt=DT)
+    np.testing.assert_allclose(result.P[:, 0, 0], [1.0, 2.0, 3.0, 5.0])
+    bits = result.status & ~int(Status.MISSING)
+    assert list(bits) == [0, int(Status.TRANSITION_FAILED), int(Status.INVALID_INPUT), 0]
+
+
+def test_negative_weights_that_give_no_covariance_are_left_out() -> None:
+    @njit
+    def bowl(x, u, dt, parameters, out):
+        out[0] = x[0] ** 2 + x[1] ** 2
+        out[1] = out[0]
+
+    @njit
+    def seen(x, u, parameters, out):
+        out[0] = x[0]
+
+    model = StateSpaceModel(
+        bowl, seen, np.zeros((2, 2)), [[1.0]], states=("a", "b"), measurements=("z",)
+    )
+    for square_root in (False, True):
+        estimator = UnscentedFilter(model, LambdaSigmaPoints(-1.5), square_root=square_root)
+        result = estimator.run([np.nan], x0=[0.0, 0.0], P0=np.eye(2), dt=DT)
+        assert result.status[0] == Status.MISSING | Status.COVARIANCE_REPAIRED
+        assert sound(result.P)
+        assert result.P[0, 0, 0] > 0.0
+
+
+@njit(error_model="numpy")
+def hostile(x, u, dt, parameters, out):
+    """Grows, folds, divides by zero and takes logarithms of whatever it gets."""
+    kind = int(abs(u[0]) * 7.0) % 8 if abs(u[0]) < 1e9 else 7
+    out[0] = x[0] + dt * x[1]
+    out[1] = x[1] + u[1]
+    out[2] = x[2]
+    if kind == 1:
+        out[0] = x[1] / x[2]
+    elif kind == 2:
+        out[1] = np.exp(x[0])
+    elif kind == 3:
+        out[2] = np.log(x[2])
+    elif kind == 4:
+        out[0], out[1], out[2] = x[0] * 1e30, x[1] * -1e25, x[0] * x[1]
+    elif kind == 5:
+        out[2] = np.sqrt(x[0])
+    elif kind == 6:
+        out[0], out[1], out[2] = 0.0, 0.0, 0.0
+    elif kind == 7:
+        out[0], out[1], out[2] = np.sin(x[0]), np.cos(x[1]), 1e-300 * x[2]
+
+
+@njit(error_model="numpy")
+def hostile_measurement(x, u, parameters, out):
+    out[0] = x[0] * x[1] if abs(u[1]) < 5.0 else np.exp(x[0])
+    out[1] = x[2] / (x[0] if u[0] > 0.0 else 1.0)
+
+
+@njit(error_model="numpy")
+def hostile_noise(x, u, dt, parameters, out):
+    out[0, 0] = abs(u[0]) * dt
+    out[1, 1] = u[1]
+    out[2, 2] = x[2]
+    out[0, 1] = out[1, 0] = 0.1 * u[0]
+
+
+def garbage(rng: np.random.Generator, shape: tuple[int, ...], usual: float) -> np.ndarray:
+    """Mostly plausible numbers, and every kind of number that breaks things."""
+    values = rng.normal(size=shape) * usual
+    odd = np.array(
+        [np.nan, np.inf, -np.inf, 0.0, 1e308, -1e308, 1e155, 1e99, 5e-324, -1e-200, 1e-9]
+    )
+    which = rng.random(shape)
+    values = np.where(which < 0.1, rng.choice(odd, size=shape), values)
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.where(which > 0.95, values * 10.0 ** rng.uniform(-30, 30, shape), values)
+
+
+@settings(max_examples=20)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    second=st.booleans(),
+    root=st.booleans(),
+    gate=st.sampled_from([None, Gate(0.99, 3), Gate(0.5, 0)]),
+    points=st.sampled_from([ScaledSigmaPoints(), LambdaSigmaPoints(-2.0), ScaledSigmaPoints(1e-3)]),
+    angles=st.sampled_from([(), ("a", "y"), ("a", "b", "c", "y", "z")]),
+    constant_noise=st.booleans(),
+)
+def test_a_million_steps_of_garbage(
+    seed, second, root, gate, points, angles, constant_noise
+) -> None:
+    """Twenty draws of 50 000 steps: the state stays finite and its covariance a covariance."""
+    rng = np.random.default_rng(seed)
+    model = StateSpaceModel(
+        hostile,
+        hostile_measurement,
+        np.diag([1e-6, 1e-3, 1e-9]) if constant_noise else hostile_noise,
+        np.diag([1e-4, 1e-2]),
+        states=("a", "b", "c"),
+        measurements=("y", "z"),
+        inputs=("kind", "kick"),
+        angles=angles,
+    )
+    estimator = UnscentedFilter(model, points, second, root, gate)
+    rows = 50_000
+    result = estimator.run(
+        garbage(rng, (rows, 2), 1.0),
+        garbage(rng, (rows, 2), 1.0),
+        x0=rng.normal(size=3),
+        P0=np.diag([1.0, 0.0, 1e-6]),
+        dt=garbage(rng, (rows,), 0.01),
+    )
+    assert np.all(np.isfinite(result.x))
+    assert sound(result.P)
+    smoothed = estimator.smooth(result)
+    assert np.all(np.isfinite(smoothed.x))
+    assert sound(smoothed.P)

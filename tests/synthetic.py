@@ -1,0 +1,37 @@
+"""Small synthetic recordings of a RAVEN-II."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from truejoint.recordings import Provenance, Recording
+from truejoint.robots import get_robot
+
+
+def build_recording(
+    n: int = 1500, seed: int = 0, *, rate: float = 30.0, **origin: str
+) -> Recording:
+    """Smooth random motion of all joints; the error is an offset, a slope and a play in effort."""
+    rng = np.random.default_rng(seed)
+    robot = get_robot("raven2", origin.get("arm", "left"))
+    t = np.cumsum(rng.uniform(0.8, 1.2, n)) / rate
+    columns = {"t": t}
+    for channel in robot.channels:
+        if channel in robot.unused_channels:
+            columns[f"measured/{channel}"] = columns[f"effort/{channel}"] = np.zeros(n)
+            continue
+        frequency, phase = rng.uniform(0.1, 0.6, 3), rng.uniform(0, 6, 3)
+        waves = np.sin(2 * np.pi * np.outer(t, frequency) + phase)
+        columns[f"measured/{channel}"] = 0.5 + 0.1 * waves.sum(axis=1)
+        columns[f"effort/{channel}"] = np.tanh(np.gradient(waves[:, 0], t)) + rng.normal(0, 0.05, n)
+    for k, joint in enumerate(robot.positioning):
+        q, effort = columns[f"measured/{joint}"], columns[f"effort/{joint}"]
+        error = 0.02 * (k + 1) + 0.05 * (q - 0.5) - 0.004 * effort + 0.1 * (q - 0.5) ** 2
+        columns[f"truth/{joint}"] = q + error + rng.normal(0, 1e-4, n)
+    provenance = Provenance(
+        "raven2", source=f"synthetic-{seed}", session=f"s{seed}", homing_id="h1"
+    )
+    units = {f"effort/{channel}": "Nm" for channel in robot.channels}
+    return Recording.from_columns(columns, replace(provenance, **origin), units)
