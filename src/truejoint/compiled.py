@@ -1,13 +1,26 @@
-"""How the kernels of this package are compiled."""
+# ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
+"""How kernels are compiled, see parts of flat arrays, and are called through their addresses."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
-from numba import njit
+import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import njit, types
+from numba.experimental.function_type import _get_wrapper_address
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array, populate_array
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
+
+VECTOR = types.float64[::1]
+INTEGERS = types.int64[::1]
+MATRIX = types.float64[:, ::1]
 
 
 def compiled(kernel: Kernel) -> Kernel:
@@ -17,3 +30,95 @@ def compiled(kernel: Kernel) -> Kernel:
     so that a kernel gives the same bits for one row as for a whole recording.
     """
     return cast("Kernel", njit(cache=True, error_model="numpy")(kernel))
+
+
+def inlined(kernel: Kernel) -> Kernel:
+    """Compile a kernel as `compiled` does, into its callers: passing many arrays costs more."""
+    return cast("Kernel", njit(cache=True, error_model="numpy", forceinline=True)(kernel))
+
+
+def address(function: Any, signature: Any) -> int:
+    """Address at which a compiled function can be called; compiles it if it is not yet.
+
+    Parameters
+    ----------
+    function : numba dispatcher
+        Made with `numba.njit`.
+    signature : numba signature
+        Types of its arguments.
+
+    Returns
+    -------
+    int
+        Valid as long as `function` lives.
+    """
+    function.compile(signature)
+    return int(_get_wrapper_address(function, signature))
+
+
+def call_address(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    """Code of an intrinsic whose first argument is the address of what the others go to."""
+    parameters = [context.get_value_type(kind) for kind in signature.args[1:]]
+    pointer = ir.FunctionType(ir.VoidType(), parameters).as_pointer()
+    builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
+    return context.get_dummy_value()
+
+
+def _view(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+    lengths = list(args[2:])
+    source = make_array(signature.args[0])(context, builder, args[0])
+    view = make_array(signature.return_type)(context, builder)
+    width = context.get_constant(types.intp, 8)
+    strides = [width] if len(lengths) == 1 else [builder.mul(lengths[1], width), width]
+    populate_array(
+        view,
+        data=builder.gep(source.data, [args[1]]),
+        shape=lengths,
+        strides=strides,
+        itemsize=width,
+        meminfo=None,
+    )
+    return view._getvalue()
+
+
+@intrinsic
+def vector(_typing: Any, memory: Any, offset: Any, length: Any) -> Any:
+    """View of `length` numbers of a 1-D array from `offset` on, without counting references."""
+    return types.Array(memory.dtype, 1, "C")(memory, types.intp, types.intp), _view
+
+
+@intrinsic
+def matrix(_typing: Any, memory: Any, offset: Any, rows: Any, columns: Any) -> Any:
+    """View of a 1-D array from `offset` on as a matrix, row by row, without counting references."""
+    kind = types.Array(memory.dtype, 2, "C")
+    return kind(memory, types.intp, types.intp, types.intp), _view
+
+
+@intrinsic
+def borrow(_typing: Any, array: Any) -> Any:
+    """Lend an array without its reference count, which every call would change atomically.
+
+    The caller holds on to the array while the borrowed one is in use.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        borrowed = make_array(signature.args[0])(context, builder, args[0])
+        borrowed.meminfo = ir.Constant(borrowed.meminfo.type, None)
+        borrowed.parent = ir.Constant(borrowed.parent.type, None)
+        return borrowed._getvalue()
+
+    return array(array), generate
+
+
+@compiled
+def copy(source: Array, target: Array, count: int) -> None:
+    """Copy numbers one by one; NumPy's `target[:] = source` compiles for seconds."""
+    for i in range(count):
+        target[i] = source[i]
+
+
+@compiled
+def fill(target: Array, count: int, value: float) -> None:
+    """Write one value into `count` elements."""
+    for i in range(count):
+        target[i] = value

@@ -11,19 +11,10 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import compiled
-from truejoint.filters import memory as lay
-from truejoint.filters.factors import inlined, solve_rows, wrap
-from truejoint.filters.memory import (
-    Array,
-    Integers,
-    call_measurement,
-    copy,
-    fill,
-    integers,
-    matrix,
-    vector,
-)
+from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
+from truejoint.filters import fields as at
+from truejoint.filters.factors import solve_rows, wrap
+from truejoint.filters.fields import call_measurement
 from truejoint.filters.prediction import LIMIT, finish, place_points, within_limit
 from truejoint.filters.status import FilterStatus
 
@@ -43,22 +34,22 @@ _LOG_2_PI: Final = math.log(2.0 * math.pi)
 @compiled
 def _choose_measurements(numbers: Integers, memory: Array) -> int:
     """List the components of the measurement that are there; status bits."""
-    m = numbers[lay.M]
-    z = vector(memory, numbers[lay.Z], m)
-    innovation = vector(memory, numbers[lay.INNOVATION], m)
+    m = numbers[at.M]
+    z = vector(memory, numbers[at.Z], m)
+    innovation = vector(memory, numbers[at.INNOVATION], m)
     status = 0
     count = 0
     for i in range(m):
         innovation[i] = np.nan
         if abs(z[i]) <= LIMIT:
-            numbers[numbers[lay.CHOSEN] + count] = i
+            numbers[numbers[at.CHOSEN] + count] = i
             count += 1
         elif not math.isnan(z[i]):
             status |= _INVALID_MEASUREMENT
-    numbers[lay.OBSERVED] = count
-    memory[lay.NIS] = np.nan
-    memory[lay.LOGLIK] = 0.0
-    memory[lay.INFLATION] = 1.0
+    numbers[at.OBSERVED] = count
+    memory[at.NIS] = np.nan
+    memory[at.LOGLIK] = 0.0
+    memory[at.INFLATION] = 1.0
     if count == 0:
         status |= _MISSING
     elif count < m:
@@ -69,32 +60,32 @@ def _choose_measurements(numbers: Integers, memory: Array) -> int:
 @compiled
 def _observe(numbers: Integers, memory: Array) -> bool:
     """Send the sigma points through the measurement function, (19); False if unusable."""
-    n, m = numbers[lay.N], numbers[lay.M]
-    count = numbers[lay.OBSERVED]
-    chosen = integers(numbers, numbers[lay.CHOSEN], count)
-    angles = integers(numbers, numbers[lay.ANGLES] + n, m)
-    u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
-    theta = vector(memory, numbers[lay.THETA], numbers[lay.PARAMETERS])
-    centre = vector(memory, numbers[lay.CENTRE], n)
-    point = vector(memory, numbers[lay.POINT], n)
-    image = vector(memory, numbers[lay.IMAGE], m)
-    z_mean = vector(memory, numbers[lay.Z_MEAN], count)
-    z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
+    n, m = numbers[at.N], numbers[at.M]
+    count = numbers[at.OBSERVED]
+    chosen = vector(numbers, numbers[at.CHOSEN], count)
+    angles = vector(numbers, numbers[at.ANGLES] + n, m)
+    u = vector(memory, numbers[at.U], numbers[at.INPUTS])
+    theta = vector(memory, numbers[at.THETA], numbers[at.PARAMETERS])
+    centre = vector(memory, numbers[at.CENTRE], n)
+    point = vector(memory, numbers[at.POINT], n)
+    image = vector(memory, numbers[at.IMAGE], m)
+    z_mean = vector(memory, numbers[at.Z_MEAN], count)
+    z_shift = vector(memory, numbers[at.Z_SHIFT], count)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
     fill(image, m, np.nan)
     copy(centre, point, n)
-    call_measurement(numbers[lay.H], point, u, theta, image)
+    call_measurement(numbers[at.H], point, u, theta, image)
     for c in range(count):
         z_mean[c] = image[chosen[c]]
         z_shift[c] = 0.0
     if not within_limit(z_mean, count, LIMIT):
         return False
-    for k in range(numbers[lay.POINTS]):
+    for k in range(numbers[at.POINTS]):
         for i in range(n):
             point[i] = centre[i] + deviations[k, i]
         fill(image, m, np.nan)
-        call_measurement(numbers[lay.H], point, u, theta, image)
+        call_measurement(numbers[at.H], point, u, theta, image)
         for c in range(count):
             i = chosen[c]
             difference = image[i] - z_mean[c]
@@ -104,7 +95,7 @@ def _observe(numbers: Integers, memory: Array) -> bool:
                 difference = wrap(difference)
             z_deviations[k, c] = difference
             z_shift[c] += difference
-    weight = memory[lay.ROOT_WEIGHT] ** 2
+    weight = memory[at.ROOT_WEIGHT] ** 2
     for c in range(count):
         z_shift[c] *= weight
         z_mean[c] += z_shift[c]
@@ -114,20 +105,20 @@ def _observe(numbers: Integers, memory: Array) -> bool:
 @compiled
 def _innovate(numbers: Integers, memory: Array) -> int:
     """Innovation, its covariance, (20), and its NIS; status bits."""
-    n, m = numbers[lay.N], numbers[lay.M]
-    count = numbers[lay.OBSERVED]
-    chosen = integers(numbers, numbers[lay.CHOSEN], count)
-    points = numbers[lay.POINTS]
+    n, m = numbers[at.N], numbers[at.M]
+    count = numbers[at.OBSERVED]
+    chosen = vector(numbers, numbers[at.CHOSEN], count)
+    points = numbers[at.POINTS]
     if not _observe(numbers, memory):
         return _MEASUREMENT_FAILED
-    z = vector(memory, numbers[lay.Z], m)
-    z_mean = vector(memory, numbers[lay.Z_MEAN], count)
-    innovation = vector(memory, numbers[lay.INNOVATION], m)
-    white = vector(memory, numbers[lay.WHITE], count)
-    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
-    noise = matrix(memory, numbers[lay.R], m, m)
-    stack = matrix(memory, numbers[lay.STACK], 4 * n + m + 1, count)
-    root = memory[lay.ROOT_WEIGHT]
+    z = vector(memory, numbers[at.Z], m)
+    z_mean = vector(memory, numbers[at.Z_MEAN], count)
+    innovation = vector(memory, numbers[at.INNOVATION], m)
+    white = vector(memory, numbers[at.WHITE], count)
+    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
+    noise = matrix(memory, numbers[at.R], m, m)
+    stack = matrix(memory, numbers[at.STACK], 4 * n + m + 1, count)
+    root = memory[at.ROOT_WEIGHT]
     for k in range(points):
         for c in range(count):
             stack[k, c] = root * z_deviations[k, c]
@@ -135,10 +126,10 @@ def _innovate(numbers: Integers, memory: Array) -> int:
         row = stack[points + j]
         for c in range(count):
             row[c] = noise[chosen[c], j]
-    whole = finish(numbers, memory, stack, points + m, count, lay.Z_SHIFT, lay.P_ZZ, lay.S_ZZ)
+    whole = finish(numbers, memory, stack, points + m, count, at.Z_SHIFT, at.P_ZZ, at.S_ZZ)
     status = 0 if whole else _REPAIRED
-    factor = matrix(memory, numbers[lay.S_ZZ], count, count)
-    angles = integers(numbers, numbers[lay.ANGLES] + n, m)
+    factor = matrix(memory, numbers[at.S_ZZ], count, count)
+    angles = vector(numbers, numbers[at.ANGLES] + n, m)
     nis, logarithm, product, rank = 0.0, 0.0, 1.0, 0
     for c in range(count):
         i = chosen[c]
@@ -158,37 +149,37 @@ def _innovate(numbers: Integers, memory: Array) -> int:
         else:
             white[c] = 0.0
             status |= _SINGULAR
-    memory[lay.NIS] = nis
-    memory[lay.LOGLIK] = -0.5 * (nis + rank * _LOG_2_PI) - logarithm - math.log(product)
+    memory[at.NIS] = nis
+    memory[at.LOGLIK] = -0.5 * (nis + rank * _LOG_2_PI) - logarithm - math.log(product)
     return status
 
 
 @inlined
 def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
     """Draw sigma points again from the predicted mean and covariance, (18)."""
-    n = numbers[lay.N]
-    place_points(numbers, memory, lay.S_MEAN, scale)
-    copy(vector(memory, numbers[lay.X_MEAN], n), vector(memory, numbers[lay.CENTRE], n), n)
-    fill(vector(memory, numbers[lay.SHIFT], n), n, 0.0)
+    n = numbers[at.N]
+    place_points(numbers, memory, at.S_MEAN, scale)
+    copy(vector(memory, numbers[at.X_MEAN], n), vector(memory, numbers[at.CENTRE], n), n)
+    fill(vector(memory, numbers[at.SHIFT], n), n, 0.0)
 
 
 @inlined
 def _gain(numbers: Integers, memory: Array) -> None:
     """Covariance of state and measurement, (21), divided by that of the measurement, (22)."""
-    n, count, points = numbers[lay.N], numbers[lay.OBSERVED], numbers[lay.POINTS]
-    shift = vector(memory, numbers[lay.SHIFT], n)
-    z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
-    gain = matrix(memory, numbers[lay.GAIN], n, count)
-    weight = memory[lay.ROOT_WEIGHT] ** 2
+    n, count, points = numbers[at.N], numbers[at.OBSERVED], numbers[at.POINTS]
+    shift = vector(memory, numbers[at.SHIFT], n)
+    z_shift = vector(memory, numbers[at.Z_SHIFT], count)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
+    gain = matrix(memory, numbers[at.GAIN], n, count)
+    weight = memory[at.ROOT_WEIGHT] ** 2
     for i in range(n):
         for c in range(count):
             total = 0.0
             for k in range(points):
                 total += deviations[k, i] * z_deviations[k, c]
-            gain[i, c] = weight * total + memory[lay.CORRECTION] * shift[i] * z_shift[c]
-    solve_rows(matrix(memory, numbers[lay.S_ZZ], count, count), count, gain, n)
+            gain[i, c] = weight * total + memory[at.CORRECTION] * shift[i] * z_shift[c]
+    solve_rows(matrix(memory, numbers[at.S_ZZ], count, count), count, gain, n)
 
 
 @compiled
@@ -199,23 +190,23 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
     of the corrected points plus the gain's share of the measurement noise. For this gain that is
     (23), but it cannot turn indefinite.
     """
-    n, m = numbers[lay.N], numbers[lay.M]
-    count = numbers[lay.OBSERVED]
-    chosen = integers(numbers, numbers[lay.CHOSEN], count)
-    points = numbers[lay.POINTS]
-    x = vector(memory, numbers[lay.X], n)
-    x_mean = vector(memory, numbers[lay.X_MEAN], n)
-    shift = vector(memory, numbers[lay.SHIFT], n)
-    innovation = vector(memory, numbers[lay.INNOVATION], m)
-    z_shift = vector(memory, numbers[lay.Z_SHIFT], count)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    z_deviations = matrix(memory, numbers[lay.Z_DEVIATIONS], 4 * n, count)
-    noise = matrix(memory, numbers[lay.R], m, m)
-    gain = matrix(memory, numbers[lay.GAIN], n, count)
-    stack = matrix(memory, numbers[lay.STACK], 4 * n + m + 1, n)
-    root = memory[lay.ROOT_WEIGHT]
+    n, m = numbers[at.N], numbers[at.M]
+    count = numbers[at.OBSERVED]
+    chosen = vector(numbers, numbers[at.CHOSEN], count)
+    points = numbers[at.POINTS]
+    x = vector(memory, numbers[at.X], n)
+    x_mean = vector(memory, numbers[at.X_MEAN], n)
+    shift = vector(memory, numbers[at.SHIFT], n)
+    innovation = vector(memory, numbers[at.INNOVATION], m)
+    z_shift = vector(memory, numbers[at.Z_SHIFT], count)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
+    noise = matrix(memory, numbers[at.R], m, m)
+    gain = matrix(memory, numbers[at.GAIN], n, count)
+    stack = matrix(memory, numbers[at.STACK], 4 * n + m + 1, n)
+    root = memory[at.ROOT_WEIGHT]
     _gain(numbers, memory)
-    angles = integers(numbers, numbers[lay.ANGLES], n)
+    angles = vector(numbers, numbers[at.ANGLES], n)
     for j in range(m):
         row = stack[points + j]
         for i in range(n):
@@ -235,8 +226,8 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
             shift[i] -= gain[i, c] * z_shift[c]
         if angles[i]:
             x[i] = wrap(x[i])
-    whole = finish(numbers, memory, stack, points + m, n, lay.SHIFT, lay.P, lay.S)
-    covariance = vector(memory, numbers[lay.P], n * n)
+    whole = finish(numbers, memory, stack, points + m, n, at.SHIFT, at.P, at.S)
+    covariance = vector(memory, numbers[at.P], n * n)
     if within_limit(x, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2):
         return 0 if whole else _REPAIRED
     _keep_prediction(numbers, memory)
@@ -246,14 +237,18 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
 @inlined
 def _keep_prediction(numbers: Integers, memory: Array) -> None:
     """Take the prediction for the state."""
-    n = numbers[lay.N]
+    n = numbers[at.N]
     square = n * n
-    copy(vector(memory, numbers[lay.X_MEAN], n), vector(memory, numbers[lay.X], n), n)
+    copy(vector(memory, numbers[at.X_MEAN], n), vector(memory, numbers[at.X], n), n)
     copy(
-        vector(memory, numbers[lay.P_MEAN], square), vector(memory, numbers[lay.P], square), square
+        vector(memory, numbers[at.P_MEAN], square),
+        vector(memory, numbers[at.P], square),
+        square,
     )
     copy(
-        vector(memory, numbers[lay.S_MEAN], square), vector(memory, numbers[lay.S], square), square
+        vector(memory, numbers[at.S_MEAN], square),
+        vector(memory, numbers[at.S], square),
+        square,
     )
 
 
@@ -268,19 +263,19 @@ def _reacquire(numbers: Integers, memory: Array, limit: float) -> int:
     status = 0
     for _ in range(_INFLATION_TRIES):
         # Twice at least, so that it ends; a thousandfold at most, so that it does not overshoot.
-        larger = inflation * min(max(memory[lay.NIS] / limit, 2.0), 1e3)
+        larger = inflation * min(max(memory[at.NIS] / limit, 2.0), 1e3)
         _second_generation(numbers, memory, math.sqrt(larger))
         attempt = _innovate(numbers, memory)
         if attempt & _MEASUREMENT_FAILED:
             break
         status = attempt
         inflation = larger
-        if memory[lay.NIS] <= limit:
-            memory[lay.INFLATION] = inflation
+        if memory[at.NIS] <= limit:
+            memory[at.INFLATION] = inflation
             return status | _REACQUIRED
     _second_generation(numbers, memory, math.sqrt(inflation))
     status |= _innovate(numbers, memory)
-    memory[lay.INFLATION] = inflation
+    memory[at.INFLATION] = inflation
     return status | _REACQUIRED
 
 
@@ -297,20 +292,20 @@ def correct(numbers: Integers, memory: Array) -> int:
     if status & _MISSING:
         _keep_prediction(numbers, memory)
         return status
-    if numbers[lay.SECOND] == 1:
+    if numbers[at.SECOND] == 1:
         _second_generation(numbers, memory, 1.0)
     status |= _innovate(numbers, memory)
-    limit = vector(memory, numbers[lay.GATE], numbers[lay.M] + 1)[numbers[lay.OBSERVED]]
-    if limit > 0.0 and not (status & _MEASUREMENT_FAILED) and not (memory[lay.NIS] <= limit):
-        if numbers[lay.REJECTED] < numbers[lay.PATIENCE]:
-            numbers[lay.REJECTED] += 1
-            memory[lay.LOGLIK] = 0.0
+    limit = vector(memory, numbers[at.GATE], numbers[at.M] + 1)[numbers[at.OBSERVED]]
+    if limit > 0.0 and not (status & _MEASUREMENT_FAILED) and not (memory[at.NIS] <= limit):
+        if numbers[at.REJECTED] < numbers[at.PATIENCE]:
+            numbers[at.REJECTED] += 1
+            memory[at.LOGLIK] = 0.0
             _keep_prediction(numbers, memory)
             return status | _GATED
         status |= _reacquire(numbers, memory, limit)
     if status & _MEASUREMENT_FAILED:
-        memory[lay.INFLATION] = 1.0
+        memory[at.INFLATION] = 1.0
         _keep_prediction(numbers, memory)
         return status
-    numbers[lay.REJECTED] = 0
+    numbers[at.REJECTED] = 0
     return status | _apply_gain(numbers, memory)

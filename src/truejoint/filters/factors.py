@@ -8,28 +8,14 @@ arrays that the caller owns and allocate nothing.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import TypeVar, cast
 
-import numpy as np
-import numpy.typing as npt
-from numba import njit
-
-from truejoint.compiled import compiled
-
-Array = npt.NDArray[np.float64]
-Kernel = TypeVar("Kernel", bound=Callable[..., object])
+from truejoint.compiled import Array, compiled, inlined
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
 _PIVOT = 64.0 * 2.220446049250313e-16
 # Rounding in a pivot grows with the conditioning of the rows before it. Only what is negative
 # beyond this share of the diagonal entry is held for an indefinite matrix.
 _INDEFINITE = 1e-8
-
-
-def inlined(kernel: Kernel) -> Kernel:
-    """Compile a kernel as `compiled` does, into its callers: passing many arrays costs more."""
-    return cast("Kernel", njit(cache=True, error_model="numpy", forceinline=True)(kernel))
 
 
 @compiled

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
+from truejoint.compiled import Array, Integers
+from truejoint.filters import fields as at
 from truejoint.filters import kernels
-from truejoint.filters import memory as lay
-from truejoint.filters.memory import Array, Integers
+from truejoint.filters.fields import allocate
 from truejoint.filters.sigma_points import (
     FilterError,
     LambdaSigmaPoints,
@@ -22,6 +23,7 @@ from truejoint.filters.state_space import (
     check_covariance,
     covariance_factor,
 )
+from truejoint.layout import Memory
 
 _step: Final = kernels.step
 
@@ -77,12 +79,12 @@ class FilterState:
     @property
     def nis(self) -> float:
         """Normalised innovation squared of the last step, NaN without a measurement."""
-        return float(self.memory[lay.NIS])
+        return float(self.memory[at.NIS])
 
     @property
     def loglik(self) -> float:
         """Log-likelihood of the last measurement; 0 if there was none or it was gated."""
-        return float(self.memory[lay.LOGLIK])
+        return float(self.memory[at.LOGLIK])
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,56 +202,55 @@ class UnscentedFilter:
             If a shape is wrong, a number not finite or P0 no covariance.
         """
         model = self.model
-        n, m, inputs = len(model.states), len(model.measurements), len(model.inputs)
+        n = len(model.states)
         mean = _numbers(x0, "x0")
         if mean.shape != (n,) or not np.all(np.abs(mean) <= 1e100):
             raise FilterError(f"x0: give {n} finite numbers ({', '.join(model.states)})")
         covariance = check_covariance(P0, n, "P0")
-        theta = np.asarray(model.parameters)
-        numbers, memory = lay.allocate(n, m, inputs, len(theta))
-
-        def put(block: int, values: Array) -> None:
-            memory[numbers[block] : numbers[block] + values.size] = values.ravel()
-
-        numbers[[lay.F, lay.H, lay.G]] = model.addresses
-        numbers[lay.SECOND], numbers[lay.ROOT] = self.second_generation, self.square_root
-        for i, name in enumerate((*model.states, *model.measurements)):
-            numbers[numbers[lay.ANGLES] + i] = name in model.angles
-        reach, correction = (
-            self.sigma_points.reach(self._directions),
-            self.sigma_points.centre_correction,
+        memory = self.memory(mean, covariance)
+        # With no measurement and dt = 0 a step changes nothing, but it compiles the kernel.
+        _step(memory.numbers.copy(), memory.memory.copy())
+        return FilterState(
+            owner=self,
+            numbers=memory.numbers,
+            memory=memory.memory,
+            x=memory.view("x"),
+            P=memory.view("covariance"),
+            innovation=memory.view("innovation"),
+            z=memory.view("z"),
+            u=memory.view("u"),
         )
-        memory[lay.REACH], memory[lay.ROOT_WEIGHT] = reach, np.sqrt(0.5) / reach
-        memory[lay.CORRECTION], memory[lay.ROOT_CORRECTION] = correction, np.sqrt(abs(correction))
-        put(lay.THETA, theta)
-        put(lay.R, covariance_factor(np.asarray(model.measurement_noise)))
-        if not callable(model.process_noise):
-            put(lay.Q, covariance_factor(np.asarray(model.process_noise)))
+
+    def memory(self, x0: Array, P0: Array) -> Memory:
+        """Lay out the kernels' memory, for a prior that `initial_state` would take."""
+        model, points = self.model, self.sigma_points
+        n, m = len(model.states), len(model.measurements)
+        reach, correction = points.reach(self._directions), points.centre_correction
+        factor = covariance_factor(P0)
+        functions = {"transition": model.transition, "measurement": model.measurement}
+        names = ("transition", "measurement", "process_noise")
+        given: dict[str, Any] = {
+            **dict(zip(names, model.addresses, strict=True)),
+            "second_generation": self.second_generation, "square_root": self.square_root,
+            "reach": reach, "root_weight": np.sqrt(0.5) / reach, "correction": correction,
+            "root_correction": np.sqrt(abs(correction)), "theta": model.parameters,
+            "u": np.zeros(len(model.inputs)), "z": np.full(m, np.nan),
+            "sensor_factor": covariance_factor(np.asarray(model.measurement_noise)),
+            "angles": [name in model.angles for name in (*model.states, *model.measurements)],
+            "x": x0, "covariance": P0, "factor": factor,
+            "x_prior": x0, "covariance_prior": P0, "factor_prior": factor,
+        }  # fmt: skip
+        if callable(model.process_noise):
+            functions["process_noise"] = model.process_noise
+        else:
+            given["noise_factor"] = covariance_factor(np.asarray(model.process_noise))
         if self.gate is not None:
             from scipy.stats import chi2  # noqa: PLC0415  # a control loop without a gate
 
-            numbers[lay.PATIENCE] = self.gate.patience
-            put(lay.GATE, np.append(0.0, chi2.ppf(self.gate.probability, np.arange(1, m + 1))))
-        put(lay.Z, np.full(m, np.nan))
-        # With no measurement and dt = 0 a step changes nothing, but it compiles the kernel.
-        _step(numbers.copy(), memory.copy())
-        put(lay.X, mean)
-        put(lay.P, covariance)
-        put(lay.S, covariance_factor(covariance))
-
-        def view(block: int, size: int) -> Array:
-            return memory[numbers[block] : numbers[block] + size]
-
-        return FilterState(
-            owner=self,
-            numbers=numbers,
-            memory=memory,
-            x=view(lay.X, n),
-            P=view(lay.P, n * n).reshape(n, n),
-            innovation=view(lay.INNOVATION, m),
-            z=view(lay.Z, m),
-            u=view(lay.U, inputs),
-        )
+            given["patience"] = self.gate.patience
+            limits = chi2.ppf(self.gate.probability, np.arange(1, m + 1))
+            given["gate"] = np.append(0.0, limits)
+        return allocate(n, m, functions, given)
 
     def step(self, state: FilterState, z: npt.ArrayLike, u: npt.ArrayLike | None, dt: float) -> int:
         """Advance a state by one sample, in place; for the loop, so it allocates nothing.
@@ -286,7 +287,7 @@ class UnscentedFilter:
             state.u[:] = u
         elif len(state.u):
             raise FilterError(f"u: give {len(state.u)} numbers, this model has control inputs")
-        state.memory[lay.DT] = dt
+        state.memory[at.DT] = dt
         return _step(state.numbers, state.memory)
 
     def run(

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from truejoint.compiled import compiled
-from truejoint.filters import memory as lay
+from truejoint.compiled import Array, Integers, borrow, compiled, copy, fill, vector
+from truejoint.filters import fields as at
 from truejoint.filters.correction import correct
-from truejoint.filters.memory import Array, Integers, borrow, copy, vector
 from truejoint.filters.prediction import predict
 
 
@@ -20,7 +19,9 @@ def step(numbers: Integers, memory: Array) -> int:
     """
     lent_numbers, lent_memory = borrow(numbers), borrow(memory)
     status = predict(lent_numbers, lent_memory)
-    return status | correct(lent_numbers, lent_memory)
+    status |= correct(lent_numbers, lent_memory)
+    numbers[at.STATUS] = status
+    return status
 
 
 @compiled
@@ -51,20 +52,34 @@ def run(
     nis, loglik, inflation, statuses : (N,) array
         Filled.
     """
-    n, m, inputs = numbers[lay.N], numbers[lay.M], numbers[lay.INPUTS]
-    row_z = vector(memory, numbers[lay.Z], m)
-    row_u = vector(memory, numbers[lay.U], inputs)
-    x = vector(memory, numbers[lay.X], n)
-    covariance = vector(memory, numbers[lay.P], n * n)
-    innovation = vector(memory, numbers[lay.INNOVATION], m)
+    n, m, inputs = numbers[at.N], numbers[at.M], numbers[at.INPUTS]
+    row_z = vector(memory, numbers[at.Z], m)
+    row_u = vector(memory, numbers[at.U], inputs)
+    x = vector(memory, numbers[at.X], n)
+    covariance = vector(memory, numbers[at.P], n * n)
+    innovation = vector(memory, numbers[at.INNOVATION], m)
     for k in range(z.shape[0]):
         copy(z[k], row_z, m)
         copy(u[k], row_u, inputs)
-        memory[lay.DT] = dt[k]
+        memory[at.DT] = dt[k]
         statuses[k] = step(numbers, memory)
         copy(x, states[k], n)
         copy(covariance, covariances[k], n * n)
         copy(innovation, innovations[k], m)
-        nis[k] = memory[lay.NIS]
-        loglik[k] = memory[lay.LOGLIK]
-        inflation[k] = memory[lay.INFLATION]
+        nis[k] = memory[at.NIS]
+        loglik[k] = memory[at.LOGLIK]
+        inflation[k] = memory[at.INFLATION]
+
+
+@compiled
+def restart(numbers: Integers, memory: Array) -> None:
+    """Put the filter back to where it stood before its first step."""
+    n = numbers[at.N]
+    copy(vector(memory, numbers[at.X_PRIOR], n), vector(memory, numbers[at.X], n), n)
+    prior = vector(memory, numbers[at.P_PRIOR], n * n)
+    copy(prior, vector(memory, numbers[at.P], n * n), n * n)
+    prior = vector(memory, numbers[at.S_PRIOR], n * n)
+    copy(prior, vector(memory, numbers[at.S], n * n), n * n)
+    if numbers[at.G] != 0:
+        fill(vector(memory, numbers[at.Q], n * n), n * n, 0.0)
+    numbers[at.REJECTED] = 0

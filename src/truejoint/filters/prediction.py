@@ -10,20 +10,10 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import compiled
-from truejoint.filters import memory as lay
-from truejoint.filters.factors import combine, inlined, semidefinite_cholesky, wrap
-from truejoint.filters.memory import (
-    Array,
-    Integers,
-    call_process_noise,
-    call_transition,
-    copy,
-    fill,
-    integers,
-    matrix,
-    vector,
-)
+from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
+from truejoint.filters import fields as at
+from truejoint.filters.factors import combine, semidefinite_cholesky, wrap
+from truejoint.filters.fields import call_process_noise, call_transition
 from truejoint.filters.status import FilterStatus
 
 LIMIT: Final = 1e100
@@ -48,10 +38,10 @@ def within_limit(values: Array, count: int, limit: float) -> bool:
 @inlined
 def place_points(numbers: Integers, memory: Array, factor_block: int, scale: float) -> None:
     """Deviations of 2 n sigma points, plus and minus reach times a factor's columns: (15), (18)."""
-    n = numbers[lay.N]
+    n = numbers[at.N]
     factor = matrix(memory, numbers[factor_block], n, n)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    reach = scale * memory[lay.REACH]
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    reach = scale * memory[at.REACH]
     for j in range(n):
         # One row at a time: numba takes each computed index for possibly negative.
         below, above = deviations[2 * j], deviations[2 * j + 1]
@@ -59,34 +49,34 @@ def place_points(numbers: Integers, memory: Array, factor_block: int, scale: flo
             step = reach * factor[i, j]
             below[i] = -step
             above[i] = step
-    numbers[lay.POINTS] = 2 * n
+    numbers[at.POINTS] = 2 * n
 
 
 @compiled
 def _propagate(numbers: Integers, memory: Array) -> bool:
     """Send the sigma points through the transition, (16); False if the images are unusable."""
-    n = numbers[lay.N]
-    x = vector(memory, numbers[lay.X], n)
-    u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
-    theta = vector(memory, numbers[lay.THETA], numbers[lay.PARAMETERS])
-    centre = vector(memory, numbers[lay.CENTRE], n)
-    point = vector(memory, numbers[lay.POINT], n)
-    image = vector(memory, numbers[lay.IMAGE], n)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    angles = integers(numbers, numbers[lay.ANGLES], n)
-    dt = memory[lay.DT]
+    n = numbers[at.N]
+    x = vector(memory, numbers[at.X], n)
+    u = vector(memory, numbers[at.U], numbers[at.INPUTS])
+    theta = vector(memory, numbers[at.THETA], numbers[at.PARAMETERS])
+    centre = vector(memory, numbers[at.CENTRE], n)
+    point = vector(memory, numbers[at.POINT], n)
+    image = vector(memory, numbers[at.IMAGE], n)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    angles = vector(numbers, numbers[at.ANGLES], n)
+    dt = memory[at.DT]
     # NaN first: a function that fails to write an element is found out.
     fill(image, n, np.nan)
     copy(x, point, n)
-    call_transition(numbers[lay.F], point, u, dt, theta, image)
+    call_transition(numbers[at.F], point, u, dt, theta, image)
     copy(image, centre, n)
     if not within_limit(centre, n, LIMIT):
         return False
-    for k in range(numbers[lay.POINTS]):
+    for k in range(numbers[at.POINTS]):
         for i in range(n):
             point[i] = x[i] + deviations[k, i]
             image[i] = np.nan
-        call_transition(numbers[lay.F], point, u, dt, theta, image)
+        call_transition(numbers[at.F], point, u, dt, theta, image)
         if not within_limit(image, n, LIMIT):
             return False
         for i in range(n):
@@ -98,30 +88,34 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
 @compiled
 def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     """Factor of the process noise at the present state; False, and the last one kept, if bad."""
-    n = numbers[lay.N]
-    entries = vector(memory, numbers[lay.NOISE], n * n)
-    noise = matrix(memory, numbers[lay.NOISE], n, n)
+    n = numbers[at.N]
+    entries = vector(memory, numbers[at.NOISE], n * n)
+    noise = matrix(memory, numbers[at.NOISE], n, n)
     fill(entries, n * n, 0.0)
     call_process_noise(
-        numbers[lay.G],
-        vector(memory, numbers[lay.X], n),
-        vector(memory, numbers[lay.U], numbers[lay.INPUTS]),
-        memory[lay.DT],
-        vector(memory, numbers[lay.THETA], numbers[lay.PARAMETERS]),
+        numbers[at.G],
+        vector(memory, numbers[at.X], n),
+        vector(memory, numbers[at.U], numbers[at.INPUTS]),
+        memory[at.DT],
+        vector(memory, numbers[at.THETA], numbers[at.PARAMETERS]),
         noise,
     )
     # Any array of the right size holds the factor until it is known to be good.
-    factor = matrix(memory, numbers[lay.S_MEAN], n, n)
+    factor = matrix(memory, numbers[at.S_MEAN], n, n)
     if not within_limit(entries, n * n, LIMIT) or not semidefinite_cholesky(noise, n, factor):
         return False
-    copy(vector(memory, numbers[lay.S_MEAN], n * n), vector(memory, numbers[lay.Q], n * n), n * n)
+    copy(
+        vector(memory, numbers[at.S_MEAN], n * n),
+        vector(memory, numbers[at.Q], n * n),
+        n * n,
+    )
     return True
 
 
 @compiled
 def _check_inputs(numbers: Integers, memory: Array) -> bool:
-    u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
-    return 0.0 <= memory[lay.DT] <= LIMIT and within_limit(u, numbers[lay.INPUTS], LIMIT)
+    u = vector(memory, numbers[at.U], numbers[at.INPUTS])
+    return 0.0 <= memory[at.DT] <= LIMIT and within_limit(u, numbers[at.INPUTS], LIMIT)
 
 
 @compiled
@@ -136,59 +130,59 @@ def predict(numbers: Integers, memory: Array) -> int:
     int
         Status bits.
     """
-    n = numbers[lay.N]
-    x = vector(memory, numbers[lay.X], n)
-    centre = vector(memory, numbers[lay.CENTRE], n)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    noise = matrix(memory, numbers[lay.Q], n, n)
-    moving = memory[lay.DT] != 0.0
+    n = numbers[at.N]
+    x = vector(memory, numbers[at.X], n)
+    centre = vector(memory, numbers[at.CENTRE], n)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    noise = matrix(memory, numbers[at.Q], n, n)
+    moving = memory[at.DT] != 0.0
     status = 0
     if not _check_inputs(numbers, memory):
         status = _INVALID_INPUT
-    elif moving and numbers[lay.G] != 0 and not _update_process_noise(numbers, memory):
+    elif moving and numbers[at.G] != 0 and not _update_process_noise(numbers, memory):
         status = _TRANSITION_FAILED
-    place_points(numbers, memory, lay.S, 1.0)
+    place_points(numbers, memory, at.S, 1.0)
     if moving and status == 0 and not _propagate(numbers, memory):
         status = _TRANSITION_FAILED
-        place_points(numbers, memory, lay.S, 1.0)
+        place_points(numbers, memory, at.S, 1.0)
     if status != 0 or not moving:
         copy(x, centre, n)
     status |= _combine_prediction(numbers, memory, moving)
-    mean = vector(memory, numbers[lay.X_MEAN], n)
-    covariance = vector(memory, numbers[lay.P_MEAN], n * n)
+    mean = vector(memory, numbers[at.X_MEAN], n)
+    covariance = vector(memory, numbers[at.P_MEAN], n * n)
     if not (within_limit(mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
-        factor = vector(memory, numbers[lay.S_MEAN], n * n)
+        factor = vector(memory, numbers[at.S_MEAN], n * n)
         copy(x, mean, n)
-        copy(vector(memory, numbers[lay.P], n * n), covariance, n * n)
-        copy(vector(memory, numbers[lay.S], n * n), factor, n * n)
-        place_points(numbers, memory, lay.S, 1.0)
+        copy(vector(memory, numbers[at.P], n * n), covariance, n * n)
+        copy(vector(memory, numbers[at.S], n * n), factor, n * n)
+        place_points(numbers, memory, at.S, 1.0)
         copy(x, centre, n)
-        fill(vector(memory, numbers[lay.SHIFT], n), n, 0.0)
+        fill(vector(memory, numbers[at.SHIFT], n), n, 0.0)
         return status | _OUT_OF_RANGE
-    if numbers[lay.SECOND] == 0:
+    if numbers[at.SECOND] == 0:
         # Points for the process noise too, so that the predicted measurement feels it.
         for j in range(n):
             below, above = deviations[2 * n + 2 * j], deviations[2 * n + 2 * j + 1]
             for i in range(n):
-                step = memory[lay.REACH] * noise[i, j] if moving else 0.0
+                step = memory[at.REACH] * noise[i, j] if moving else 0.0
                 below[i] = -step
                 above[i] = step
-        numbers[lay.POINTS] = 4 * n
+        numbers[at.POINTS] = 4 * n
     return status
 
 
 @compiled
 def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
     """Mean and covariance from the images of the sigma points, (17)."""
-    n = numbers[lay.N]
-    centre = vector(memory, numbers[lay.CENTRE], n)
-    shift = vector(memory, numbers[lay.SHIFT], n)
-    mean = vector(memory, numbers[lay.X_MEAN], n)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    noise = matrix(memory, numbers[lay.Q], n, n)
-    stack = matrix(memory, numbers[lay.STACK], 3 * n + 1, n)
-    angles = integers(numbers, numbers[lay.ANGLES], n)
-    root = memory[lay.ROOT_WEIGHT]
+    n = numbers[at.N]
+    centre = vector(memory, numbers[at.CENTRE], n)
+    shift = vector(memory, numbers[at.SHIFT], n)
+    mean = vector(memory, numbers[at.X_MEAN], n)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    noise = matrix(memory, numbers[at.Q], n, n)
+    stack = matrix(memory, numbers[at.STACK], 3 * n + 1, n)
+    angles = vector(numbers, numbers[at.ANGLES], n)
+    root = memory[at.ROOT_WEIGHT]
     for i in range(n):
         total = 0.0
         for k in range(2 * n):
@@ -205,7 +199,7 @@ def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
             for i in range(n):
                 row[i] = noise[i, j]
             rows += 1
-    whole = finish(numbers, memory, stack, rows, n, lay.SHIFT, lay.P_MEAN, lay.S_MEAN)
+    whole = finish(numbers, memory, stack, rows, n, at.SHIFT, at.P_MEAN, at.S_MEAN)
     return 0 if whole else _REPAIRED
 
 
@@ -222,9 +216,9 @@ def finish(
 ) -> bool:
     """Add the centre's term to a stack and combine it into covariance and factor."""
     shift = vector(memory, numbers[shift_block], size)
-    deficit = vector(memory, numbers[lay.DEFICIT], size)
-    correction = memory[lay.CORRECTION]
-    scale = memory[lay.ROOT_CORRECTION]
+    deficit = vector(memory, numbers[at.DEFICIT], size)
+    correction = memory[at.CORRECTION]
+    scale = memory[at.ROOT_CORRECTION]
     for i in range(size):
         deficit[i] = scale * shift[i]
     if correction > 0.0:
@@ -236,7 +230,7 @@ def finish(
         size,
         deficit,
         correction < 0.0,
-        numbers[lay.ROOT] == 1,
+        numbers[at.ROOT] == 1,
         matrix(memory, numbers[covariance_block], size, size),
         matrix(memory, numbers[factor_block], size, size),
     )

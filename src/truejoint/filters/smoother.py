@@ -5,15 +5,9 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from truejoint.compiled import compiled
-from truejoint.filters import memory as lay
-from truejoint.filters.factors import (
-    combine,
-    semidefinite_cholesky,
-    solve_rows,
-    wrap,
-)
-from truejoint.filters.memory import Array, Integers, copy, matrix, vector
+from truejoint.compiled import Array, Integers, compiled, copy, matrix, vector
+from truejoint.filters import fields as at
+from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
 from truejoint.filters.prediction import LIMIT, predict, within_limit
 from truejoint.filters.status import BROKEN_PREDICTION
 
@@ -23,29 +17,29 @@ _BROKEN: Final = int(BROKEN_PREDICTION)
 @compiled
 def _load(numbers: Integers, memory: Array, x: Array, covariance: Array) -> None:
     """Put a filtered state and its factor where the prediction starts from."""
-    n = numbers[lay.N]
-    copy(x, vector(memory, numbers[lay.X], n), n)
+    n = numbers[at.N]
+    copy(x, vector(memory, numbers[at.X], n), n)
     for i in range(n):
-        copy(covariance[i], matrix(memory, numbers[lay.P], n, n)[i], n)
-    semidefinite_cholesky(covariance, n, matrix(memory, numbers[lay.S], n, n))
+        copy(covariance[i], matrix(memory, numbers[at.P], n, n)[i], n)
+    semidefinite_cholesky(covariance, n, matrix(memory, numbers[at.S], n, n))
 
 
 @compiled
 def _gain(numbers: Integers, memory: Array, inflation: float, gain: Array) -> None:
     """Smoother gain: covariance of state and prediction, divided by that of the prediction."""
-    n = numbers[lay.N]
-    factor = matrix(memory, numbers[lay.S], n, n)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
+    n = numbers[at.N]
+    factor = matrix(memory, numbers[at.S], n, n)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
     # Points stand in pairs at plus and minus reach times a column of the factor and weigh
     # 1 / (2 reach^2): the sum over a pair is the column times a difference of images.
-    weight = 0.5 / (memory[lay.REACH] * inflation)
+    weight = 0.5 / (memory[at.REACH] * inflation)
     for i in range(n):
         for j in range(n):
             total = 0.0
             for k in range(n):
                 total += factor[i, k] * (deviations[2 * k + 1, j] - deviations[2 * k, j])
             gain[i, j] = weight * total
-    solve_rows(matrix(memory, numbers[lay.S_MEAN], n, n), n, gain, n)
+    solve_rows(matrix(memory, numbers[at.S_MEAN], n, n), n, gain, n)
 
 
 @compiled
@@ -53,14 +47,14 @@ def _fill_stack(
     numbers: Integers, memory: Array, inflation: float, gain: Array, later: Array, stack: Array
 ) -> int:
     """Outer products whose sum is the smoothed covariance, all of them positive; their number."""
-    n = numbers[lay.N]
-    factor = matrix(memory, numbers[lay.S], n, n)
-    predicted = matrix(memory, numbers[lay.S_MEAN], n, n)
-    noise = matrix(memory, numbers[lay.Q], n, n)
-    deviations = matrix(memory, numbers[lay.DEVIATIONS], 4 * n, n)
-    reach = memory[lay.REACH]
-    root = memory[lay.ROOT_WEIGHT]
-    moving = 1.0 if memory[lay.DT] != 0.0 else 0.0
+    n = numbers[at.N]
+    factor = matrix(memory, numbers[at.S], n, n)
+    predicted = matrix(memory, numbers[at.S_MEAN], n, n)
+    noise = matrix(memory, numbers[at.Q], n, n)
+    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    reach = memory[at.REACH]
+    root = memory[at.ROOT_WEIGHT]
+    moving = 1.0 if memory[at.DT] != 0.0 else 0.0
     surplus = math.sqrt(inflation - 1.0)
     for i in range(n):
         for j in range(n):
@@ -83,21 +77,21 @@ def _fill_stack(
 @compiled
 def _move(numbers: Integers, memory: Array, gain: Array, x: Array, later_x: Array) -> bool:
     """Smoothed state into POINT and the centre's term into DEFICIT; False if out of range."""
-    n = numbers[lay.N]
-    shift = vector(memory, numbers[lay.SHIFT], n)
-    mean = vector(memory, numbers[lay.X_MEAN], n)
-    deficit = vector(memory, numbers[lay.DEFICIT], n)
-    smoothed = vector(memory, numbers[lay.POINT], n)
+    n = numbers[at.N]
+    shift = vector(memory, numbers[at.SHIFT], n)
+    mean = vector(memory, numbers[at.X_MEAN], n)
+    deficit = vector(memory, numbers[at.DEFICIT], n)
+    smoothed = vector(memory, numbers[at.POINT], n)
     for i in range(n):
         smoothed[i] = x[i]
         deficit[i] = 0.0
         for k in range(n):
             difference = later_x[k] - mean[k]
-            if numbers[numbers[lay.ANGLES] + k]:
+            if numbers[numbers[at.ANGLES] + k]:
                 difference = wrap(difference)
             smoothed[i] += gain[i, k] * difference
-            deficit[i] += memory[lay.ROOT_CORRECTION] * gain[i, k] * shift[k]
-        if numbers[numbers[lay.ANGLES] + i]:
+            deficit[i] += memory[at.ROOT_CORRECTION] * gain[i, k] * shift[k]
+        if numbers[numbers[at.ANGLES] + i]:
             smoothed[i] = wrap(smoothed[i])
     return bool(within_limit(smoothed, n, LIMIT))
 
@@ -113,20 +107,20 @@ def _smooth_one(
     later_covariance: Array,
 ) -> None:
     """Smooth the state that `_load` has put in place, given the smoothed state one row later."""
-    n = numbers[lay.N]
+    n = numbers[at.N]
     if predict(numbers, memory) & _BROKEN:
         return
-    gain = matrix(memory, numbers[lay.NOISE], n, n)
-    stack = matrix(memory, numbers[lay.STACK], 5 * n + 1, n)
-    deficit = vector(memory, numbers[lay.DEFICIT], n)
+    gain = matrix(memory, numbers[at.NOISE], n, n)
+    stack = matrix(memory, numbers[at.STACK], 5 * n + 1, n)
+    deficit = vector(memory, numbers[at.DEFICIT], n)
     # P_MEAN has done its duty: it holds the later factor, then the smoothed covariance.
-    scratch = matrix(memory, numbers[lay.P_MEAN], n, n)
+    scratch = matrix(memory, numbers[at.P_MEAN], n, n)
     _gain(numbers, memory, inflation, gain)
     if not _move(numbers, memory, gain, x, later_x):
         return
     semidefinite_cholesky(later_covariance, n, scratch)
     rows = _fill_stack(numbers, memory, inflation, gain, scratch, stack)
-    correction = memory[lay.CORRECTION]
+    correction = memory[at.CORRECTION]
     if correction > 0.0:
         copy(deficit, stack[rows], n)
         rows += 1
@@ -136,12 +130,12 @@ def _smooth_one(
         n,
         deficit,
         correction < 0.0,
-        numbers[lay.ROOT] == 1,
+        numbers[at.ROOT] == 1,
         scratch,
-        matrix(memory, numbers[lay.S_MEAN], n, n),
+        matrix(memory, numbers[at.S_MEAN], n, n),
     )
-    if within_limit(vector(memory, numbers[lay.P_MEAN], n * n), n * n, LIMIT**2):
-        copy(vector(memory, numbers[lay.POINT], n), x, n)
+    if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
+        copy(vector(memory, numbers[at.POINT], n), x, n)
         for i in range(n):
             copy(scratch[i], covariance[i], n)
 
@@ -172,12 +166,12 @@ def smooth(
     x, P : (N, n), (N, n, n) array
         Filtered states and covariances; replaced by smoothed ones.
     """
-    row_u = vector(memory, numbers[lay.U], numbers[lay.INPUTS])
+    row_u = vector(memory, numbers[at.U], numbers[at.INPUTS])
     for k in range(x.shape[0] - 2, -2, -1):
         if status[k + 1] & _BROKEN:
             continue
-        copy(u[k + 1], row_u, numbers[lay.INPUTS])
-        memory[lay.DT] = dt[k + 1]
+        copy(u[k + 1], row_u, numbers[at.INPUTS])
+        memory[at.DT] = dt[k + 1]
         if k < 0:
             _load(numbers, memory, x0, P0)
             _smooth_one(numbers, memory, inflation[0], x0, P0, x[0], P[0])

@@ -11,16 +11,9 @@ import numpy.typing as npt
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
-from truejoint.compiled import compiled
+from truejoint.compiled import Array, address, compiled, matrix
 from truejoint.filters.factors import semidefinite_cholesky
-from truejoint.filters.memory import (
-    MEASUREMENT,
-    PROCESS_NOISE,
-    TRANSITION,
-    Array,
-    address,
-    matrix,
-)
+from truejoint.filters.fields import MEASUREMENT, PROCESS_NOISE, TRANSITION
 from truejoint.filters.sigma_points import FilterError
 
 # How far from symmetric or from semidefinite, relative to the variances, rounding may leave a

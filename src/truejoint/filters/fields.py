@@ -1,0 +1,134 @@
+# ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
+"""What an unscented filter keeps in its memory, and how it calls its model.
+
+A model's functions are called through their addresses, so that one compiled filter, cached on disk,
+serves every model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+
+from truejoint.compiled import MATRIX, VECTOR, call_address
+from truejoint.layout import Layout, Memory
+
+TRANSITION: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, VECTOR)
+MEASUREMENT: Final = types.void(VECTOR, VECTOR, VECTOR, VECTOR)
+PROCESS_NOISE: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, MATRIX)
+
+LAYOUT: Final = Layout()
+N: Final = LAYOUT.integer("n_states", "states")
+M: Final = LAYOUT.integer("n_measurements", "measurements")
+INPUTS: Final = LAYOUT.integer("n_inputs", "control inputs")
+PARAMETERS: Final = LAYOUT.integer("n_parameters", "parameters of the model")
+F: Final = LAYOUT.address("transition", "state after a step")
+H: Final = LAYOUT.address("measurement", "what a state measures")
+G: Final = LAYOUT.address("process_noise", "its covariance; 0 where it is a constant matrix")
+SECOND: Final = LAYOUT.integer("second_generation", "1: sigma points are drawn again, (18)")
+ROOT: Final = LAYOUT.integer("square_root", "1: square-root form")
+PATIENCE: Final = LAYOUT.integer("patience", "measurements gated in a row before one is taken")
+REJECTED: Final = LAYOUT.integer("rejected", "measurements gated in a row so far")
+POINTS: Final = LAYOUT.integer("points", "sigma points around the centre")
+OBSERVED: Final = LAYOUT.integer("observed", "components of the measurement in use")
+STATUS: Final = LAYOUT.integer("status", "FILTER bits of the last step")
+
+REACH: Final = LAYOUT.scalar("reach", "of a sigma point, in deviations")
+ROOT_WEIGHT: Final = LAYOUT.scalar("root_weight", "square root of a point's weight")
+CORRECTION: Final = LAYOUT.scalar("correction", "weight of the centre's outer product")
+ROOT_CORRECTION: Final = LAYOUT.scalar("root_correction", "square root of its magnitude")
+DT: Final = LAYOUT.scalar("dt", "time since the step before [s]")
+NIS: Final = LAYOUT.scalar("nis", "normalised innovation squared")
+LOGLIK: Final = LAYOUT.scalar("loglik", "log-likelihood of the measurement")
+INFLATION: Final = LAYOUT.scalar("inflation", "of the covariance, where a measurement was far off")
+
+X: Final = LAYOUT.array("x", "state")
+P: Final = LAYOUT.array("covariance", "of the state")
+S: Final = LAYOUT.array("factor", "lower factor of the covariance")
+Z: Final = LAYOUT.array("z", "measurement, NaN where missing")
+U: Final = LAYOUT.array("u", "control input")
+INNOVATION: Final = LAYOUT.array("innovation", "measured less predicted, NaN where missing")
+Q: Final = LAYOUT.array("noise_factor", "lower factor of the process noise")
+X_PRIOR: Final = LAYOUT.array("x_prior", "state before the first step")
+P_PRIOR: Final = LAYOUT.array("covariance_prior", "of the state before the first step")
+S_PRIOR: Final = LAYOUT.array("factor_prior", "its lower factor")
+THETA: Final = LAYOUT.array("theta", "parameters of the model")
+R: Final = LAYOUT.array("sensor_factor", "lower factor of the measurement noise")
+GATE: Final = LAYOUT.array("gate", "NIS limit for 0, 1, ... components, all 0 without a gate")
+X_MEAN: Final = LAYOUT.array("x_mean", "predicted state")
+P_MEAN: Final = LAYOUT.array("covariance_mean", "of the predicted state")
+S_MEAN: Final = LAYOUT.array("factor_mean", "its lower factor")
+CENTRE: Final = LAYOUT.array("centre", "image of the centre point")
+SHIFT: Final = LAYOUT.array("shift", "predicted state minus centre")
+DEVIATIONS: Final = LAYOUT.array("deviations", "sigma points minus centre, as rows")
+Z_DEVIATIONS: Final = LAYOUT.array("z_deviations", "their measurements minus that of the centre")
+Z_SHIFT: Final = LAYOUT.array("z_shift", "predicted measurement minus that of the centre")
+Z_MEAN: Final = LAYOUT.array("z_mean", "predicted measurement")
+P_ZZ: Final = LAYOUT.array("z_covariance", "of the predicted measurement")
+S_ZZ: Final = LAYOUT.array("z_factor", "its lower factor")
+GAIN: Final = LAYOUT.array("gain", "of the measurement")
+WHITE: Final = LAYOUT.array("white", "innovation divided by its factor")
+STACK: Final = LAYOUT.array("stack", "rows whose outer products are summed")
+DEFICIT: Final = LAYOUT.array("deficit", "row whose outer product is added or taken away")
+POINT: Final = LAYOUT.array("point", "one sigma point")
+IMAGE: Final = LAYOUT.array("image", "of one sigma point")
+NOISE: Final = LAYOUT.array("noise", "covariance of the process noise")
+ANGLES: Final = LAYOUT.integers("angles", "1 for each state, then measurement, that is an angle")
+CHOSEN: Final = LAYOUT.integers("chosen", "components of the measurement in use")
+
+
+def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, Any]) -> Memory:
+    """Memory of a filter, zero but for what is given.
+
+    Parameters
+    ----------
+    n, m : int
+        Numbers of states and measurements.
+    functions : mapping of str to numba dispatcher
+        Of the model.
+    given : mapping
+        Values by the names of fields; ``u`` and ``theta`` among them.
+    """
+    widest = max(n, m)
+    shapes: dict[str, tuple[int, ...]] = {
+        "x": (n,), "covariance": (n, n), "factor": (n, n), "z": (m,), "innovation": (m,),
+        "noise_factor": (n, n), "x_prior": (n,), "covariance_prior": (n, n),
+        "factor_prior": (n, n), "sensor_factor": (m, m), "gate": (m + 1,), "x_mean": (n,),
+        "covariance_mean": (n, n), "factor_mean": (n, n), "centre": (n,), "shift": (n,),
+        "deviations": (4 * n, n), "z_deviations": (4 * n, m), "z_shift": (m,), "z_mean": (m,),
+        "z_covariance": (m, m), "z_factor": (m, m), "gain": (n, m), "white": (m,),
+        "stack": (5 * n + m + 1, widest), "deficit": (widest,), "point": (n,), "image": (widest,),
+        "noise": (n, n), "angles": (n + m,), "chosen": (m,),
+    }  # fmt: skip
+    empty = {name: np.zeros(shape) for name, shape in shapes.items()}
+    sizes = {
+        "n_states": n, "n_measurements": m, "n_inputs": len(given["u"]),
+        "n_parameters": len(given["theta"]),
+    }  # fmt: skip
+    return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **empty, **given})
+
+
+@intrinsic
+def call_transition(
+    _typing: Any, function: Any, x: Any, u: Any, dt: Any, parameters: Any, out: Any
+) -> Any:
+    """Call the transition at an address."""
+    return types.void(types.int64, *TRANSITION.args), call_address
+
+
+@intrinsic
+def call_measurement(_typing: Any, function: Any, x: Any, u: Any, parameters: Any, out: Any) -> Any:
+    """Call the measurement function at an address."""
+    return types.void(types.int64, *MEASUREMENT.args), call_address
+
+
+@intrinsic
+def call_process_noise(
+    _typing: Any, function: Any, x: Any, u: Any, dt: Any, parameters: Any, out: Any
+) -> Any:
+    """Call the process noise function at an address."""
+    return types.void(types.int64, *PROCESS_NOISE.args), call_address

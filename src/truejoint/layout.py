@@ -1,0 +1,218 @@
+"""Named fields of the two flat arrays that a compiled kernel works on.
+
+A kernel keeps integers in `numbers` and everything else in `memory`. Passing two arrays keeps a
+call from Python near a microsecond, and a C structure can mirror the fields by name. A module
+declares its fields once, with a `Layout`; what a declaration gives is the index by which its
+kernels reach the field:
+
+====================  ===========================================================
+declared by           reached by
+====================  ===========================================================
+``integer``, address  ``numbers[FIELD]``
+``scalar``            ``memory[FIELD]``
+``array``             ``vector(memory, numbers[FIELD], length)``, or ``matrix(...)``
+``integers``          ``vector(numbers, numbers[FIELD], length)``
+``part``              ``part_numbers(numbers, FIELD)``, ``part_memory(numbers, memory, FIELD)``
+====================  ===========================================================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Final, Literal
+
+import numpy as np
+
+from truejoint.compiled import Array, Integers, compiled, vector
+
+Kind = Literal["integer", "address", "scalar", "array", "integers", "part"]
+
+_PART: Final = 4  # numbers of a part: where its numbers and memory begin, and how long they are
+
+
+@dataclass(frozen=True)
+class Field:
+    """What a kernel knows by one name.
+
+    Attributes
+    ----------
+    name : str
+        An identifier in Python and in C.
+    meaning : str
+        For a person, with its unit.
+    kind : str
+        How it is declared.
+    index : int
+        By which kernels reach it.
+    is_time : bool
+        Whether it holds time stamps, which keep double precision whatever the others have.
+    """
+
+    name: str
+    meaning: str
+    kind: Kind
+    index: int
+    is_time: bool = False
+
+
+class Layout:
+    """Fields in the order of their declaration.
+
+    Examples
+    --------
+    >>> layout = Layout()
+    >>> COUNT = layout.integer("count", "rows seen")
+    >>> MEAN = layout.array("mean", "of the rows")
+    >>> packed = layout.pack(mean=[0.5, 1.5])
+    >>> packed.view("mean")
+    array([0.5, 1.5])
+    """
+
+    def __init__(self) -> None:
+        self.fields: dict[str, Field] = {}
+        self._numbers = 0
+        self._scalars = 0
+
+    def integer(self, name: str, meaning: str) -> int:
+        """Declare one integer."""
+        return self._number(name, meaning, "integer")
+
+    def address(self, name: str, meaning: str) -> int:
+        """Declare the address of a compiled function; 0 where there is none."""
+        return self._number(name, meaning, "address")
+
+    def array(self, name: str, meaning: str, *, is_time: bool = False) -> int:
+        """Declare a vector or, row by row, a matrix of numbers."""
+        return self._number(name, meaning, "array", is_time=is_time)
+
+    def integers(self, name: str, meaning: str) -> int:
+        """Declare a vector or matrix of integers."""
+        return self._number(name, meaning, "integers")
+
+    def part(self, name: str, meaning: str) -> int:
+        """Declare a memory of another layout within this one."""
+        return self._number(name, meaning, "part", size=_PART)
+
+    def scalar(self, name: str, meaning: str, *, is_time: bool = False) -> int:
+        """Declare one number."""
+        self._scalars += 1
+        return self._add(name, meaning, "scalar", self._scalars - 1, is_time=is_time)
+
+    def _number(
+        self, name: str, meaning: str, kind: Kind, *, size: int = 1, is_time: bool = False
+    ) -> int:
+        self._numbers += size
+        return self._add(name, meaning, kind, self._numbers - size, is_time=is_time)
+
+    def _add(self, name: str, meaning: str, kind: Kind, index: int, *, is_time: bool) -> int:
+        if name in self.fields or not name.isidentifier():
+            raise ValueError(f"field {name!r} is no name, or stands twice")
+        self.fields[name] = Field(name, meaning, kind, index, is_time)
+        return index
+
+    def pack(self, functions: Mapping[str, Any] | None = None, /, **values: Any) -> Memory:
+        """Lay values out, by the names of their fields.
+
+        Parameters
+        ----------
+        functions : mapping of str to numba dispatcher, optional
+            What stands at each address.
+        **values
+            A number, an array_like of one or two dimensions, or the `Memory` of a part. Every array
+            and part must be given; other fields are 0 where not.
+
+        Returns
+        -------
+        Memory
+
+        Raises
+        ------
+        ValueError
+            If a name is no field, or an array is missing.
+        """
+        kinds = {name: f.kind for name, f in self.fields.items()}
+        needed = {name for name, kind in kinds.items() if kind in ("array", "integers", "part")}
+        if not needed <= set(values) <= set(kinds):
+            raise ValueError(f"fields {sorted(needed ^ set(values))} are missing or unknown")
+        shapes: dict[str, tuple[int, ...]] = {}
+        parts: dict[str, Memory] = {}
+        numbers, memory = [np.zeros(self._numbers, np.int64)], [np.zeros(self._scalars)]
+        ends = [self._numbers, self._scalars]
+
+        def append(side: int, flat: Any) -> int:
+            (numbers, memory)[side].append(flat)
+            ends[side] += len(flat)
+            return ends[side] - len(flat)
+
+        for name, value in values.items():
+            kind, index = kinds[name], self.fields[name].index
+            if kind == "scalar":
+                memory[0][index] = value
+            elif kind in ("integer", "address"):
+                numbers[0][index] = value
+            elif kind == "part":
+                parts[name] = value
+                sizes = len(value.numbers), len(value.memory)
+                starts = append(0, value.numbers), append(1, value.memory)
+                numbers[0][index : index + _PART] = (*starts, *sizes)
+            else:
+                table = np.asarray(value, dtype=np.int64 if kind == "integers" else np.float64)
+                shapes[name] = table.shape
+                numbers[0][index] = append(int(kind == "array"), table.ravel())
+        return Memory(
+            self, np.concatenate(numbers), np.concatenate(memory), shapes, parts, functions or {}
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Memory:
+    """What `Layout.pack` made.
+
+    Attributes
+    ----------
+    layout : Layout
+    numbers : ndarray of int, 1-D
+    memory : ndarray, 1-D
+    shapes : mapping of str to tuple of int
+        Of each array field, of floats and of integers.
+    parts : mapping of str to Memory
+        As they were before they were copied into this one.
+    functions : mapping of str to numba dispatcher
+        What stands at each address, by field.
+    """
+
+    layout: Layout
+    numbers: Integers
+    memory: Array
+    shapes: Mapping[str, tuple[int, ...]] = field(repr=False)
+    parts: Mapping[str, Memory] = field(repr=False)
+    functions: Mapping[str, Any] = field(repr=False)
+
+    def view(self, name: str) -> Any:
+        """Array field as an array that shares this memory."""
+        kind, index = self.layout.fields[name].kind, self.layout.fields[name].index
+        start, shape = int(self.numbers[index]), self.shapes[name]
+        source: Any = self.memory if kind == "array" else self.numbers
+        return source[start : start + int(np.prod(shape))].reshape(shape)
+
+    def copy(self) -> Memory:
+        """Give the same with arrays of its own."""
+        return Memory(
+            self.layout, self.numbers.copy(), self.memory.copy(), self.shapes, self.parts,
+            self.functions,
+        )  # fmt: skip
+
+
+@compiled
+def part_numbers(numbers: Integers, part: int) -> Integers:
+    """View of the numbers of a part."""
+    view: Integers = vector(numbers, numbers[part], numbers[part + 2])
+    return view
+
+
+@compiled
+def part_memory(numbers: Integers, memory: Array, part: int) -> Array:
+    """View of the memory of a part."""
+    view: Array = vector(memory, numbers[part + 1], numbers[part + 3])
+    return view
