@@ -19,6 +19,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 
 from truejoint.errors import ModelFileError
+from truejoint.files import write_atomically
 
 Array = NDArray[np.float64]
 
@@ -56,23 +57,14 @@ def write_model_file(
         If the file exists, cannot be written, or would break a bound that reading enforces.
     """
     path = Path(path)
-    if path.exists() and not overwrite:
-        raise ModelFileError(f"{path} exists; choose another name or allow overwriting")
     data = to_bytes(document, arrays)
     try:
         from_bytes(data)
     except ModelFileError as error:
         raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise ModelFileError(f"{path} cannot be written: {error.strerror or error}") from None
+    write_atomically(
+        path, lambda part: part.write_bytes(data), overwrite=overwrite, error=ModelFileError
+    )
 
 
 def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:

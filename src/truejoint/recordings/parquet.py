@@ -12,7 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from truejoint.errors import RecordingError, RobotError
-from truejoint.recordings.files import require_file, write_atomically
+from truejoint.files import write_atomically
+from truejoint.recordings.files import require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording
 
@@ -65,7 +66,7 @@ def write_parquet(
             use_byte_stream_split=True,
         )
 
-    write_atomically(target, write, overwrite=overwrite)
+    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Recording:
