@@ -12,8 +12,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.calibration.conformal import half_widths
 from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
@@ -129,8 +129,36 @@ class Calibration(CalibrationData[JointRegressor]):
             As `correct`, or if the calibration has no interval of that level.
         """
         corrected = self.correct(recording)
-        half = half_widths(self, recording, level)
+        half = self.half_widths(recording, level)
         return corrected, corrected - half, corrected + half
+
+    def half_widths(self, recording: Recording, level: float = 0.9) -> Array:
+        """Half-width (n, n_joints) [rad or m] of the interval at every row of a recording.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration has no interval, or not of that level.
+        """
+        interval = self.required_interval()
+        widening = 1.0 + interval.growth * self.range_excess(recording)
+        return widening[:, None] * interval.half_width(level)
+
+    def required_interval(self) -> Interval:
+        """Interval that is stated; raises CalibrationError when there is none."""
+        if self.interval is None:
+            raise CalibrationError(
+                f"the calibration of {self.title} states no interval; make one of recordings that "
+                "it has not seen: truejoint calibrate ... --interval RECORDING"
+            )
+        return self.interval
+
+    def range_excess(self, recording: Recording) -> Array:
+        """How far outside the trained range each row (n,) is, as a share of it; 0 inside."""
+        X = self.feature_set.compute(recording, self.gap_limit)
+        out = np.empty(len(X))
+        range_excesses(X, self.lower, self.upper, inverse_span(self.lower, self.upper), out)
+        return out
 
     def start(self) -> OnlineState:
         """State before the first sample, for `step`."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.effort_baseline import fit_effort_baseline
+from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
