@@ -9,7 +9,7 @@ import numpy as np
 from benchmarks.loop_session import Samples
 from truejoint.errors import ModelFileError
 from truejoint.estimators import Calibration, calibrate
-from truejoint.estimators.registry import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
+from truejoint.estimators.names import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Provenance, Recording
 from truejoint.recordings.forceps import record_forceps

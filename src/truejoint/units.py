@@ -37,3 +37,15 @@ def display_unit(unit: str) -> DisplayUnit:
         Degrees for radians and millimetres for metres; any other unit is shown as it is.
     """
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
+
+
+def shown(value: float, unit: str) -> str:
+    """Write an SI value for a person: three decimals in the unit of `display_unit`.
+
+    Examples
+    --------
+    >>> shown(0.002, "m"), shown(0.01, "rad")
+    ('2.000 mm', '0.573 deg')
+    """
+    display = display_unit(unit)
+    return f"{value * display.scale:.3f} {display.name}"

@@ -8,7 +8,7 @@ import numpy as np
 from tests.estimators.elastic_joint.test_filter import recording as grasper_recording
 
 from truejoint.estimators import Calibration, NeuralNetwork, calibrate
-from truejoint.estimators.registry import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
+from truejoint.estimators.names import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps

@@ -9,13 +9,13 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
+import truejoint
+from truejoint.cli import complete
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED
-from truejoint.cli.inputs import load_recordings
-from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part
-from truejoint.errors import ModelFileError, RecordingError
-from truejoint.estimators import Calibration, CrossCheck, cross_check, load_calibration, rezeroed
-from truejoint.runtime import CalibrationCheck, check_calibration
+from truejoint.cli.inputs import Files, check_model_free
+from truejoint.cli.options import Arm, Columns, FilesRobot, Force, Format, Json, Model, Part
+from truejoint.errors import RecordingError
 from truejoint.units import display_unit
 
 _ADVICE = {
@@ -28,12 +28,13 @@ _ADVICE = {
 
 
 def check(
-    model: Annotated[Path, typer.Argument(help="Model file, from `truejoint calibrate`.")],
+    model: Model,
     recording: Annotated[
         str,
         typer.Argument(
             help="Recording of the arm as it is now. A few readings of the truth do: one short "
-            "motion, a touched stop, a marker seen now and then."
+            "motion, a touched stop, a marker seen now and then.",
+            autocompletion=complete.recordings,
         ),
     ],
     rezero: Annotated[
@@ -48,38 +49,45 @@ def check(
         ),
     ] = None,
     level_percent: Annotated[
-        float, typer.Option("--level", help="Which of the stated intervals to judge by [%].")
+        float,
+        typer.Option(
+            "--level",
+            help="Which of the stated intervals to judge by [%].",
+            autocompletion=complete.percent_levels,
+        ),
     ] = 90.0,
     reader: Format = None,
     columns: Columns = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="For plain CSV files.")] = None,
+    robot: FilesRobot = None,
     arm: Arm = "",
     part: Part = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    if rezero is not None and rezero.exists() and not force:
-        raise ModelFileError(f"{rezero}: is there already; choose another --rezero, or --force")
-    if rezero is not None and against is not None:
-        raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
-    calibration = load_calibration(model)
-    context = {"reader": reader, "columns": columns, "robot": robot, "arm": arm}
-    loaded = load_recordings([recording], part=part, **context)  # type: ignore[arg-type]
+    if rezero is not None:
+        check_model_free(rezero, force, "--rezero")
+        if against is not None:
+            raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
+    files = Files(reader, columns, robot, arm)
+    calibration = truejoint.load_calibration(model)
+    other = None if against is None else truejoint.load_calibration(against)
+    level = level_percent / 100.0
+    if calibration.interval is not None:
+        calibration.interval.index(level)
+    loaded = files.load([recording], part=part)
     if len(loaded) != 1:
         raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
-    level = level_percent / 100.0
-    if against is not None:
-        other = load_calibration(against)
+    if other is not None:
         with progress("Comparing the two calibrations"):
-            agreement = cross_check(calibration, other, loaded[0], level)
+            agreement = truejoint.estimators.cross_check(calibration, other, loaded[0], level)
         _report_agreement(calibration, agreement, as_json)
         failed = not agreement.consistent.all()
     else:
         with progress("Comparing with the truth"):
-            result = check_calibration(calibration, loaded[0], level)
+            result = truejoint.runtime.check_calibration(calibration, loaded[0], level)
         if rezero is not None:
-            rezeroed(calibration, loaded[0]).save(rezero, overwrite=force)
+            truejoint.estimators.rezeroed(calibration, loaded[0]).save(rezero, overwrite=force)
         _report_check(calibration, result, rezero, as_json)
         failed = result.holds is False
     if failed:
@@ -87,7 +95,10 @@ def check(
 
 
 def _report_check(
-    calibration: Calibration, result: CalibrationCheck, written: Path | None, as_json: bool
+    calibration: truejoint.Calibration,
+    result: truejoint.runtime.CalibrationCheck,
+    written: Path | None,
+    as_json: bool,
 ) -> None:
     if as_json:
         result_json({**result.to_dict(), "rezeroed": None if written is None else str(written)})
@@ -124,7 +135,7 @@ def _report_check(
 _COLOURS = {True: "green", False: "red", None: "yellow"}
 
 
-def _verdict(result: CalibrationCheck) -> str:
+def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
     stated = f"{100 * result.level:g} % interval"
     if result.holds is None:
         return (
@@ -140,7 +151,9 @@ def _verdict(result: CalibrationCheck) -> str:
     )
 
 
-def _report_agreement(calibration: Calibration, found: CrossCheck, as_json: bool) -> None:
+def _report_agreement(
+    calibration: truejoint.Calibration, found: truejoint.estimators.CrossCheck, as_json: bool
+) -> None:
     rows: list[dict[str, Any]] = [
         {
             "joint": joint,

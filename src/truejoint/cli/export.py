@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Literal
 
 import typer
 
+import truejoint
+from truejoint.cli import complete
 from truejoint.cli.console import out, result_json
-from truejoint.cli.options import Force, Json
+from truejoint.cli.options import Force, Json, Model
 from truejoint.errors import ExportError
-from truejoint.estimators import load_calibration
-from truejoint.runtime.c_source import Precision, check_prefix
-from truejoint.runtime.export_c import check_command, default_prefix, export_c
-from truejoint.runtime.export_onnx import export_onnx
-from truejoint.runtime.limits import RANGE_MARGIN
 
 
 def export(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
-    kind: Annotated[str, typer.Option("--to", help="What to write: c or onnx.")],
+    model: Model,
+    kind: Annotated[Literal["c", "onnx"], typer.Option("--to", help="What to write.")],
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
     precision: Annotated[
-        str, typer.Option(help=f"Of the numbers: {' or '.join(get_args(Precision))}.")
+        Literal["double", "float"], typer.Option(help="Of the numbers.")
     ] = "double",
     prefix: Annotated[
         str | None,
@@ -32,13 +29,16 @@ def export(
     ] = None,
     level: Annotated[
         float | None,
-        typer.Option(help="Probability of the half-width; C only. Default: 0.9."),
+        typer.Option(
+            help="Probability of the half-width; C only. Default: 0.9.",
+            autocompletion=complete.levels,
+        ),
     ] = None,
     range_margin: Annotated[
         float | None,
         typer.Option(
             help="Share of its trained range by which a feature may lie outside, 0 to 1; C only. "
-            f"Default: {RANGE_MARGIN}."
+            "Default: that of `Corrector`."
         ),
     ] = None,
     force: Force = False,
@@ -49,29 +49,26 @@ def export(
     The C source does all that `Corrector` does, and comes with test vectors and a main that
     checks it. The ONNX graph holds the regressor alone: it checks nothing and remembers nothing.
     """
-    if kind not in ("c", "onnx"):
-        raise ExportError(f"--to {kind!r:.60} is neither 'c' nor 'onnx'")
-    if kind == "onnx" and (level is not None or range_margin is not None):
+    stated = {"level": level, "range_margin": range_margin}
+    given = {name: value for name, value in stated.items() if value is not None}
+    if kind == "onnx" and given:
         raise ExportError(
             "--level and --range-margin are for --to c; an ONNX graph has no interval and no checks"
         )
-    calibration = load_calibration(model)
+    # Imported here because they compile.
+    from truejoint.runtime.c_source import check_prefix  # noqa: PLC0415
+    from truejoint.runtime.export_c import check_command, default_prefix, export_c  # noqa: PLC0415
+    from truejoint.runtime.export_onnx import export_onnx  # noqa: PLC0415
+
+    calibration = truejoint.load_calibration(model)
     if kind == "c":
         paths = export_c(
-            calibration,
-            folder,
-            prefix=prefix,
-            precision=precision,  # type: ignore[arg-type]  # checked there
-            level=0.9 if level is None else level,
-            range_margin=RANGE_MARGIN if range_margin is None else range_margin,
-            overwrite=force,
+            calibration, folder, prefix=prefix, precision=precision, overwrite=force, **given
         )
     else:
         name = check_prefix(default_prefix(calibration) if prefix is None else prefix)
         path = folder / f"{name}.onnx"
-        paths = (
-            export_onnx(calibration, path, precision=precision, overwrite=force),  # type: ignore[arg-type]  # checked there
-        )
+        paths = (export_onnx(calibration, path, precision=precision, overwrite=force),)
     if as_json:
         result_json({"files": [str(path) for path in paths]})
         return

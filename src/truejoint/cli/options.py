@@ -7,18 +7,29 @@ from typing import Annotated
 
 import typer
 
-RobotName = Annotated[str, typer.Option("--robot", help="Robot model.")]
+from truejoint.cli import complete
+
+RobotName = Annotated[
+    str, typer.Option("--robot", help="Robot model.", autocompletion=complete.robots)
+]
 Arm = Annotated[str, typer.Option("--arm", help="Which arm; default: the robot's first.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.")]
 
+Model = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
+]
+DatasetName = Annotated[
+    str, typer.Argument(help="Name of the data set.", autocompletion=complete.datasets)
+]
 Recordings = Annotated[
     list[str],
     typer.Argument(
         metavar="RECORDING...",
         help="Recording files, folders of a data set, or NAME:PATTERN of a public data set "
         "(`truejoint datasets` lists them).",
+        autocompletion=complete.recordings,
     ),
 ]
 Format = Annotated[
@@ -27,6 +38,10 @@ Format = Annotated[
 Columns = Annotated[
     Path | None,
     typer.Option("--columns", help="TOML file that names a CSV file's columns and units."),
+]
+FilesRobot = Annotated[
+    str | None,
+    typer.Option("--robot", help="For plain CSV files.", autocompletion=complete.robots),
 ]
 Part = Annotated[
     str | None,
@@ -42,5 +57,6 @@ Split = Annotated[
         "--split",
         help="Recommended split of a public data set: calibrate takes its training side, "
         "evaluate its held-out side.",
+        autocompletion=complete.splits,
     ),
 ]

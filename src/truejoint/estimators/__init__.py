@@ -24,12 +24,9 @@ if TYPE_CHECKING:
         measure_coverage,
     )
     from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
+    from truejoint.estimators.names import estimator_names
     from truejoint.estimators.network import NeuralNetwork
-    from truejoint.estimators.registry import (
-        ESTIMATORS,
-        estimator_names,
-        get_estimator,
-    )
+    from truejoint.estimators.registry import ESTIMATORS, get_estimator
     from truejoint.estimators.uncertainty import with_interval
     from truejoint.estimators.zeroing import Zero, find_zero, rezeroed
 
@@ -87,7 +84,7 @@ _HOMES = {
     "cross_check": "truejoint.estimators.interval_checks",
     "default_features": "truejoint.estimators.features",
     "default_gap_limit": "truejoint.estimators.features",
-    "estimator_names": "truejoint.estimators.registry",
+    "estimator_names": "truejoint.estimators.names",
     "find_zero": "truejoint.estimators.zeroing",
     "get_estimator": "truejoint.estimators.registry",
     "load_calibration": "truejoint.estimators.calibration",

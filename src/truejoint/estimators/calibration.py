@@ -10,6 +10,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
@@ -22,7 +23,10 @@ from truejoint.estimators.registry import families
 from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
 from truejoint.estimators.uncertainty import half_widths
 from truejoint.recordings import Recording
+from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
+from truejoint.summary import Summarised
+from truejoint.units import shown
 
 Array = NDArray[np.float64]
 
@@ -45,8 +49,8 @@ class OnlineState:
     model: Any = None
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration(CalibrationData[JointRegressor]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Summarised, CalibrationData[JointRegressor]):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
     Made by `calibrate` or `load_calibration`. See `CalibrationData` for what it holds.
@@ -61,6 +65,32 @@ class Calibration(CalibrationData[JointRegressor]):
     def title(self) -> str:
         """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
         return Robot(self.robot, (), self.arm).title
+
+    def summary(self) -> dict[str, str]:
+        """Robot, model, training, and how far off it may be where that is known, by label."""
+        facts, names = self.metadata, self.feature_set.names
+        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        about = {
+            "robot": self.title,
+            "estimator": f"{self.estimator}, predicts the {self.target}",
+            "joints": ", ".join(self.joints),
+            "features": f"{len(names)}: {some}",
+        }
+        if "rows" in facts and "duration" in facts:
+            about["trained on"] = f"{facts['rows']} rows, {facts['duration'] / 60:.1f} min"
+        if self.interval is not None:
+            units = [self.units[f"measured/{joint}"] for joint in self.joints]
+            for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):
+                rows = zip(self.joints, widths, units, strict=True)
+                about[f"{100 * level:g} %"] = ", ".join(
+                    f"{joint} ± {shown(width, unit)}" for joint, width, unit in rows
+                )
+            about["interval"] = self.interval.meaning
+        held_out = [row for row in facts.get("held_out", []) if row["estimator"] == self.estimator]
+        if held_out:
+            scores = (f"{row['joint']} {shown(row['rmse'], row['unit'])}" for row in held_out)
+            about["held out"] = f"RMSE {', '.join(scores)}"
+        return about
 
     @property
     def baselines(self) -> Mapping[str, Calibration]:
@@ -103,6 +133,25 @@ class Calibration(CalibrationData[JointRegressor]):
         if self.target == "position":
             return predicted
         return recording.columns("measured", self.joints) + predicted
+
+    def correct_table(self, recording: Recording, level: float = 0.9) -> pd.DataFrame:
+        """Correct a recording into a labelled table; raises as `correct`.
+
+        Columns ``t`` [s] and ``corrected/<joint>`` [rad or m], and where the calibration has an
+        interval ``half_width/<joint>`` at that `level`.
+
+        Examples
+        --------
+        >>> list(model.correct_table(test).columns)
+        ['t', 'corrected/jaw']
+        """
+        columns = {"t": recording.t}
+        values = {"corrected": self.correct(recording)}
+        if self.interval is not None:
+            values["half_width"] = half_widths(self, recording, level)
+        for name, array in values.items():
+            columns |= {f"{name}/{joint}": array[:, k] for k, joint in enumerate(self.joints)}
+        return pd.DataFrame(columns)
 
     def predict_error(self, recording: Recording) -> Array:
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
@@ -213,6 +262,7 @@ class Calibration(CalibrationData[JointRegressor]):
         write_model_file(path, document, arrays, overwrite=overwrite)
 
     def _check(self, recording: Recording) -> None:
+        as_recordings(recording)
         source = recording.provenance.source or "recording"
         robot = recording.robot
         if (robot.name, robot.arm) != (self.robot, self.arm):

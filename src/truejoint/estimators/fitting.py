@@ -33,6 +33,7 @@ from truejoint.estimators.reference import fit_reference
 from truejoint.estimators.registry import get_estimator
 from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
 from truejoint.recordings import Recording
+from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
 Array = NDArray[np.float64]
@@ -91,7 +92,7 @@ def calibrate(
         have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
         feature for a network), or a feature is constant though its channel is in use.
     """
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    recordings = as_recordings(recordings)
     robot = _common_robot(recordings)
     model = _unfitted(estimator, target, random_state)
     target = target or ("position" if isinstance(model, SequenceRegressor) else "error")

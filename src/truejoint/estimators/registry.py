@@ -5,28 +5,16 @@ from __future__ import annotations
 from functools import cache
 from typing import Final
 
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
+from truejoint.estimators.names import REGRESSORS, estimator_names
 from truejoint.estimators.network import NeuralNetwork
 
-ESTIMATORS: Final[dict[str, type[JointRegressor]]] = {
-    "offset": FixedOffset,
-    "linear": LinearRegressor,
-    "poly2": PolynomialRegressor,
-    "dnn": NeuralNetwork,
-}
+ESTIMATORS: Final[dict[str, type[JointRegressor]]] = dict(
+    zip(REGRESSORS, (FixedOffset, LinearRegressor, PolynomialRegressor, NeuralNetwork), strict=True)
+)
 """Estimators as a class each, whose defaults are those of peng2024."""
-
-
-JAW_ESTIMATORS: Final = (
-    "lsm", "lsm_intercept", "lsm_compensated", "ukf", "ukf_compensated", "play_motor", "play_reset",
-    "play_both", "play_cables", "play_gated", "ukf_friction", "ukf_friction_smoothed",
-)  # fmt: skip
-"""Estimators of a cable-driven jaw from its cables: those of yan2020, and past them."""
-
-MOTOR_SIDE_ESTIMATORS: Final = ("ukf_elastic",)
-"""Estimators of a cable-driven jaw of which only the driver's angle and torque are measured."""
 
 
 @cache
@@ -44,15 +32,10 @@ def families() -> dict[str, type[JointRegressor]]:
     return {cls.family: cls for cls in classes}
 
 
-def estimator_names() -> tuple[str, ...]:
-    """Names that `get_estimator` knows."""
-    return (*ESTIMATORS, *JAW_ESTIMATORS, *MOTOR_SIDE_ESTIMATORS)
-
-
 def get_estimator(name: str) -> JointRegressor:
     """Unfitted estimator called `name`; raises CalibrationError naming the known ones."""
     if name in ESTIMATORS:
         return ESTIMATORS[name]()
     if name in estimator_names():
         return families()[name]()
-    raise CalibrationError(f"no estimator called {name!r}; known: {', '.join(estimator_names())}")
+    raise CalibrationError(unknown("estimator", name, estimator_names()))

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
+
+from truejoint.summary import Summarised
+from truejoint.units import shown
 
 Array = NDArray[np.float64]
 
@@ -281,8 +284,8 @@ def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
     return tuple(known) if len(known) > 1 else ()
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Summarised):
     """What is known about the accuracy of a calibration on recordings that it never saw.
 
     Attributes
@@ -347,7 +350,20 @@ class Evaluation:
     interval_note: str
     interval_objections: tuple[str, ...]
     training: Mapping[str, Any]
-    traces: tuple[Trace, ...] = field(repr=False)
+    traces: tuple[Trace, ...]
+
+    def summary(self) -> dict[str, str]:
+        """Verdict, and the accuracy beside that of the fixed offset, by label."""
+        accuracy = {}
+        for joint, unit in zip(self.joints, self.units, strict=True):
+            own, offset = self.score(self.chosen, joint).rmse, self.score(OFFSET, joint).rmse
+            accuracy[joint] = f"{shown(own, unit)} RMSE (fixed offset {shown(offset, unit)})"
+        return {
+            "of": f"{estimator_title(self.chosen)}, {self.title}",
+            "test": ", ".join(trace.name for trace in self.traces),
+            **accuracy,
+            "verdict": self.verdict.text,
+        }
 
     def score(self, estimator: str, joint: str) -> Score:
         """Return the row of an estimator and a joint; raises KeyError when there is none."""

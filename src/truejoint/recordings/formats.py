@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
@@ -110,7 +110,7 @@ def read_recording(
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
     name = format or detect_format(source, mapped="column_map" in context)
     if name not in FORMATS:
-        raise RecordingError(f"no format called {name!r}; choose from {', '.join(FORMATS)}")
+        raise RecordingError(unknown("format", name, FORMATS))
     entry = FORMATS[name]
     about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]

@@ -7,7 +7,7 @@ from functools import cache
 from importlib import import_module
 from typing import Final, Protocol, cast
 
-from truejoint.errors import RobotError
+from truejoint.errors import RobotError, unknown
 from truejoint.robots.robot import Robot
 
 
@@ -59,7 +59,7 @@ def get_robot(name: str, arm: str = "") -> Robot:
     """
     known = name.strip().lower()
     if known not in _ROBOTS:
-        raise RobotError(f"no robot called {name!r}; known: {', '.join(_ROBOTS)}")
+        raise RobotError(unknown("robot", name, _ROBOTS))
     module = cast("_RobotModule", import_module(f"truejoint.robots.{known}"))
     wanted = arm.strip().lower()
     if wanted not in module.ARMS:

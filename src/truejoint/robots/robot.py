@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.errors import RobotError
+from truejoint.errors import RobotError, unknown
 
 Array = NDArray[np.float64]
 
@@ -174,9 +174,7 @@ class Robot:
         for joint in self.joints:
             if joint.name == name:
                 return joint
-        raise RobotError(
-            f"{self.title} has no joint {name!r}; its joints are {', '.join(self.joint_names)}"
-        )
+        raise RobotError(f"{self.title}: {unknown('joint', name, self.joint_names)}")
 
     def index(self, names: tuple[str, ...] | list[str]) -> list[int]:
         """Positions of the joints `names` in a joint vector; raises RobotError if unknown."""

@@ -11,7 +11,7 @@ from tests.estimators.forceps.conftest import Pair
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import calibrate, get_estimator, load_calibration
-from truejoint.estimators.registry import JAW_ESTIMATORS
+from truejoint.estimators.names import JAW_ESTIMATORS
 from truejoint.recordings import Recording
 
 

@@ -30,4 +30,4 @@ JAW_CLASSES: Final[tuple[type[JawEstimator], ...]] = (
     FrictionFilter,
     SmoothedFrictionFilter,
 )
-"""In the order of `registry.JAW_ESTIMATORS`."""
+"""In the order of `names.JAW_ESTIMATORS`."""

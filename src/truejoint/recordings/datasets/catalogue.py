@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any, Final
 from urllib.parse import quote
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, unknown
 
 RAW_HOST: Final = "https://raw.githubusercontent.com"
 
@@ -143,8 +143,8 @@ class Dataset:
         for split in self.splits:
             if name in {"", split.name}:
                 return split
-        known = ", ".join(split.name for split in self.splits)
-        raise RecordingError(f"{self.name}: no split called {name!r}; choose from {known}")
+        splits = (split.name for split in self.splits)
+        raise RecordingError(f"{self.name}: {unknown('split', name, splits)}")
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""
@@ -154,7 +154,7 @@ class Dataset:
 def get_dataset(name: str) -> Dataset:
     """Find a data set by name; raises RecordingError naming those that are known."""
     if name not in DATASETS:
-        raise RecordingError(f"no data set called {name!r}; choose from {', '.join(DATASETS)}")
+        raise RecordingError(unknown("data set", name, DATASETS))
     return DATASETS[name]
 
 
