@@ -24,6 +24,14 @@ class TruejointError(ValueError):
     """Base of every error that a caller can cause; the message is one line and says what to do.
 
     The command line prints it without a traceback and exits with code 2.
+
+    Examples
+    --------
+    >>> try:
+    ...     truejoint.get_robot("raven3")
+    ... except TruejointError as error:
+    ...     print(str(error)[:50])
+    no robot called 'raven3'; did you mean 'raven2'? k
     """
 
 

@@ -143,7 +143,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         Examples
         --------
         >>> list(model.correct_table(test).columns)
-        ['t', 'corrected/jaw']
+        ['t', 'corrected/jaw', 'half_width/jaw']
         """
         columns = {"t": recording.t}
         values = {"corrected": self.correct(recording)}
@@ -295,6 +295,12 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
     ------
     ModelFileError
         If the file is missing, truncated, edited, too large, or of a newer format.
+
+    Examples
+    --------
+    >>> model.save("jaw.safetensors")
+    >>> load_calibration("jaw.safetensors").estimator
+    'linear'
     """
     document, arrays = read_model_file(path)
     try:

@@ -91,6 +91,11 @@ def calibrate(
         If the recordings do not belong together, lack truth for more than a third of their time,
         have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
         feature for a network), or a feature is constant though its channel is in use.
+
+    Examples
+    --------
+    >>> calibrate(training, "linear").joints
+    ('jaw',)
     """
     recordings = as_recordings(recordings)
     robot = _common_robot(recordings)

@@ -44,6 +44,11 @@ def judge(
     ------
     CalibrationError
         If a tolerance names no calibrated joint or is not a positive number.
+
+    Examples
+    --------
+    >>> judge(evaluation.scores, "linear", tolerance={"jaw": 1e-6}).passed
+    False
     """
     rows = {(row.estimator, row.joint): row for row in scores}
     joints = list(dict.fromkeys(row.joint for row in scores))

@@ -40,6 +40,11 @@ class Format:
         Names of the keyword arguments that `read` takes.
     folder : bool
         The recording is a folder, not one file.
+
+    Examples
+    --------
+    >>> FORMATS["parquet"].summary
+    'what truejoint writes'
     """
 
     name: str
@@ -103,7 +108,9 @@ def read_recording(
 
     Examples
     --------
-    >>> recording = read_recording("run.csv", robot="raven2")  # doctest: +SKIP
+    >>> test.table.to_csv("run.csv", index=False)
+    >>> read_recording("run.csv", robot="davinci_grasper").joints_of("truth")
+    ('jaw',)
     """
     source = Path(path)
     if not source.exists():
@@ -145,6 +152,12 @@ def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
     ------
     RecordingError
         If it is none of `FORMATS`; the message lists them.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> detect_format("test.parquet")
+    'parquet'
     """
     source = Path(path)
     if source.is_dir():

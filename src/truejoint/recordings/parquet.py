@@ -41,6 +41,12 @@ def write_parquet(
     ------
     RecordingError
         If `path` exists and may not be replaced, or its folder does not exist.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> len(truejoint.read_recording("test.parquet"))
+    400
     """
     target = Path(path)
     header = {
@@ -85,6 +91,12 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     RecordingError
         If the file is not there, cut short, damaged, larger than is read, from a newer version,
         or was not written by truejoint.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> read_parquet("test.parquet").provenance.source
+    'motion_9.csv'
     """
     source = require_file(Path(path))
     try:

@@ -52,6 +52,11 @@ class Provenance:
         Command line that made the recording; empty when unknown.
     notes : str
         Anything that a reader of the table must know.
+
+    Examples
+    --------
+    >>> Provenance("raven2", "left", homing_id="morning").to_dict()["homing_id"]
+    'morning'
     """
 
     robot: str

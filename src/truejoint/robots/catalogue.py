@@ -35,7 +35,13 @@ _ROBOTS: Final = (
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names that `get_robot` knows."""
+    """Names that `get_robot` knows.
+
+    Examples
+    --------
+    >>> "raven2" in robot_names()
+    True
+    """
     return _ROBOTS
 
 
@@ -56,6 +62,11 @@ def get_robot(name: str, arm: str = "") -> Robot:
     ------
     RobotError
         If there is no such robot or arm; the message names those that exist.
+
+    Examples
+    --------
+    >>> get_robot("dvrk_psm", "psm2").joint_names[:3]
+    ('outer_yaw', 'outer_pitch', 'outer_insertion')
     """
     known = name.strip().lower()
     if known not in _ROBOTS:

@@ -74,6 +74,11 @@ def write_report(
     ------
     RecordingError
         If a file is there and may not be replaced, or the folder does not exist.
+
+    Examples
+    --------
+    >>> write_report(evaluation, "report.html", training=training).name
+    'report.html'
     """
     target = Path(path)
     if target.exists() and not overwrite:
@@ -100,7 +105,13 @@ def render_report(
     checks: Mapping[str, DataCheck] | None = None,
     command: str = "",
 ) -> str:
-    """Return the page that `write_report` writes."""
+    """Return the page that `write_report` writes.
+
+    Examples
+    --------
+    >>> render_report(evaluation).startswith("<!doctype html>")
+    True
+    """
     sections = _sections(evaluation, training)
     interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section.figures]
