@@ -70,7 +70,7 @@ def root(
 def main() -> None:
     """Run the command line; an error that the caller can mend is one line and exit code 2."""
     try:
-        app()
+        app(prog_name="truejoint")  # as a module, too
     except TruejointError as error:
         _fail(str(error))
     except OSError as error:

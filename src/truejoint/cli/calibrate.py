@@ -109,9 +109,11 @@ def calibrate(
         features = features or [dataset]
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
     inputs = chosen_features(features)
-    training = files.load(recordings, part=part, split=split, held_out=False, joints=joints or [])
-    testing = files.load(test) if test else []
-    unseen = files.load(interval) if interval else []
+    read_training = files.find(
+        recordings, part=part, split=split, held_out=False, joints=joints or []
+    )
+    read_testing, read_unseen = files.find(test or []), files.find(interval or [])
+    training, testing, unseen = read_training(), read_testing(), read_unseen()
     fitted, check = fit(
         training,
         unfitted,

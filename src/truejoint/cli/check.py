@@ -75,7 +75,7 @@ def check(
     level = level_percent / 100.0
     if calibration.interval is not None:
         calibration.interval.index(level)
-    loaded = files.load([recording], part=part)
+    loaded = files.find([recording], part=part)()
     if len(loaded) != 1:
         raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
     if other is not None:

@@ -69,7 +69,8 @@ def percent_levels(context: typer.Context) -> list[str]:
 
 
 def _named(context: typer.Context) -> list[str]:
-    return list(context.params.get("recordings") or [])
+    """Words of the command line that belong to no option; unsorted while one lacks its value."""
+    return [*(context.params.get("recordings") or []), *context.args]
 
 
 def _model(context: typer.Context) -> dict[str, Any]:
@@ -77,8 +78,8 @@ def _model(context: typer.Context) -> dict[str, Any]:
     from truejoint.estimators.model_file import read_model_file  # noqa: PLC0415  # needs NumPy
 
     try:
-        document, arrays = read_model_file(context.params.get("model") or "")
-    except TruejointError:
+        document, arrays = read_model_file(context.params.get("model") or context.args[0])
+    except (IndexError, TruejointError):
         return {}
     return {"joints": document.get("joints", []), "levels": arrays.get("interval/levels", ())}
 

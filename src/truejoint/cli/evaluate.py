@@ -78,8 +78,9 @@ def evaluate(
         )
     units = {joint: first.units[f"measured/{joint}"] for joint in first.joints}
     accepted = parse_tolerances(tolerance or [], units)
-    testing = files.load(recordings, part=part, split=split)
-    shown = files.load(training) if training else []
+    read_testing = files.find(recordings, part=part, split=split)
+    read_training = files.find(training or [])
+    testing, shown = read_testing(), read_training()
     with progress(f"Judging on {len(testing)} recordings"):
         result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
     if report is not None:

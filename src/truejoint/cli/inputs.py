@@ -7,11 +7,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TypeAlias
 
 import truejoint
 from truejoint.cli.console import progress, say
 from truejoint.errors import RecordingError, TruejointError, unknown
 from truejoint.units import display_unit
+
+Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 
 @dataclass(frozen=True)
@@ -35,7 +38,7 @@ class Files:
         if self.format is not None and self.format not in truejoint.recordings.FORMATS:
             raise RecordingError(unknown("format", self.format, truejoint.recordings.FORMATS))
 
-    def load(
+    def find(
         self,
         names: Sequence[str],
         *,
@@ -43,8 +46,10 @@ class Files:
         split: str | None = None,
         held_out: bool = True,
         joints: Sequence[str] = (),
-    ) -> list[truejoint.Recording]:
-        """Load recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
+    ) -> Read:
+        """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
+
+        What is given back reads them; what can be refused before is refused here.
 
         Parameters
         ----------
@@ -61,8 +66,8 @@ class Files:
         Raises
         ------
         RecordingError, RobotError
-            If one is not there, is named twice or cannot be read, the part is not ``FROM:TO``, or
-            a joint is unknown; names are checked before anything is read.
+            If one is not there or is named twice, the part is not ``FROM:TO``, or a joint is
+            unknown.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -73,23 +78,26 @@ class Files:
             truejoint.get_robot(self.robot, self.arm).index(list(joints))
         if split is not None:
             return _split_side(only_dataset(names), split, held_out)
-        recordings: list[truejoint.Recording] = []
-        what = names[0] if len(names) == 1 else f"{len(names)} recordings"
-        with progress(f"Reading {what}") as done:
-            for count, read in enumerate(readers, 1):
-                fresh = read()
-                for recording in fresh:
-                    recording.robot.index(list(joints))
-                recordings += fresh
-                done(count / len(names))
-        for recording in recordings:
-            say_dropped(recording)
-        if span is None:
-            return recordings
-        return [truejoint.evaluation.part_by_time(recording, *span) for recording in recordings]
 
-    def _reader(self, name: str, joints: Sequence[str]) -> Callable[[], list[truejoint.Recording]]:
-        """Find what a name means, to be read later."""
+        def read() -> list[truejoint.Recording]:
+            recordings: list[truejoint.Recording] = []
+            what = names[0] if len(names) == 1 else f"{len(names)} recordings"
+            with progress(f"Reading {what}") as done:
+                for count, reader in enumerate(readers, 1):
+                    fresh = reader()
+                    for recording in fresh:
+                        recording.robot.index(list(joints))
+                    recordings += fresh
+                    done(count / len(names))
+            for recording in recordings:
+                say_dropped(recording)
+            if span is None:
+                return recordings
+            return [truejoint.evaluation.part_by_time(whole, *span) for whole in recordings]
+
+        return read if names else list
+
+    def _reader(self, name: str, joints: Sequence[str]) -> Read:
         sets = truejoint.recordings.datasets
         wanted, _, pattern = name.partition(":")
         if Path(name).exists():
@@ -141,7 +149,7 @@ def check_model_free(path: Path, force: bool, option: str = "--out") -> None:
     check_free(check_name(path), force, option)
 
 
-def _split_side(dataset: str | None, name: str, held_out: bool) -> list[truejoint.Recording]:
+def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
     if dataset is None:
         raise RecordingError(
             f"--split {name!r} is for one public data set by name; use --part for files"
@@ -149,12 +157,16 @@ def _split_side(dataset: str | None, name: str, held_out: bool) -> list[truejoin
     sets, evaluation = truejoint.recordings.datasets, truejoint.evaluation
     split = sets.get_dataset(dataset).split(name)
     side = "the held-out" if held_out else "the training"
-    with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
-        recordings = sets.open_dataset(dataset, split.files, progress=done)
-    if split.test:
-        return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
-    pairs = [evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings]
-    return [test if held_out else train for train, test in pairs]
+
+    def read() -> list[truejoint.Recording]:
+        with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
+            recordings = sets.open_dataset(dataset, split.files, progress=done)
+        if split.test:
+            return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
+        pairs = [evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings]
+        return [test if held_out else train for train, test in pairs]
+
+    return read
 
 
 def parse_part(text: str) -> tuple[float, float]:

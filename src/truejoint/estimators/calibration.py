@@ -23,7 +23,7 @@ from truejoint.estimators.registry import families
 from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
 from truejoint.estimators.uncertainty import half_widths
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import as_recordings
+from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot
 from truejoint.summary import Summarised
 from truejoint.units import shown
@@ -262,7 +262,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         write_model_file(path, document, arrays, overwrite=overwrite)
 
     def _check(self, recording: Recording) -> None:
-        as_recordings(recording)
+        as_recording(recording)
         source = recording.provenance.source or "recording"
         robot = recording.robot
         if (robot.name, robot.arm) != (self.robot, self.arm):

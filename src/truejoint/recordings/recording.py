@@ -259,31 +259,29 @@ class Recording(Summarised):
         return self.rows(np.flatnonzero(~unknown))
 
 
-def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording]:
-    """One recording or several as a list.
-
-    Raises
-    ------
-    RecordingError
-        If anything in it is not a recording; the message says how to make one.
+def as_recording(value: object) -> Recording:
+    """Give back a recording; raises RecordingError for anything else, saying how to make one.
 
     Examples
     --------
-    >>> as_recordings("run.parquet")
+    >>> as_recording("run.parquet")
     Traceback (most recent call last):
     truejoint.errors.RecordingError: 'run.parquet' is a str, not a Recording; read files with ...
     """
-    several = isinstance(recordings, Sequence | Iterator) and not isinstance(recordings, str)
-    found: list[Any] = list(recordings) if several else [recordings]  # type: ignore[arg-type]
-    for item in found:
-        if not isinstance(item, Recording):
-            what = repr(item) if isinstance(item, str) else "this"
-            raise RecordingError(
-                f"{what:.60} is a {type(item).__name__}, not a Recording; read files with "
-                "read_recording(path), make one of columns with Recording.from_columns(table, "
-                "robot)"
-            )
-    return found
+    if isinstance(value, Recording):
+        return value
+    what = repr(value) if isinstance(value, str) else "this"
+    raise RecordingError(
+        f"{what:.60} is a {type(value).__name__}, not a Recording; read files with "
+        "read_recording(path), make one of columns with Recording.from_columns(table, robot)"
+    )
+
+
+def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording]:
+    """One recording or several as a list; raises RecordingError as `as_recording`."""
+    if isinstance(recordings, Sequence | Iterator) and not isinstance(recordings, str):
+        return [as_recording(item) for item in recordings]
+    return [as_recording(recordings)]
 
 
 def since_first(t: Array) -> tuple[Array, float]:

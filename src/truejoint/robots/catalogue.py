@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from typing import Final, Protocol, cast
+from typing import TYPE_CHECKING, Final, Protocol, cast
 
 from truejoint.errors import RobotError, unknown
-from truejoint.robots.robot import Robot
+
+if TYPE_CHECKING:  # a list of the names needs no NumPy
+    from truejoint.robots.robot import Robot
 
 
 class _RobotModule(Protocol):
