@@ -40,12 +40,14 @@ def display_unit(unit: str) -> DisplayUnit:
 
 
 def shown(value: float, unit: str) -> str:
-    """Write an SI value for a person: three decimals in the unit of `display_unit`.
+    """Write an SI value for a person: three decimals in the unit of `display_unit`, "-" for NaN.
 
     Examples
     --------
     >>> shown(0.002, "m"), shown(0.01, "rad")
     ('2.000 mm', '0.573 deg')
     """
+    if math.isnan(value):
+        return "-"
     display = display_unit(unit)
     return f"{value * display.scale:.3f} {display.name}"

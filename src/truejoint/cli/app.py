@@ -46,8 +46,16 @@ for command, example in (
     (export.export, "left_arm.safetensors --to c --out controller"),
 ):
     app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)
-for group in (trajectory, forceps, datasets):
-    app.add_typer(group.app, name=group.__name__.rpartition(".")[2])
+for group, example in (
+    (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
+    (forceps, "forceps table2 --specimen A"),
+    (datasets, "datasets fetch dvrk_psm_berkeley"),
+):
+    app.add_typer(
+        group.app,
+        name=group.__name__.rpartition(".")[2],
+        epilog=f"Example: `truejoint {example}`",
+    )
 
 
 def _print_version(wanted: bool) -> None:

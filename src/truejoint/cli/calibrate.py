@@ -9,26 +9,14 @@ from typing import Annotated, Any, Literal
 import typer
 
 import truejoint
-from truejoint.cli import complete
+from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import Files, check_model_free, only_dataset
-from truejoint.cli.options import (
-    Arm,
-    Columns,
-    FilesRobot,
-    Force,
-    Format,
-    Json,
-    Part,
-    Recordings,
-    Seed,
-    Split,
-)
 from truejoint.errors import CalibrationError, unknown
 
 
 def calibrate(
-    recordings: Recordings,
+    recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
     estimator: Annotated[
         str,
@@ -71,34 +59,29 @@ def calibrate(
     ] = None,
     test: Annotated[
         list[str] | None,
-        typer.Option(
-            "--test",
-            help="Recording to judge on; the accuracy goes into the file.",
-            autocompletion=complete.recordings,
-        ),
+        options.recordings("--test", "Recording to judge on; the accuracy goes into the file."),
     ] = None,
     interval: Annotated[
         list[str] | None,
-        typer.Option(
+        options.recordings(
             "--interval",
-            help="Recording that the fit does not see, to state how far off positions may be: 9 "
+            "Recording that the fit does not see, to state how far off positions may be: 9 "
             "or more for 90 %, each after a homing of its own if that is to hold after any homing.",
-            autocompletion=complete.recordings,
         ),
     ] = None,
     interval_rezero_s: Annotated[
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
-    reader: Format = None,
-    columns: Columns = None,
-    robot: FilesRobot = None,
-    arm: Arm = "",
-    part: Part = None,
-    split: Split = None,
-    seed: Seed = 0,
-    force: Force = False,
-    as_json: Json = False,
+    reader: options.Format = None,
+    columns: options.Columns = None,
+    robot: options.FilesRobot = None,
+    arm: options.Arm = "",
+    part: options.Part = None,
+    split: options.Split = None,
+    seed: options.Seed = 0,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_free(output, force)
@@ -139,18 +122,18 @@ def calibrate(
 def fit(
     training: Sequence[truejoint.Recording],
     estimator: truejoint.estimators.JointRegressor,
-    **options: Any,
+    **how: Any,
 ) -> tuple[truejoint.Calibration, truejoint.evaluation.DataCheck]:
     """Check the recordings, say what was found, and fit, showing progress.
 
-    Options are those of `truejoint.calibrate`.
+    `how` is as `truejoint.calibrate` takes it.
     """
     check = truejoint.evaluation.check_data(training)
     for finding in check.findings:
         if finding.level != "info":
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
     with progress(f"Fitting {estimator.name}") as done:
-        fitted = truejoint.calibrate(training, estimator, progress=done, **options)
+        fitted = truejoint.calibrate(training, estimator, progress=done, **how)
     return fitted.with_metadata(command=command_line()), check
 
 

@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.table import Table
 
 import truejoint
-from truejoint.cli import complete
-from truejoint.cli.console import out, progress, result_json, say
+from truejoint.cli import complete, options
+from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED
 from truejoint.cli.inputs import Files, check_model_free
-from truejoint.cli.options import Arm, Columns, FilesRobot, Force, Format, Json, Model, Part
 from truejoint.errors import RecordingError
-from truejoint.units import display_unit
+from truejoint.units import shown
 
 _ADVICE = {
     "shift": "efforts no longer fit the positions: was a load hung on, or a cable changed?",
@@ -28,7 +25,7 @@ _ADVICE = {
 
 
 def check(
-    model: Model,
+    model: options.Model,
     recording: Annotated[
         str,
         typer.Argument(
@@ -56,13 +53,13 @@ def check(
             autocompletion=complete.percent_levels,
         ),
     ] = 90.0,
-    reader: Format = None,
-    columns: Columns = None,
-    robot: FilesRobot = None,
-    arm: Arm = "",
-    part: Part = None,
-    force: Force = False,
-    as_json: Json = False,
+    reader: options.Format = None,
+    columns: options.Columns = None,
+    robot: options.FilesRobot = None,
+    arm: options.Arm = "",
+    part: options.Part = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
     if rezero is not None:
@@ -82,15 +79,15 @@ def check(
         with progress("Comparing the two calibrations"):
             agreement = truejoint.estimators.cross_check(calibration, other, loaded[0], level)
         _report_agreement(calibration, agreement, as_json)
-        failed = not agreement.consistent.all()
+        holds: bool | None = bool(agreement.consistent.all())
     else:
         with progress("Comparing with the truth"):
             result = truejoint.runtime.check_calibration(calibration, loaded[0], level)
         if rezero is not None:
             truejoint.estimators.rezeroed(calibration, loaded[0]).save(rezero, overwrite=force)
         _report_check(calibration, result, rezero, as_json)
-        failed = result.holds is False
-    if failed:
+        holds = result.holds
+    if holds is False:
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -103,31 +100,25 @@ def _report_check(
     if as_json:
         result_json({**result.to_dict(), "rezeroed": None if written is None else str(written)})
         return
-    table = Table(title=f"{calibration.estimator} of {calibration.title}, now")
-    for name in ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside"):
-        table.add_column(name, justify="left" if name == "joint" else "right")
-    for joint in result.joints:
-        shown = display_unit(joint.unit)
-
-        def length(value: float, scale: float = shown.scale) -> str:
-            return "-" if math.isnan(value) else f"{value * scale:.3f}"
-
-        table.add_row(
-            f"{joint.joint} [{shown.name}]",
-            length(joint.rmse),
-            f"{joint.offset * shown.scale:+.3f} ± {length(joint.offset_sd)}",
-            length(joint.left),
-            f"± {length(joint.half_width)}",
+    rows = [
+        (
+            joint.joint,
+            shown(joint.rmse, joint.unit),
+            f"{shown(joint.offset, joint.unit)} ± {shown(joint.offset_sd, joint.unit)}",
+            shown(joint.left, joint.unit),
+            f"± {shown(joint.half_width, joint.unit)}",
             "-" if joint.holds is None else f"{100 * joint.inside:.0f} %",
         )
-    out.print(table)
+        for joint in result.joints
+    ]
+    header = ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside")
+    print_table(header, rows, title=f"{calibration.estimator} of {calibration.title}, now")
     out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s", highlight=False)
     if calibration.interval is not None:
         out.print(f"The interval is {calibration.interval.meaning}", highlight=False)
     out.print(_verdict(result), style=_COLOURS[result.holds], highlight=False)
-    if result.reasons:
-        for name in result.to_dict()["reasons"]:
-            say(f"monitor: {_ADVICE[name]}")
+    for name in result.to_dict()["reasons"]:
+        say(f"monitor: {_ADVICE[name]}")
     if written is not None:
         out.print(f"{written}: re-zeroed to this truth", highlight=False)
 
@@ -154,32 +145,23 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
 def _report_agreement(
     calibration: truejoint.Calibration, found: truejoint.estimators.CrossCheck, as_json: bool
 ) -> None:
-    rows: list[dict[str, Any]] = [
-        {
-            "joint": joint,
-            "unit": calibration.units[f"measured/{joint}"],
-            "difference": float(found.difference[k]),
-            "allowed": float(found.allowed[k]),
-            "inside": float(found.inside[k]),
-            "consistent": bool(found.consistent[k]),
-        }
-        for k, joint in enumerate(calibration.joints)
-    ]
+    names = ("joint", "unit", "difference", "allowed", "inside", "consistent")
+    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
+    columns = (found.difference, found.allowed, found.inside, found.consistent)
+    values = [column.tolist() for column in columns]
+    rows = list(zip(calibration.joints, units, *values, strict=True))
     if as_json:
-        result_json({"level": found.level, "joints": rows})
+        joints = [dict(zip(names, row, strict=True)) for row in rows]
+        result_json({"level": found.level, "joints": joints})
         return
-    table = Table(title="Difference of the two calibrations")
-    for name in ("joint", "RMS", "both intervals, RMS", "inside"):
-        table.add_column(name, justify="left" if name == "joint" else "right")
-    for row in rows:
-        shown = display_unit(row["unit"])
-        table.add_row(
-            f"{row['joint']} [{shown.name}]",
-            f"{row['difference'] * shown.scale:.3f}",
-            f"± {row['allowed'] * shown.scale:.3f}",
-            f"{100 * row['inside']:.0f} %",
-        )
-    out.print(table)
+    print_table(
+        ("joint", "RMS", "both intervals, RMS", "inside"),
+        [
+            (joint, shown(off, unit), f"± {shown(allowed, unit)}", f"{100 * inside:.0f} %")
+            for joint, unit, off, allowed, inside, _ in rows
+        ],
+        title="Difference of the two calibrations",
+    )
     good = bool(found.consistent.all())
     out.print(
         "They differ by no more than both state."

@@ -5,7 +5,6 @@ Only names and headers of files are read: a shell waits for each of these.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -50,7 +49,7 @@ def joints(context: typer.Context) -> list[str]:
             columns += [feature.replace("measured/", "truth/") for feature in known[name].features]
         else:
             columns += _header(Path(name))
-    return _unique(c.removeprefix("truth/") for c in columns if c.startswith("truth/"))
+    return list(dict.fromkeys(c[6:] for c in columns if c.startswith("truth/")))
 
 
 def tolerances(context: typer.Context) -> list[str]:
@@ -95,7 +94,3 @@ def _header(path: Path) -> list[str]:
             return [field.strip(' "\n') for field in file.readline(100_000).split(",")]
     except (OSError, ValueError):  # pyarrow's errors derive from these
         return []
-
-
-def _unique(names: Iterable[str]) -> list[str]:
-    return list(dict.fromkeys(names))

@@ -6,12 +6,13 @@ import json
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 # A file or pipe has no width of its own; tables are not to be folded there.
 _LOG_WIDTH = 132
@@ -59,6 +60,18 @@ def progress(description: str) -> Iterator[ProgressCallback]:
 
     yield report
     err.print(f"  done in {time.monotonic() - began:.1f} s", highlight=False)
+
+
+def print_table(
+    header: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None
+) -> None:
+    """Print a table: texts in the first column, numbers in the others."""
+    table = Table(title=title, title_justify="left")
+    for name in header:
+        table.add_column(name, justify="left" if name == header[0] else "right")
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
 
 
 def say(message: str) -> None:

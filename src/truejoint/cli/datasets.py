@@ -15,9 +15,7 @@ from truejoint.errors import RecordingError
 app = typer.Typer(help="List, describe and fetch public recordings of real joints.")
 
 
-@app.callback(
-    invoke_without_command=True, epilog="Example: `truejoint datasets fetch dvrk_psm_berkeley`"
-)
+@app.callback(invoke_without_command=True)
 def listing(context: typer.Context, as_json: Json = False) -> None:
     """List the public data sets, and whether they are on this machine."""
     if context.invoked_subcommand is not None:

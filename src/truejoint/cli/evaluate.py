@@ -9,40 +9,24 @@ from typing import Annotated
 import typer
 
 import truejoint
-from truejoint.cli import complete
+from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import Files, check_free, parse_tolerances
-from truejoint.cli.options import (
-    Arm,
-    Columns,
-    FilesRobot,
-    Force,
-    Format,
-    Json,
-    Model,
-    Part,
-    Recordings,
-    Split,
-)
 from truejoint.errors import CalibrationError
 
 CHECK_FAILED = 1
 
 
 def evaluate(
-    model: Model,
-    recordings: Recordings,
+    model: options.Model,
+    recordings: options.Recordings,
     seeds: Annotated[
         list[Path] | None,
         typer.Option("--seed-of", help="Model file of the same estimator with another seed."),
     ] = None,
     training: Annotated[
         list[str] | None,
-        typer.Option(
-            "--training",
-            help="Training recording, for the report's figures only.",
-            autocompletion=complete.recordings,
-        ),
+        options.recordings("--training", "Training recording, for the report's figures only."),
     ] = None,
     report: Annotated[Path | None, typer.Option(help="Also write the report, an .html page.")] = (
         None
@@ -57,14 +41,14 @@ def evaluate(
         ),
     ] = None,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
-    reader: Format = None,
-    columns: Columns = None,
-    robot: FilesRobot = None,
-    arm: Arm = "",
-    part: Part = None,
-    split: Split = None,
-    force: Force = False,
-    as_json: Json = False,
+    reader: options.Format = None,
+    columns: options.Columns = None,
+    robot: options.FilesRobot = None,
+    arm: options.Arm = "",
+    part: options.Part = None,
+    split: options.Split = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:

@@ -8,14 +8,13 @@ from typing import Annotated, Literal
 import typer
 
 import truejoint
-from truejoint.cli import complete
+from truejoint.cli import complete, options
 from truejoint.cli.console import out, result_json
-from truejoint.cli.options import Force, Json, Model
 from truejoint.errors import ExportError
 
 
 def export(
-    model: Model,
+    model: options.Model,
     kind: Annotated[Literal["c", "onnx"], typer.Option("--to", help="What to write.")],
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
     precision: Annotated[
@@ -41,8 +40,8 @@ def export(
             "Default: that of `Corrector`."
         ),
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Write a calibration as C99 source (--to c) or as an ONNX graph (--to onnx).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -23,6 +23,13 @@ Model = Annotated[
 DatasetName = Annotated[
     str, typer.Argument(help="Name of the data set.", autocompletion=complete.datasets)
 ]
+
+
+def recordings(name: str, help: str) -> Any:  # noqa: A002  # as typer calls it
+    """Option that takes recordings as the argument of a command does."""
+    return typer.Option(name, help=help, autocompletion=complete.recordings)
+
+
 Recordings = Annotated[
     list[str],
     typer.Argument(
