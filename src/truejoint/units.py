@@ -39,12 +39,12 @@ def display_unit(unit: str) -> DisplayUnit:
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
 
 
-def shown(value: float, unit: str) -> str:
+def with_unit(value: float, unit: str) -> str:
     """Write an SI value for a person: three decimals in the unit of `display_unit`, "-" for NaN.
 
     Examples
     --------
-    >>> shown(0.002, "m"), shown(0.01, "rad")
+    >>> with_unit(0.002, "m"), with_unit(0.01, "rad")
     ('2.000 mm', '0.573 deg')
     """
     if math.isnan(value):

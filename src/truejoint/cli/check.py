@@ -13,7 +13,7 @@ from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED
 from truejoint.cli.inputs import Files, check_model_free
 from truejoint.errors import RecordingError
-from truejoint.units import shown
+from truejoint.units import with_unit
 
 _ADVICE = {
     "shift": "efforts no longer fit the positions: was a load hung on, or a cable changed?",
@@ -103,10 +103,10 @@ def _report_check(
     rows = [
         (
             joint.joint,
-            shown(joint.rmse, joint.unit),
-            f"{shown(joint.offset, joint.unit)} ± {shown(joint.offset_sd, joint.unit)}",
-            shown(joint.left, joint.unit),
-            f"± {shown(joint.half_width, joint.unit)}",
+            with_unit(joint.rmse, joint.unit),
+            f"{with_unit(joint.offset, joint.unit)} ± {with_unit(joint.offset_sd, joint.unit)}",
+            with_unit(joint.left, joint.unit),
+            f"± {with_unit(joint.half_width, joint.unit)}",
             "-" if joint.holds is None else f"{100 * joint.inside:.0f} %",
         )
         for joint in result.joints
@@ -157,7 +157,7 @@ def _report_agreement(
     print_table(
         ("joint", "RMS", "both intervals, RMS", "inside"),
         [
-            (joint, shown(off, unit), f"± {shown(allowed, unit)}", f"{100 * inside:.0f} %")
+            (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
             for joint, unit, off, allowed, inside, _ in rows
         ],
         title="Difference of the two calibrations",

@@ -26,7 +26,7 @@ from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot
 from truejoint.summary import Summarised
-from truejoint.units import shown
+from truejoint.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -83,12 +83,12 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):
                 rows = zip(self.joints, widths, units, strict=True)
                 about[f"{100 * level:g} %"] = ", ".join(
-                    f"{joint} ± {shown(width, unit)}" for joint, width, unit in rows
+                    f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in rows
                 )
             about["interval"] = self.interval.meaning
         held_out = [row for row in facts.get("held_out", []) if row["estimator"] == self.estimator]
         if held_out:
-            scores = (f"{row['joint']} {shown(row['rmse'], row['unit'])}" for row in held_out)
+            scores = (f"{row['joint']} {with_unit(row['rmse'], row['unit'])}" for row in held_out)
             about["held out"] = f"RMSE {', '.join(scores)}"
         return about
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from truejoint.summary import Summarised
-from truejoint.units import shown
+from truejoint.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -412,7 +412,9 @@ class Evaluation(Summarised):
         accuracy = {}
         for joint, unit in zip(self.joints, self.units, strict=True):
             own, offset = self.score(self.chosen, joint).rmse, self.score(OFFSET, joint).rmse
-            accuracy[joint] = f"{shown(own, unit)} RMSE (fixed offset {shown(offset, unit)})"
+            accuracy[joint] = (
+                f"{with_unit(own, unit)} RMSE (fixed offset {with_unit(offset, unit)})"
+            )
         return {
             "of": f"{estimator_title(self.chosen)}, {self.title}",
             "test": ", ".join(trace.name for trace in self.traces),

@@ -112,6 +112,11 @@ def read_recording(
     >>> read_recording("run.csv", robot="davinci_grasper").joints_of("truth")
     ('jaw',)
     """
+    if not isinstance(path, str | os.PathLike):
+        raise RecordingError(
+            f"a {type(path).__name__} is no path; Recording.from_columns(table, robot) makes a "
+            "recording of a table"
+        )
     source = Path(path)
     if not source.exists():
         raise RecordingError(f"{source}: there is no such file or folder; check the path")

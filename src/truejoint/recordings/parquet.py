@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.files import require_file, write_atomically
 from truejoint.recordings.numeric_text import MAX_VALUES
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.recording import Provenance, Recording, as_recording
 
 METADATA_KEY: Final = b"truejoint"
 VERSION: Final = 1
@@ -48,7 +48,7 @@ def write_parquet(
     >>> len(truejoint.read_recording("test.parquet"))
     400
     """
-    target = Path(path)
+    target, recording = Path(path), as_recording(recording)
     header = {
         "version": VERSION,
         "units": dict(recording.units),

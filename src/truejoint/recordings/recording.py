@@ -153,6 +153,10 @@ class Recording(Summarised):
     provenance: Provenance
 
     def __post_init__(self) -> None:
+        if not isinstance(self.provenance, Provenance):
+            raise RecordingError(
+                "a recording needs a Provenance; Recording.from_columns(table, robot) makes one"
+            )
         _check_table(self.table, self.units, self.provenance.source or "recording")
 
     @classmethod
@@ -191,7 +195,13 @@ class Recording(Summarised):
         """
         if isinstance(provenance, str):
             provenance = Provenance(provenance)
-        arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
+        try:
+            arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
+        except (AttributeError, TypeError, ValueError) as error:
+            raise RecordingError(
+                f"{provenance.source or 'recording'}: {error}; give a table, or a mapping of names "
+                "to columns of numbers"
+            ) from None
         _check_shapes(arrays, provenance.source or "recording")
         table = pd.DataFrame(arrays)
         robot = get_robot(provenance.robot, provenance.arm)
