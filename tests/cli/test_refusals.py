@@ -96,3 +96,18 @@ def test_the_package_runs_as_a_module(
         runpy.run_module("truejoint", run_name="__main__")
     assert not stop.value.code
     assert capsys.readouterr().out.startswith("truejoint ")
+
+
+@pytest.mark.parametrize("name", ["[/x]", "[bold]run[/bold].csv", "\\[x]"])
+def test_brackets_in_a_name_are_no_markup(
+    call: Call, session: Path, tmp_path: Path, name: str
+) -> None:
+    result = call("check", session / "m.st", name)
+    assert result.code == 2
+    assert name in result.err
+    folder = tmp_path / "[/y]"
+    folder.mkdir(parents=True)
+    (folder / "run.csv").write_bytes(b"t,measured/elbow\n")
+    result = call("check", session / "m.st", folder / "run.csv", "--robot", "raven2")
+    assert result.code == 2
+    assert "[/y]" in result.err

@@ -86,5 +86,5 @@ def main() -> None:
 
 
 def _fail(message: str) -> None:
-    err.print(f"truejoint: {message}", style="red", markup=False, highlight=False, soft_wrap=True)
+    err.print(f"truejoint: {message}", style="red", soft_wrap=True)
     sys.exit(2)

@@ -116,7 +116,7 @@ def calibrate(
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
     else:
-        out.print(f"{output}: {fitted}", highlight=False, markup=False, soft_wrap=True)
+        out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
 def fit(

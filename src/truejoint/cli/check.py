@@ -113,14 +113,14 @@ def _report_check(
     ]
     header = ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside")
     print_table(header, rows, title=f"{calibration.estimator} of {calibration.title}, now")
-    out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s", highlight=False)
+    out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s")
     if calibration.interval is not None:
-        out.print(f"The interval is {calibration.interval.meaning}", highlight=False)
-    out.print(_verdict(result), style=_COLOURS[result.holds], highlight=False)
+        out.print(f"The interval is {calibration.interval.meaning}")
+    out.print(_verdict(result), style=_COLOURS[result.holds])
     for name in result.to_dict()["reasons"]:
         say(f"monitor: {_ADVICE[name]}")
     if written is not None:
-        out.print(f"{written}: re-zeroed to this truth", highlight=False)
+        out.print(f"{written}: re-zeroed to this truth")
 
 
 _COLOURS = {True: "green", False: "red", None: "yellow"}
@@ -168,5 +168,4 @@ def _report_agreement(
         if good
         else "They differ by more than both state: at least one interval is too narrow here.",
         style=_COLOURS[good],
-        highlight=False,
     )

@@ -64,7 +64,7 @@ def get(
     if as_json:
         result_json({"name": name, "folder": str(folder)})
     else:
-        out.print(f"{name} is in {folder}", highlight=False)
+        out.print(f"{name} is in {folder}")
 
 
 def _here(dataset: truejoint.recordings.datasets.Dataset) -> bool:

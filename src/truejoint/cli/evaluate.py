@@ -113,6 +113,6 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
         for line in (result.interval_note, *result.interval_objections):
             say(line)
     colour = "green" if result.verdict.passed else "red"
-    out.print(result.verdict.text, style=colour, highlight=False)
+    out.print(result.verdict.text, style=colour)
     for line in (*result.verdict.objections, *result.verdict.remarks):
-        out.print(f"  {line}", highlight=False)
+        out.print(f"  {line}")

@@ -72,6 +72,6 @@ def export(
         result_json({"files": [str(path) for path in paths]})
         return
     for path in paths:
-        out.print(str(path), highlight=False, soft_wrap=True)
+        out.print(str(path), soft_wrap=True)
     if kind == "c":
-        out.print(f"check it:  {check_command(paths)}", highlight=False, soft_wrap=True)
+        out.print(f"check it:  {check_command(paths)}", soft_wrap=True)

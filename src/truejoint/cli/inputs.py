@@ -186,16 +186,7 @@ def parse_part(text: str) -> tuple[float, float]:
 def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
     """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``.
 
-    Parameters
-    ----------
-    texts : sequence of str
-    units : mapping
-        SI unit by joint.
-
-    Raises
-    ------
-    RecordingError
-        If a joint is unknown or a number is not positive.
+    `units` are SI, by joint. Raises RecordingError if a joint is unknown or a number not positive.
     """
     tolerances = {}
     for text in texts:
