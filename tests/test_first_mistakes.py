@@ -35,6 +35,7 @@ def test_evaluate_takes_one_or_several_and_paths(model: Calibration, tmp_path: P
         for recordings in (test, [test]):
             found = truejoint.evaluate(models, recordings)
             assert found.score("linear", "jaw").rmse == rmse
+    assert truejoint.evaluate({"mine": model}, test).chosen == "mine"
     assert truejoint.evaluate([model, path], test).score("linear", "jaw").seeds == 2
 
 
@@ -92,6 +93,11 @@ def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
         assert len(repr(value).splitlines()) < 14
         assert value._repr_html_().startswith("<table>")
     assert "<b>" not in Recording.from_columns({"t": [0, 1]}, "bros")._repr_html_()
+
+
+def test_what_others_wrote_into_a_model_does_not_break_its_text(model: Calibration) -> None:
+    for facts in ({"held_out": 5}, {"held_out": [{"rmse": "x"}]}, {"duration": "long"}):
+        assert "linear" in repr(model.with_metadata(**facts))
 
 
 def test_the_package_lists_its_names() -> None:

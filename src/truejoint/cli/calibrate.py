@@ -29,7 +29,11 @@ def calibrate(
     ] = "dnn",
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Parameter of the estimator."),
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Its parameter, as epochs=400 or hidden_layer_sizes=50,50.",
+        ),
     ] = None,
     features: Annotated[
         list[str] | None,

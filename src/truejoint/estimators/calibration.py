@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -76,20 +77,23 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             "joints": ", ".join(self.joints),
             "features": f"{len(names)}: {some}",
         }
-        if "rows" in facts and "duration" in facts:
-            about["trained on"] = f"{facts['rows']} rows, {facts['duration'] / 60:.1f} min"
+        rows, duration = facts.get("rows"), facts.get("duration")
+        if isinstance(rows, int) and isinstance(duration, float):
+            about["trained on"] = f"{rows} rows, {duration / 60:.1f} min"
         if self.interval is not None:
             units = [self.units[f"measured/{joint}"] for joint in self.joints]
             for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):
-                rows = zip(self.joints, widths, units, strict=True)
+                stated = zip(self.joints, widths, units, strict=True)
                 about[f"{100 * level:g} %"] = ", ".join(
-                    f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in rows
+                    f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in stated
                 )
             about["interval"] = self.interval.meaning
-        held_out = [row for row in facts.get("held_out", []) if row["estimator"] == self.estimator]
-        if held_out:
-            scores = (f"{row['joint']} {with_unit(row['rmse'], row['unit'])}" for row in held_out)
-            about["held out"] = f"RMSE {', '.join(scores)}"
+        with suppress(KeyError, TypeError):  # not stated, or by somebody else's rules
+            about["held out"] = "RMSE " + ", ".join(
+                f"{row['joint']} {with_unit(row['rmse'], row['unit'])}"
+                for row in facts["held_out"]
+                if row["estimator"] == self.estimator
+            )
         return about
 
     @property

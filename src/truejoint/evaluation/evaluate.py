@@ -195,7 +195,7 @@ def _by_estimator(
     models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
 ) -> Mapping[str, Sequence[JointCalibration]]:
     if isinstance(models, Mapping):
-        return models
+        return {k: [v] if isinstance(v, Calibration) else v for k, v in models.items()}
     found: dict[str, list[JointCalibration]] = {}
     for given in models if isinstance(models, list | tuple) else [models]:
         model = load_calibration(given) if isinstance(given, str | os.PathLike) else given
