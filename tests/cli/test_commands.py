@@ -217,6 +217,13 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
         ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
         ["nothing"],
         ["calibrate"],
+        ["calibrate", "x.parquet"],
+        ["calibrate", "x.parquet", "-o", "m.st", "--target", "both"],
+        ["export", "m.st", "-o", "c"],
+        ["export", "m.st", "-o", "c", "--to", "rust"],
+        ["evaluate", "m.st", "x.parquet", "--window-s", "long"],
+        ["datasets", "show"],
+        ["demo", "--sed", "3"],
     ],
     ids=" ".join,
 )
@@ -226,6 +233,13 @@ def test_wrong_calls_are_exit_code_2(
     monkeypatch.chdir(tmp_path)
     result = call(*arguments)
     assert result.code == 2
-    assert result.err
-    assert "Traceback" not in result.err
+    assert result.err.startswith("truejoint: ")
+    assert len(result.err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_words_are_answered_with_the_help(call: Call) -> None:
+    result = call()
+    assert result.code == 2
+    assert "Commands" in result.out
+    assert not result.err

@@ -6,7 +6,7 @@ Exit codes: 0 good, 1 a check failed, 2 the call was wrong.
 from __future__ import annotations
 
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -58,6 +58,10 @@ for group, example in (
     )
 
 
+# Words that are no option, command or value; typer does not export it.
+_UsageError: Any = typer.BadParameter.__base__
+
+
 def _print_version(wanted: bool) -> None:
     if wanted:
         typer.echo(f"truejoint {truejoint.__version__}")
@@ -78,7 +82,10 @@ def root(
 def main() -> None:
     """Run the command line; an error that the caller can mend is one line and exit code 2."""
     try:
-        app(prog_name="truejoint")  # as a module, too
+        sys.exit(app(prog_name="truejoint", standalone_mode=False))
+    except _UsageError as error:
+        what = " ".join(error.format_message().split())
+        _fail(f"{what} See `{error.ctx.command_path} --help`." if what else "")  # help was shown
     except TruejointError as error:
         _fail(str(error))
     except OSError as error:
@@ -86,5 +93,6 @@ def main() -> None:
 
 
 def _fail(message: str) -> None:
-    err.print(f"truejoint: {message}", style="red", soft_wrap=True)
+    if message:
+        err.print(f"truejoint: {message}", style="red", soft_wrap=True)
     sys.exit(2)
