@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from truejoint.models.families import EstimatorData
 
 from truejoint.errors import CalibrationError, ExportError, ModelFileError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.export.c_models import model_context
 from truejoint.export.c_source import check_prefix, comment, number
 from truejoint.export.export_c import MEANINGS, export_c
-from truejoint.models.families import EstimatorData
 from truejoint.runtime import Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, recording

@@ -29,7 +29,21 @@ MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512
 
 _KEY: Final = "truejoint"
+_OTHER_FORMATS: Final = frozenset(
+    {".c", ".csv", ".h", ".html", ".json", ".mat", ".npy", ".onnx", ".parquet", ".pkl", ".toml"}
+)
 _DAMAGED: Final = "the file is damaged or was edited; copy or calibrate it again"
+
+
+def check_name(path: str | os.PathLike[str]) -> Path:
+    """Path of a model file to write; raises ModelFileError when its ending is another format's."""
+    path = Path(path)
+    if path.suffix.lower() in _OTHER_FORMATS:
+        raise ModelFileError(
+            f"{path}: a model file is not {path.suffix}; call it "
+            f"{path.with_suffix('.safetensors').name}, and see `truejoint export` for C and ONNX"
+        )
+    return path
 
 
 def write_model_file(
@@ -54,9 +68,10 @@ def write_model_file(
     Raises
     ------
     ModelFileError
-        If the file exists, cannot be written, or would break a bound that reading enforces.
+        If the file exists, is named like another format, cannot be written, or would break a bound
+        that reading enforces.
     """
-    path = Path(path)
+    path = check_name(path)
     data = to_bytes(document, arrays)
     try:
         from_bytes(data)

@@ -15,7 +15,7 @@ from truejoint.errors import RecordingError, RobotError
 from truejoint.files import write_atomically
 from truejoint.recordings.files import require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.recording import Provenance, Recording, as_recording
 
 METADATA_KEY: Final = b"truejoint"
 VERSION: Final = 1
@@ -42,8 +42,14 @@ def write_parquet(
     ------
     RecordingError
         If `path` exists and may not be replaced, or its folder does not exist.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> len(truejoint.read_recording("test.parquet"))
+    400
     """
-    target = Path(path)
+    target, recording = Path(path), as_recording(recording)
     header = {
         "version": VERSION,
         "units": dict(recording.units),
@@ -86,6 +92,12 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     RecordingError
         If the file is not there, cut short, damaged, larger than is read, from a newer version,
         or was not written by truejoint.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> read_parquet("test.parquet").provenance.source
+    'motion_9.csv'
     """
     source = require_file(Path(path))
     try:

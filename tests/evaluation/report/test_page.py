@@ -200,7 +200,7 @@ def test_a_report_is_written_whole_and_never_over_another(
         write_report(evaluation, target)
     assert target.read_bytes() == before
     write_report(evaluation, target, overwrite=True)
-    with pytest.raises(RecordingError, match="no folder"):
+    with pytest.raises(RecordingError, match="does not exist"):
         write_report(evaluation, tmp_path / "nowhere" / "report.html")
 
 

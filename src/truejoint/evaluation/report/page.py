@@ -15,7 +15,7 @@ from typing import Any, Final
 import jinja2
 from plotly.offline import get_plotlyjs
 
-from truejoint.errors import RecordingError
+from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation.checks import DataCheck
 from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
 from truejoint.evaluation.report.plot import Figure
@@ -71,9 +71,20 @@ def write_report(
 
     Raises
     ------
+    CalibrationError
+        If `evaluation` is something else.
     RecordingError
         If a file is there and may not be replaced, or the folder does not exist.
+
+    Examples
+    --------
+    >>> write_report(evaluation, "report.html", training=training).name
+    'report.html'
     """
+    if not isinstance(evaluation, Evaluation):
+        raise CalibrationError(
+            f"a {type(evaluation).__name__} is no Evaluation; give what `evaluate` gives"
+        )
     target = Path(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
     page = render_report(evaluation, training=training, checks=checks, command=command)
@@ -93,7 +104,13 @@ def render_report(
     checks: Mapping[str, DataCheck] | None = None,
     command: str = "",
 ) -> str:
-    """Return the page that `write_report` writes."""
+    """Return the page that `write_report` writes.
+
+    Examples
+    --------
+    >>> render_report(evaluation).startswith("<!doctype html>")
+    True
+    """
     sections = _sections(evaluation, training)
     interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section.figures]
