@@ -19,7 +19,7 @@ from truejoint.cli import (
     demo,
     evaluate,
     export,
-    forceps,
+    study,
     trajectory,
 )
 from truejoint.cli.console import err
@@ -56,7 +56,9 @@ app.command(
 app.command(
     "export", epilog="Example: `truejoint export left_arm.safetensors --to c --out controller`"
 )(export.export)
-app.add_typer(forceps.app, name="forceps")
+app.command("study", epilog="Example: `truejoint study forceps-unloaded --set specimen=B`")(
+    study.study
+)
 app.add_typer(datasets.app, name="datasets")
 
 

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 import platform
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,11 +15,11 @@ from typing import Any, Final
 import jinja2
 from plotly.offline import get_plotlyjs
 
-from truejoint.errors import RecordingError
 from truejoint.evaluation.checks import DataCheck
 from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
 from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
+from truejoint.recordings.files import write_atomically
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 
@@ -76,20 +74,12 @@ def write_report(
         If a file is there and may not be replaced, or the folder does not exist.
     """
     target = Path(path)
-    if target.exists() and not overwrite:
-        raise RecordingError(f"{target} exists; choose another name or allow to overwrite it")
-    if not target.parent.is_dir():
-        raise RecordingError(f"{target}: there is no folder {target.parent}; make it first")
     page = render_report(evaluation, training=training, checks=checks, command=command)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".report-", suffix=".html")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(page)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+
+    def fill(temporary: Path) -> None:
+        temporary.write_text(page, encoding="utf-8")
+
+    write_atomically(target, fill, overwrite=overwrite)
     return target
 
 
@@ -105,11 +95,8 @@ def render_report(
     interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section.figures]
     figures += interval_figures
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(_asset("report.html.j2"))
-    return template.render(
+    return render_page(
+        "report.html.j2",
         evaluation=evaluation,
         title_of=estimator_title,
         joint_units=[
@@ -141,13 +128,22 @@ def render_report(
         facts=_facts(evaluation),
         training_facts=view.flattened(evaluation.training),
         sources=_sources(evaluation, training),
-        versions=_versions(),
         command=command,
-        style=_asset("report.css"),
         script=_asset("report.js"),
         plotly=get_plotlyjs(),
         figures=script_json([_figure_values(f) for f in figures]),
     )
+
+
+def render_page(template: str, *, package: str = __package__, **values: Any) -> str:
+    """Fill a template of the ``assets`` of `package`, which extends our ``base.html.j2``."""
+    loaders = [jinja2.PackageLoader(name, "assets") for name in (package, __package__)]
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=jinja2.ChoiceLoader(loaders),
+    )  # fmt: skip
+    page = environment.get_template(template)
+    return page.render(**values, versions=versions(), style=_asset("report.css"))
 
 
 def script_json(value: Any) -> str:
@@ -224,7 +220,8 @@ def _sources(evaluation: Evaluation, training: Sequence[Recording]) -> list[tupl
     return used + tested
 
 
-def _versions() -> list[tuple[str, str]]:
+def versions() -> list[tuple[str, str]]:
+    """Versions of Python and of the packages that a result depends on."""
     found = [(name, _version(name)) for name in _PACKAGES]
     return [("Python", platform.python_version()), *found]
 

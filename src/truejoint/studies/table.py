@@ -1,4 +1,4 @@
-"""Tables of the experiments, for a terminal and as Markdown."""
+"""Tables of studies, for a terminal and as Markdown; the page draws its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from rich import box
-from rich.table import Table
+from rich import table as rich_table
 
 from truejoint.evaluation.digits import fixed
 
@@ -17,8 +17,8 @@ _CELL: Final = 24
 
 
 @dataclass(frozen=True)
-class TextTable:
-    """A table of texts.
+class Table:
+    """A table of texts, in the units of a person.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
-    def rich(self) -> Table:
+    def rich(self) -> rich_table.Table:
         """For a terminal."""
-        table = Table(
+        table = rich_table.Table(
             title=self.title, box=box.SIMPLE_HEAD, caption="\n".join(self.notes) or None,
             caption_justify="left",
         )  # fmt: skip
@@ -63,9 +63,9 @@ def degrees_text(value: float | None, decimals: int = 3) -> str:
     return fixed(math.nan if value is None else math.degrees(value), decimals)
 
 
-def reported_text(value: float | None) -> str:
-    """Text of a number that the paper prints in degrees, with its two decimals."""
-    return fixed(math.nan if value is None else value, 2)
+def reported_text(value: float | None, decimals: int = 2) -> str:
+    """Text of a number as a paper prints it; a dash for None."""
+    return fixed(math.nan if value is None else value, decimals)
 
 
 def _line(cells: Sequence[str]) -> str:
