@@ -8,7 +8,8 @@ from truejoint.errors import StudyError
 from truejoint.studies import forceps
 from truejoint.studies.study import Study
 
-STUDIES: Final = {study.name: study for study in (*forceps.STUDIES,)}
+STUDIES: Final = {study.name: study for study in forceps.STUDIES}
+"""In the order in which they are listed."""
 
 
 def get_study(name: str) -> Study:

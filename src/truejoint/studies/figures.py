@@ -29,10 +29,7 @@ _DPI: Final = 130
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """Points (n,) in the units of the axes; `style` is matplotlib's, such as ``"--"`` or ``"o"``.
-
-    Curves with a label stand in the legend.
-    """
+    """Points (n,) in the units of the axes, in matplotlib's `style`; in the legend if labelled."""
 
     x: ArrayLike
     y: ArrayLike
@@ -49,9 +46,8 @@ class Panel:
     Attributes
     ----------
     curves : sequence of Curve
-    x, y : str
-        Labels with units.
-    title : str
+    x, y, title : str
+        Labels, with units.
     log : str
         Axes that are logarithmic, of ``"xy"``.
     rows : sequence of str
@@ -74,19 +70,9 @@ class Panel:
 
 @dataclass(frozen=True, eq=False)
 class Figure:
-    """Rows of panels.
+    """Rows of as many panels each, with a title, a caption for the page, and a size [inch].
 
-    Attributes
-    ----------
-    title : str
-    panels : sequence of sequence of Panel
-        As many in each row.
-    caption : str
-        What it shows, for the page.
-    width, height : float
-        [inch]
-    legend : bool
-        Whether one legend below, of the first panel, serves all.
+    With `legend`, one legend below, that of the first panel, serves all.
     """
 
     title: str
@@ -131,7 +117,10 @@ def _draw(panel: Panel, axis: Axes) -> None:
         axis.set_yticks(np.arange(len(panel.rows)), list(panel.rows))
         axis.invert_yaxis()
     if panel.legend:
-        _legend(axis, above=not panel.rows and "y" not in panel.log)
+        if not panel.rows:  # above the curves, where it hides nothing
+            low, high = axis.get_ylim()
+            axis.set_ylim(low, high + 0.35 * (high - low))
+        axis.legend(loc="upper left", fontsize=7)
 
 
 def _plain_ticks(axis: Axis) -> None:
@@ -139,11 +128,3 @@ def _plain_ticks(axis: Axis) -> None:
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
-
-
-def _legend(axis: Axes, *, above: bool) -> None:
-    """Put the legend above the curves, where it hides nothing, or where there is most room."""
-    if above:
-        low, high = axis.get_ylim()
-        axis.set_ylim(low, high + 0.35 * (high - low))
-    axis.legend(loc="upper left" if above else "best", fontsize=7)

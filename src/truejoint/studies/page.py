@@ -6,6 +6,7 @@ import base64
 import json
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Final
 
 from truejoint.errors import StudyError
 from truejoint.evaluation.report.page import render_page, versions
@@ -15,7 +16,7 @@ from truejoint.studies.runner import StudyResult
 from truejoint.studies.store import write_bytes
 from truejoint.studies.study import Settings, Study
 
-MAX_RESULT_BYTES = 200_000_000
+MAX_RESULT_BYTES: Final = 200_000_000
 
 
 def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
@@ -26,7 +27,7 @@ def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
     try:
         known = path.stat().st_size <= MAX_RESULT_BYTES and json.loads(path.read_bytes())
         same = known and known["settings"] == settings.to_dict()
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         same = False
     if not same:
         raise StudyError(f"{path}: is of other settings; choose another --out, or --force")
@@ -58,37 +59,39 @@ def write_study(
     ------
     StudyError
         If results with other settings are there and may not be written over.
+
+    Examples
+    --------
+    >>> result = run_study("forceps-rezero", {"shifts_um": "20"})  # doctest: +SKIP
+    >>> write_study(result, "studies/forceps-rezero")[0]  # doctest: +SKIP
+    PosixPath('studies/forceps-rezero/forceps-rezero.html')
     """
     if not overwrite:
         check_folder(result.study, result.settings, folder)
-    name, summary, made = result.study.name, result.summary, datetime.now(UTC)
+    name, summary, target = result.study.name, result.summary, Path(folder)
+    created = f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
     pictures = {key: png(figure) for key, figure in summary.figures.items()}
-    origin = {"command": command, "created": made.isoformat(timespec="seconds")}
-    values = result.to_dict() | {"origin": origin | {"versions": dict(versions())}}
-    texts = {
-        f"{name}.html": _rendered(result, pictures, f"{made:%Y-%m-%d %H:%M} UTC", command),
-        f"{name}.md": "\n".join(table.markdown() for table in summary.tables),
-        f"{name}.json": json.dumps(values, indent=2, allow_nan=False) + "\n",
-    }
-    contents = {file: text.encode() for file, text in texts.items()}
-    contents |= {f"{key}.png": data for key, data in pictures.items()}
-    for file, data in contents.items():
-        write_bytes(Path(folder) / file, data)
-    for key, recording in summary.recordings.items():
-        write_parquet(recording, Path(folder) / f"{key}.parquet", overwrite=True)
-    return [
-        Path(folder) / file for file in (*contents, *(f"{k}.parquet" for k in summary.recordings))
-    ]
-
-
-def _rendered(result: StudyResult, pictures: dict[str, bytes], created: str, command: str) -> str:
-    return render_page(
+    page = render_page(
         "study.html.j2",
         package="truejoint.studies",
         study=result.study,
         settings=result.settings.to_dict(),
-        summary=result.summary,
+        summary=summary,
         pictures={key: base64.b64encode(data).decode("ascii") for key, data in pictures.items()},
         created=created,
         command=command,
     )
+    origin = {"command": command, "created": created, "versions": dict(versions())}
+    numbers = json.dumps(result.to_dict() | {"origin": origin}, indent=2, allow_nan=False)
+    files = {
+        target / f"{name}.html": page.encode(),
+        target / f"{name}.md": "\n".join(table.markdown() for table in summary.tables).encode(),
+        target / f"{name}.json": numbers.encode() + b"\n",
+        **{target / f"{key}.png": data for key, data in pictures.items()},
+    }
+    for file, data in files.items():
+        write_bytes(file, data)
+    recordings = {target / f"{key}.parquet": one for key, one in summary.recordings.items()}
+    for file, recording in recordings.items():
+        write_parquet(recording, file, overwrite=True)
+    return [*files, *recordings]

@@ -15,44 +15,34 @@ from typing import Any, Final
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.errors import StudyError, TruejointError
+from truejoint.evaluation.results import json_values
 from truejoint.studies.catalogue import get_study
 from truejoint.studies.store import part_file, read_part, write_part
 from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
 
-PARTS: Final = "parts"
-"""Folder, within a study's, of the parts that are done."""
+Outcome = tuple[Part, PartResult | TruejointError]
+
 _POOLS: Final = 3  # how often workers may die before it is given up
 
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """A study that was run.
-
-    Attributes
-    ----------
-    study : Study
-    settings : Settings
-    summary : Summary
-    computed : int
-        Parts that were computed now.
-    kept : int
-        Parts that had been computed before.
-    """
+    """A study that was run; `computed` tells how many of `parts`, by key, were not kept before."""
 
     study: Study
     settings: Settings
+    parts: Mapping[str, PartResult]
     summary: Summary
     computed: int
-    kept: int
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values: settings, claims with their verdicts, numbers."""
-        claims = [{**vars(claim), "verdict": claim.verdict} for claim in self.summary.claims]
+        """JSON values: settings, claims and tables for a person, numbers of every part in SI."""
         return {
             "study": self.study.name,
             "settings": self.settings.to_dict(),
-            "claims": claims,
-            "numbers": dict(self.summary.numbers),
+            "claims": [{**vars(c), "verdict": c.verdict} for c in self.summary.claims],
+            "tables": [vars(table) for table in self.summary.tables],
+            "parts": json_values({key: part.numbers for key, part in self.parts.items()}),
         }
 
 
@@ -68,7 +58,7 @@ def run_study(
 ) -> StudyResult:
     """Compute what is missing of a study, and summarise it.
 
-    Results do not depend on `jobs`, nor on what was computed before.
+    Results depend neither on `jobs` nor on what was computed before.
 
     Parameters
     ----------
@@ -79,7 +69,7 @@ def run_study(
     preset : {"full", "small"}
     seed : int
     folder : str or Path, optional
-        Where parts are kept as they are done, in ``parts/``, and taken from when the study is run
+        Where parts are kept, in ``parts/``, as they are done, and taken from when the study is run
         again; nothing is kept by default.
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
@@ -95,67 +85,52 @@ def run_study(
     Examples
     --------
     >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
-    >>> print(f"{result.summary.numbers['verification']['play_gated']['rms_deg']:.3f} deg")
-    0.035 deg
+    >>> error = result.parts["unloaded"].numbers["verification"]["play_gated"]["rms"]
+    >>> print(f"{error:.5f} rad")
+    0.00061 rad
     """
     chosen = get_study(study) if isinstance(study, str) else study
     settings = chosen.settings(preset, seed, options)
     if jobs < 1:
         raise StudyError(f"{jobs} jobs; give 1 or more")
-    if folder is None:
-        with TemporaryDirectory() as temporary:
-            return _run(chosen, settings, Path(temporary), jobs, progress)
-    return _run(chosen, settings, Path(folder) / PARTS, jobs, progress)
+    with TemporaryDirectory() as temporary:
+        files = {
+            part: part_file(Path(folder or temporary) / "parts", chosen, part)
+            for part in chosen.parts(settings)
+        }  # fmt: skip
+        missing = [part for part, file in files.items() if read_part(file) is None]
+        failed: list[tuple[str, TruejointError]] = []
+        for count, (part, result) in enumerate(_computed(missing, jobs), 1):
+            if isinstance(result, TruejointError):
+                failed.append((part.key, result))
+            else:
+                write_part(files[part], result)
+            if progress is not None:
+                progress(count / len(missing))
+        if failed:
+            others = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+            key, error = failed[0]
+            raise StudyError(f"{chosen.name}: part {key} failed{others}: {error}")
+        # Read back even if computed just now, so that no result depends on when it was computed.
+        parts = {part.key: read_part(file) for part, file in files.items()}
+    results = {key: part for key, part in parts.items() if part is not None}
+    if not len(results) == len(files) > 0:
+        raise StudyError(
+            f"{chosen.name}: no parts, two of one key, or one that cannot be read back"
+        )
+    return StudyResult(chosen, settings, results, chosen.summarise(settings, results), len(missing))
 
 
-def _run(
-    study: Study,
-    settings: Settings,
-    folder: Path,
-    jobs: int,
-    progress: Callable[[float], None] | None,
-) -> StudyResult:
-    parts = study.parts(settings)
-    files = {part.key: part_file(folder, study, part) for part in parts}
-    missing = [part for part in parts if read_part(files[part.key]) is None]
-    failed: dict[str, TruejointError] = {}
-    for count, (part, result) in enumerate(_computed(missing, jobs), 1):
-        if isinstance(result, TruejointError):
-            failed[part.key] = result
-        else:
-            write_part(files[part.key], result)
-        if progress is not None:
-            progress(count / len(missing))
-    if failed:
-        key, error = next(iter(failed.items()))
-        others = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-        raise StudyError(f"{study.name}: part {key} failed{others}: {error}")
-    # What was computed now is read back too, so that no result depends on when it was computed.
-    results = {key: read_part(file) for key, file in files.items()}
-    lost = [key for key, result in results.items() if result is None]
-    if lost:
-        raise StudyError(f"{study.name}: part {lost[0]} cannot be read back from {folder}")
-    return StudyResult(
-        study,
-        settings,
-        study.summarise(settings, {k: r for k, r in results.items() if r is not None}),
-        len(missing),
-        len(parts) - len(missing),
-    )
-
-
-def _computed(
-    parts: Sequence[Part], jobs: int
-) -> Iterator[tuple[Part, PartResult | TruejointError]]:
+def _computed(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
     """Each part with its result, or with what is wrong with it, as it is done."""
     if min(jobs, len(parts)) <= 1:
-        yield from ((part, compute(part)) for part in parts)
+        yield from map(compute, parts)
         return
     left = list(parts)
     for _ in range(_POOLS):
         try:
             for part, result in _pooled(left, jobs):
-                left.remove(part)
+                left = [other for other in left if other.key != part.key]
                 yield part, result
         except BrokenProcessPool:
             continue
@@ -166,29 +141,23 @@ def _computed(
     )
 
 
-def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[tuple[Part, PartResult | TruejointError]]:
-    pool = ProcessPoolExecutor(
-        min(jobs, len(parts)), mp_context=get_context("spawn"), initializer=_die_on_interrupt
-    )
-    with pool:
+def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
+    # A worker that Ctrl-C reaches ends without a word: the parent says what is to be said.
+    with ProcessPoolExecutor(
+        min(jobs, len(parts)), get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)
+    ) as pool:
         futures = {pool.submit(compute, part): part for part in parts}
         try:
             for future in as_completed(futures):
-                yield futures[future], future.result()
-        except BaseException:  # Ctrl-C among them: what has not begun shall not
+                yield futures[future], future.result()[1]
+        finally:  # after Ctrl-C, what has not begun shall not
             pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
-def compute(part: Part) -> PartResult | TruejointError:
-    """Compute a part with one thread, wherever it is; an error of the caller's is returned."""
+def compute(part: Part) -> Outcome:
+    """Compute a part with one thread, wherever it is; an error of the caller's is an outcome."""
     try:
         with threadpool_limits(1):
-            return part.compute(**part.arguments)
+            return part, part.compute(**part.arguments)
     except TruejointError as error:
-        return error
-
-
-def _die_on_interrupt() -> None:
-    """Let Ctrl-C end a worker without a word: the parent says what is to be said."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
+        return part, error

@@ -22,12 +22,7 @@ _ARRAY: Final = "array/"
 
 def part_file(folder: Path, study: Study, part: Part) -> Path:
     """Where a part is kept: another argument, seed or version is another file."""
-    origin = {
-        "study": study.name,
-        "version": [version("truejoint"), study.version],
-        "part": part.key,
-        "arguments": part.arguments,
-    }
+    origin = (study.name, version("truejoint"), study.version, part.key, part.arguments)
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
     return folder / f"{part.key}-{digest[:16]}.npz"
 

@@ -6,7 +6,6 @@ Nothing heavy is imported here, so that studies can be listed and completed at o
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -21,52 +20,39 @@ if TYPE_CHECKING:
     from truejoint.studies.figures import Figure
     from truejoint.studies.table import Table
 
-Value = int | float | str | tuple[int | float | str, ...]
+Scalar = int | float | str
+Value = Scalar | tuple[Scalar, ...]
 Preset = Literal["small", "full"]
 
 PRESETS: Final = get_args(Preset)
 MAX_SEED: Final = 2**31 - 1
-_KEY: Final = re.compile(r"[a-z0-9][a-z0-9._-]{0,79}")
 
 
 @dataclass(frozen=True)
 class PartResult:
-    """What one part of a study found.
-
-    Attributes
-    ----------
-    numbers : mapping
-        JSON values, SI.
-    arrays : mapping of str to ndarray
-        Arrays of numbers by name.
-    """
+    """What one part found: `numbers`, JSON values in SI, and `arrays` by name."""
 
     numbers: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Part:
     """A piece of a study that is computed apart from the others, kept and resumed.
 
     Attributes
     ----------
     key : str
-        Its name in the study, which is part of a file's: small letters, digits, ``.``, ``_``,
-        ``-``.
+        Its name in the study, which is part of a file's.
     compute : callable
-        Pure function of a module, which another process can import, that takes `arguments`.
+        Pure function of a module, which another process can import.
     arguments : mapping
-        JSON values: everything, seeds included, that the result depends on.
+        What it is called with, JSON values: everything, seeds included, that its result depends on.
     """
 
     key: str
     compute: Callable[..., PartResult]
     arguments: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        if not _KEY.fullmatch(self.key):
-            raise StudyError(f"part {self.key!r:.90}: the key does not match {_KEY.pattern}")
 
 
 @dataclass(frozen=True)
@@ -96,21 +82,22 @@ class Option:
                 return _like(self.default, value)
             items = value.split(",") if isinstance(value, str) else cast("Iterable[object]", value)
             values = tuple(_like(self.default[0], item) for item in items)
-            if values:
+            if len(values) == len(set(values)) > 0:
                 return values
         except (TypeError, ValueError):
             pass
         raise StudyError(
-            f"{self.name}={value!s:.60} is not like {self.shown(self.default)}: {self.meaning}"
+            f"{self.name}={value!s:.60}: write it like {shown(self.default)}, each once: "
+            f"{self.meaning}"
         )
 
-    @staticmethod
-    def shown(value: Value) -> str:
-        """Text of a value, as `parse` reads it."""
-        return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
+
+def shown(value: Value) -> str:
+    """Text of an option's value, as `Option.parse` reads it."""
+    return ",".join(map(str, value)) if isinstance(value, tuple) else str(value)
 
 
-def _like(kind: int | float | str, value: object) -> int | float | str:
+def _like(kind: Scalar, value: object) -> Scalar:
     """`value` as the kind of number or text that `kind` is; raises ValueError."""
     text = str(value).strip()
     read = type(kind)(text)
@@ -121,7 +108,7 @@ def _like(kind: int | float | str, value: object) -> int | float | str:
 
 @dataclass(frozen=True)
 class Settings:
-    """What is asked of a study: all that its parts are made of; ``settings["count"]`` an option."""
+    """All that is asked of a study; ``settings["count"]`` is the value of an option."""
 
     preset: Preset
     seed: int
@@ -132,23 +119,13 @@ class Settings:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values, options as texts."""
-        shown = {name: Option.shown(value) for name, value in self.options.items()}
-        return {"preset": self.preset, "seed": self.seed, "options": shown}
+        options = {name: shown(value) for name, value in self.options.items()}
+        return {"preset": self.preset, "seed": self.seed, "options": options}
 
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper states, and whether it came out here.
-
-    Attributes
-    ----------
-    text, source : str
-        What is claimed, and where.
-    holds : bool or None
-        None where it cannot be told.
-    found : str
-        The numbers that tell it.
-    """
+    """What a paper states, whether it `holds` here (None: cannot be told), and what was `found`."""
 
     text: str
     source: str
@@ -169,8 +146,6 @@ class Summary:
     Attributes
     ----------
     tables : sequence of Table
-    numbers : mapping
-        JSON values; degrees, grams and so on only where a name says so.
     figures : mapping of str to Figure
         By the name of the file.
     claims : sequence of Claim
@@ -178,8 +153,7 @@ class Summary:
         What a user may calibrate and evaluate on, by the name of the file.
     """
 
-    tables: Sequence[Table]
-    numbers: Mapping[str, Any]
+    tables: Sequence[Table] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
     claims: Sequence[Claim] = ()
     recordings: Mapping[str, Recording] = field(default_factory=dict)
@@ -199,11 +173,10 @@ class Study:
         Paper and table or figure that it repeats; empty for one of ours.
     module : str
         Where ``parts(settings)``, a sequence of `Part`, and ``summarise(settings, results)``, a
-        `Summary` of the mapping of part keys to `PartResult`, are defined.
+        `Summary` of `PartResult` by key, are defined.
     options : tuple of Option
     version : int
-        Raised when its parts compute something else from the same arguments, so that what was
-        kept before is not taken for it.
+        Raised when its parts compute something else from the same arguments.
     """
 
     name: str
@@ -228,27 +201,23 @@ class Study:
         if not 0 <= seed <= MAX_SEED:
             raise StudyError(f"seed {seed!r:.60}; it must be 0 to {MAX_SEED}")
         known = {option.name: option for option in self.options}
-        for name in options or {}:
-            if name not in known:
-                raise StudyError(f"{self.name} has no option {name!r:.60}; it has {self._listed()}")
         values = {
             name: option.small if preset == "small" and option.small else option.default
             for name, option in known.items()
         }
-        values |= {name: known[name].parse(value) for name, value in (options or {}).items()}
+        for name, value in (options or {}).items():
+            if name not in known:
+                names = "; ".join(f"{o.name} ({o.meaning})" for o in self.options) or "none"
+                raise StudyError(f"{self.name} has no option {name!r:.60}; it has {names}")
+            values[name] = known[name].parse(value)
         return Settings(cast("Preset", preset), seed, values)
 
-    def parts(self, settings: Settings) -> tuple[Part, ...]:
-        """Parts that the settings ask for, each key once; raises what a wrong option raises."""
-        parts = tuple(import_module(self.module).parts(settings))
-        if not parts or len({part.key for part in parts}) < len(parts):
-            raise StudyError(f"{self.name}: no parts, or two of one key; is an option empty?")
+    def parts(self, settings: Settings) -> Sequence[Part]:
+        """Parts that the settings ask for; raises StudyError where one cannot be made of them."""
+        parts: Sequence[Part] = import_module(self.module).parts(settings)
         return parts
 
     def summarise(self, settings: Settings, results: Mapping[str, PartResult]) -> Summary:
-        """Tables, figures, numbers and claims of the results of all parts."""
+        """Tables, figures and claims of the results of all parts, by key."""
         summary: Summary = import_module(self.module).summarise(settings, results)
         return summary
-
-    def _listed(self) -> str:
-        return "; ".join(f"{o.name} ({o.meaning})" for o in self.options) or "none"

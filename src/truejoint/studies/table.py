@@ -9,6 +9,7 @@ from typing import Final, Literal
 
 from rich import box
 from rich import table as rich_table
+from rich.text import Text
 
 from truejoint.evaluation.digits import fixed
 
@@ -37,16 +38,18 @@ class Table:
 
     def rich(self) -> rich_table.Table:
         """For a terminal."""
+        notes = Text("\n".join(self.notes))
         table = rich_table.Table(
-            title=self.title, box=box.SIMPLE_HEAD, caption="\n".join(self.notes) or None,
-            caption_justify="left",
-        )  # fmt: skip
+            title=Text(self.title), box=box.SIMPLE_HEAD, caption=notes, caption_justify="left"
+        )
         for i, name in enumerate(self.header):
             justify: Literal["left", "right"] = "left" if i == 0 else "right"
             widest = max((len(row[i]) for row in self.rows), default=0)
-            table.add_column(name, justify=justify, min_width=min(widest, _CELL), overflow="fold")
+            table.add_column(
+                Text(name), justify=justify, min_width=min(widest, _CELL), overflow="fold"
+            )
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*(Text(cell) for cell in row))
         return table
 
     def markdown(self) -> str:

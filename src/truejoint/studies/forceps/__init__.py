@@ -6,97 +6,71 @@ from typing import Final
 
 from truejoint.studies.study import Option, Study
 
-SPECIMEN: Final = Option(
+_SPECIMEN: Final = Option(
     "specimen", "A", "nominal, A, B, or a TOML file of your own, which states what is not nominal"
 )
-MASSES: Final = Option("masses_g", (30.0, 50.0, 100.0, 200.0, 250.0), "weights [g]")
-DIRECTIONS: Final = Option(
+_MASSES: Final = Option("masses_g", (30.0, 50.0, 100.0, 200.0, 250.0), "weights [g]")
+_DIRECTIONS: Final = Option(
     "directions", ("opposing", "along"), "whether weights pull against the motion or along it"
 )
-UNLOADED_METHODS: Final = (
+
+
+def _methods(*default: str) -> Option:
+    return Option("methods", default, "rows of the table, as in studies/forceps/methods.py")
+
+
+_UNLOADED: Final = _methods(
     "rigid", "lsm", "lsm_intercept", "lsm_compensated", "poly2", "ukf", "ukf_compensated",
     "play_reset", "play_both", "play_gated", "ukf_friction", "ukf_friction_smoothed",
 )  # fmt: skip
-STRATEGY_METHODS: Final = (
+_CHOICES: Final = _methods(
     "rigid", "poly2_motor", "play_motor",
-    "poly2", "ukf_compensated", "play_reset", "play_both", "play_gated",
-    "ukf_friction",
+    "poly2", "ukf_compensated", "play_reset", "play_both", "play_gated", "ukf_friction",
     "lsm", "lsm_compensated", "play_cables",
 )  # fmt: skip
-STEADY_METHODS: Final = ("ukf_compensated", "play_reset", "play_gated", "ukf_friction")
+_FEW: Final = _methods("ukf_compensated", "play_reset", "play_gated", "ukf_friction")
 
 
-def _methods(default: tuple[str, ...]) -> Option:
-    return Option("methods", default, "rows of the table: names in studies/forceps/methods.py")
+def _study(name: str, title: str, source: str, *options: Option) -> Study:
+    return Study(f"forceps-{name}", title, source, f"truejoint.studies.forceps.{name}", options)
 
 
 STUDIES: Final = (
-    Study(
-        "forceps-unloaded",
-        "How exactly is a jaw known without a load?",
-        "yan2020, Table 2, figures 6 and 7",
-        "truejoint.studies.forceps.unloaded",
-        (SPECIMEN, _methods(UNLOADED_METHODS)),
+    _study(
+        "unloaded", "How exactly is a jaw known without a load?",
+        "yan2020, Table 2, figures 6 and 7", _SPECIMEN, _UNLOADED,
     ),
-    Study(
-        "forceps-loaded",
-        "What do 30 to 250 g on the jaw do to it?",
-        "yan2020, Table 3, figure 9",
-        "truejoint.studies.forceps.loaded",
-        (SPECIMEN, MASSES, DIRECTIONS, _methods(STEADY_METHODS)),
+    _study(
+        "loaded", "What do 30 to 250 g on the jaw do to it?",
+        "yan2020, Table 3, figure 9", _SPECIMEN, _MASSES, _DIRECTIONS, _FEW,
     ),
-    Study(
-        "forceps-strategies",
-        "Which sensor buys which accuracy: none on the cables, one, or both?",
+    _study(
+        "strategies", "Which sensor buys which accuracy: none on the cables, one, or both?",
         "yan2020, II-B and IV-C",
-        "truejoint.studies.forceps.strategies",
-        (
-            SPECIMEN,
-            Option("masses_g", (50.0, 100.0, 200.0), "weights [g]"),
-            DIRECTIONS,
-            _methods(STRATEGY_METHODS),
-        ),
+        _SPECIMEN, _DIRECTIONS, Option("masses_g", (50.0, 100.0, 200.0), "weights [g]"), _CHOICES,
     ),
-    Study(
-        "forceps-population",
-        "Does it hold on other specimens? Every method on each",
+    _study(
+        "population", "Does it hold on other specimens? Every method on each",
         "yan2020, Table 2",
-        "truejoint.studies.forceps.population",
-        (
-            Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
-            Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
-            _methods(UNLOADED_METHODS),
-        ),
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
+        Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
+        _UNLOADED,
     ),
-    Study(
-        "forceps-load",
-        "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "",
-        "truejoint.studies.forceps.load",
-        (SPECIMEN, MASSES, DIRECTIONS),
+    _study(
+        "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
+        "", _SPECIMEN, _MASSES, _DIRECTIONS,
     ),
-    Study(
-        "forceps-rezero",
-        "What does a wrong zero after homing cost, and can it be found?",
-        "",
-        "truejoint.studies.forceps.rezero",
-        (
-            SPECIMEN,
-            Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros of x2 [um]"),
-            _methods(STEADY_METHODS),
-        ),
+    _study(
+        "rezero", "What does a wrong zero after homing cost, and can it be found?",
+        "", _SPECIMEN, Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
     ),
-    Study(
-        "forceps-recordings",
-        "Recordings of the paper's motions, for truejoint calibrate and evaluate",
+    _study(
+        "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",
         "yan2020, (27), (28) and IV-D",
-        "truejoint.studies.forceps.recordings",
-        (
-            Option("specimen", "nominal", SPECIMEN.meaning),
-            Option("motions", ("calibration", "verification", "load"), "(27), (28), a load test"),
-            Option("load_g", 100.0, "weight of the load test [g]"),
-            Option("direction", "opposing", "or along: how it pulls"),
-            Option("log_rate_hz", 200.0, "rows per second [Hz]"),
-        ),
+        Option("specimen", "nominal", _SPECIMEN.meaning),
+        Option("motions", ("calibration", "verification", "load"), "(27), (28), a load test"),
+        Option("load_g", 100.0, "weight of the load test [g]"),
+        Option("direction", "opposing", "how it pulls: opposing, or along"),
+        Option("log_rate_hz", 200.0, "rows per second [Hz]"),
     ),
-)
+)  # fmt: skip

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.estimators import calibrate
 from truejoint.estimators.forceps import FrictionFilter, JawLoad, Stiffness, identify_stiffness
 from truejoint.estimators.sequence import time_steps
 from truejoint.evaluation.digits import fixed
 from truejoint.recordings import Recording
-from truejoint.simulation.forceps_load import GRAVITY, LoadTest
+from truejoint.simulation.forceps_load import GRAVITY
 from truejoint.simulation.forceps_parameters import ForcepsParameters
 from truejoint.studies.figures import Curve, Figure, Panel
-from truejoint.studies.forceps.loaded import cases
-from truejoint.studies.forceps.methods import settled
+from truejoint.studies.forceps.loaded import cases, load_test
+from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import (
-    Direction,
+    Array,
     Plain,
     built,
     plain_specimen,
@@ -31,8 +29,6 @@ from truejoint.studies.forceps.motions import (
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
 
-Array = NDArray[np.float64]
-
 CALIBRATION_WEIGHT: Final = 0.2
 """Known weight that identifies the stiffness, hung along the motion [kg]."""
 _ESTIMATES: Final = {
@@ -40,16 +36,6 @@ _ESTIMATES: Final = {
     "identified": "K_d identified",
     "filtered": "filter, K_d identified",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class _Scales:
-    """What weighs: with the stiffness assumed, with that found, and the filter with that found."""
-
-    assumed: JawLoad
-    identified: JawLoad
-    filtered: FrictionFilter
-    stiffness: Stiffness
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -74,122 +60,81 @@ def unloaded_load(forceps: ForcepsParameters, seed: int) -> JawLoad:
 
 
 @lru_cache(maxsize=2)
-def _scales(forceps: ForcepsParameters, seed: int) -> _Scales:
-    assumed = unloaded_load(forceps, seed)
-    test = LoadTest(CALIBRATION_WEIGHT, "along")
-    hung = record(forceps, "load", load=test.mass, direction="along", seed=100 * seed + 99)
-    still = {phase: _rows(hung, test, phase) for phase in ("II", "IV")}
+def _scales(forceps: ForcepsParameters, seed: int) -> tuple[Stiffness, JawLoad, FrictionFilter]:
+    """Stiffness found by the known weight, and the two estimates that know it."""
+    assumed, test = unloaded_load(forceps, seed), load_test(CALIBRATION_WEIGHT, "along")
+    hung = record(forceps, test, seed=100 * seed + 99)
+    still = {phase: within(hung.t, *test.phases[phase]) for phase in ("II", "IV")}
     torque = float(hung.column("truth_load/jaw")[still["IV"]].mean())
     X, steps = signals(hung)
     found = identify_stiffness(assumed, X, still["II"], still["IV"], torque, steps)
     model = FrictionFilter(drive_stiffness=found.drive_stiffness)
     calibration = calibrate(settled(record(forceps, "calibration", seed=2 * seed)), model)
-    fitted = cast("FrictionFilter", calibration.model)
-    return _Scales(assumed, assumed.with_stiffness(found.drive_stiffness), fitted, found)
-
-
-def _rows(recording: Recording, test: LoadTest, phase: str) -> NDArray[np.bool_]:
-    first, last = test.phases[phase]
-    return np.asarray((recording.t >= first) & (recording.t <= last))
+    identified = assumed.with_stiffness(found.drive_stiffness)
+    return found, identified, cast("FrictionFilter", calibration.model)
 
 
 def identify(forceps: Plain, seed: int) -> PartResult:
-    """Find the drive cable's stiffness, and what the jaw's friction hides."""
+    """Find the drive cable's stiffness [N/m], and the torque that the jaw's friction hides [Nm]."""
     plant = built(forceps)
-    scales = _scales(plant, seed)
-    numbers = {
-        "arm": plant.jaw.load_arm,
-        "stiffness": vars(scales.stiffness),
-        "dead_band": scales.identified.dead_band,
-    }
-    return PartResult(numbers)
+    found, load, _ = _scales(plant, seed)
+    return PartResult({**vars(found), "dead_band": load.dead_band, "arm": plant.jaw.load_arm})
 
 
 def weigh(forceps: Plain, seed: int, mass: float, direction: str, hand: int) -> PartResult:
     """Estimate one hung weight: mean torques [Nm] while it hangs still."""
-    plant = built(forceps)
-    scales = _scales(plant, seed)
-    test = LoadTest(mass, cast("Direction", direction))
-    hung = record(plant, "load", load=mass, direction=direction, seed=hand)
+    plant, test = built(forceps), load_test(mass, direction)
+    _, identified, filtered = _scales(plant, seed)
+    hung = record(plant, test, seed=hand)
     X, steps = signals(hung)
     torques = {
         "torque": hung.column("truth_load/jaw"),
-        "assumed": scales.assumed.predict(X, steps),
-        "identified": scales.identified.predict(X, steps),
-        "filtered": scales.filtered.states(X, steps).load,
+        "assumed": unloaded_load(plant, seed).predict(X, steps),
+        "identified": identified.predict(X, steps),
+        "filtered": filtered.states(X, steps).load,
     }
-    still = _rows(hung, test, "IV")
+    still = within(hung.t, *test.phases["IV"])
     means = {name: float(values[still].mean()) for name, values in torques.items()}
     return PartResult({"mass": mass, "direction": direction, **means})
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """List loads as they are and as they are estimated, in mNm and grams."""
-    name, found = title_of(settings["specimen"]), results["stiffness"].numbers
+    found = results["stiffness"].numbers
     weighed = [result.numbers for key, result in results.items() if key != "stiffness"]
-    newton_metres_per_gram = 1e-3 * GRAVITY * float(found["arm"])
 
     def grams(torque: float) -> float:
-        return torque / newton_metres_per_gram
+        return 1e3 * torque / (GRAVITY * float(found["arm"]))
 
-    rows = tuple(
-        (
-            f"{1e3 * case['mass']:.0f} g {case['direction']}",
-            *(
-                f"{fixed(1e3 * case[key], 1)} ({fixed(grams(case[key]), 0)})"
-                for key in ("torque", *_ESTIMATES)
-            ),
-        )
-        for case in weighed
-    )
-    stiffness, dead_band = found["stiffness"], found["dead_band"]
+    rows = []
+    for case in weighed:
+        torques = [case[key] for key in ("torque", *_ESTIMATES)]
+        cells = [f"{fixed(1e3 * value, 1)} ({fixed(grams(value), 0)})" for value in torques]
+        rows.append((f"{1e3 * case['mass']:.0f} g {case['direction']}", *cells))
+    dead_band = found["dead_band"]
     notes = (
         f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm). Identified with "
         f"{1e3 * CALIBRATION_WEIGHT:.0f} g along the motion: K_d = "
-        f"{stiffness['drive_stiffness'] / 1e3:.1f} +- {stiffness['deviation'] / 1e3:.1f} kN/m, "
-        f"{stiffness['ratio']:.2f} of the assumed.",
+        f"{found['drive_stiffness'] / 1e3:.1f} +- {found['deviation'] / 1e3:.1f} kN/m, "
+        f"{found['ratio']:.2f} of the assumed.",
         f"Dead band: up to {1e3 * dead_band:.1f} mNm ({grams(dead_band):.0f} "
         "g) against the last motion may not show, since the jaw's friction holds them.",
     )
-    numbers = {
-        "specimen": name,
-        "arm_mm": 1e3 * found["arm"],
-        "stiffness": stiffness,
-        "dead_band_mNm": 1e3 * dead_band,
-        "dead_band_g": grams(dead_band),
-        "estimates": weighed,
-    }
-    return Summary(
-        (
-            Table(
-                f"External load, specimen {name}",
-                ("load", "true", *_ESTIMATES.values()),
-                rows,
-                notes,
-            ),
-        ),
-        numbers,
-        {"forceps-load": _figure(weighed, name)},
-    )
+    title = f"External load, specimen {title_of(settings['specimen'])}"
+    table = Table(title, ("load", "true", *_ESTIMATES.values()), tuple(rows), notes)
+    return Summary((table,), {"forceps-load": _figure(weighed, title)})
 
 
-def _figure(weighed: Sequence[Mapping[str, Any]], name: str) -> Figure:
+def _figure(weighed: Sequence[Mapping[str, Any]], title: str) -> Figure:
     panels = []
-    for direction in dict.fromkeys(case["direction"] for case in weighed):
-        own = sorted(
-            (case for case in weighed if case["direction"] == direction), key=lambda c: c["mass"]
-        )
-        true = 1e3 * np.array([case["torque"] for case in own])
-        curves = [
-            Curve(true, 1e3 * np.array([case[key] for case in own]), label, style="o-")
-            for key, label in _ESTIMATES.items()
-        ]
-        equal = Curve(true, true, "as it is", "k", width=0.8)
-        panels.append(
-            Panel([equal, *curves], "true torque [mNm]", "estimate [mNm]", f"load {direction}")
-        )
+    for way in dict.fromkeys(case["direction"] for case in weighed):
+        own = sorted((c for c in weighed if c["direction"] == way), key=lambda c: float(c["mass"]))
+        mNm = {k: 1e3 * np.array([c[k] for c in own]) for k in ("torque", *_ESTIMATES)}
+        curves = [Curve(mNm["torque"], mNm["torque"], "as it is", "k")]
+        curves += [Curve(mNm["torque"], mNm[k], v, style="o-") for k, v in _ESTIMATES.items()]
+        panels.append(Panel(curves, "true torque [mNm]", "estimate [mNm]", f"load {way}"))
     caption = (
         "Torque of each weight while it hangs still. Against the motion the jaw's friction holds "
         "part of it, which no estimate sees."
     )
-    return Figure(f"External load, specimen {name}", (panels,), caption, height=4.4, legend=True)
+    return Figure(title, (panels,), caption, height=4.4, legend=True)

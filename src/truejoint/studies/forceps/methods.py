@@ -15,9 +15,10 @@ from truejoint.estimators import Calibration, calibrate
 from truejoint.evaluation import evaluate
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.studies.forceps.motions import changed, record
+from truejoint.studies.forceps.motions import Array, changed, plain_specimen, record
+from truejoint.studies.study import Settings
 
-Array = NDArray[np.float64]
+Errors = dict[str, dict[str, float]]
 
 SETTLED: Final = 2.2
 """Time from which errors count [s]: the motion swells for the first 2 s."""
@@ -26,31 +27,20 @@ MOTOR, DRIVE, RESET = "motor/jaw", "cable/drive", "cable/reset"
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the tables.
+    """One row of the tables: estimator and columns that it takes; those in figures have a colour.
 
-    Attributes
-    ----------
-    title : str
-        For a person.
-    estimator : str
-        Name in the registry of estimators.
-    inputs : tuple of str
-        Columns that it takes.
-    colour : str
-        In figures; empty for those that fade into the background.
+    Its strategy is of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both.
     """
 
     title: str
     estimator: str
     inputs: tuple[str, ...]
-    colour: str = ""
+    colour: str | None = None
 
     @property
     def strategy(self) -> int:
-        """Of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both."""
-        return (
-            1 + (DRIVE in self.inputs) * 2 if DRIVE in self.inputs else 1 + (RESET in self.inputs)
-        )
+        """Number of sensors on cables, and one: (29) and (30) need both."""
+        return 1 + sum(name in self.inputs for name in (DRIVE, RESET))
 
 
 METHODS: Final[Mapping[str, Method]] = {
@@ -86,6 +76,20 @@ PAPERS: Final = ("lsm", "lsm_compensated", PAPERS_BEST)
 """The methods of the paper, worst first as it finds them."""
 
 
+def common_arguments(settings: Settings) -> dict[str, Any]:
+    """Specimen, methods and seed, which most parts take."""
+    check_methods(settings["methods"])
+    forceps = plain_specimen(settings["specimen"])
+    return {"forceps": forceps, "methods": settings["methods"], "seed": settings.seed}
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Raise StudyError naming the known methods if one is unknown."""
+    unknown = [key for key in methods if key not in METHODS]
+    if unknown:
+        raise StudyError(f"no method {', '.join(unknown):.60}; known: {', '.join(METHODS)}")
+
+
 def settled(recording: Recording) -> Recording:
     """Take the truth before `SETTLED` away, so that those rows neither teach nor count."""
     truth = np.where(recording.t > SETTLED, recording.column("truth/jaw"), np.nan)
@@ -98,50 +102,29 @@ def calibrated(
 ) -> dict[str, Calibration]:
     """Calibrations of a specimen on (27), by method; parts of one process share them.
 
-    Methods whose sensor is not installed are left out.
-
-    Raises
-    ------
-    StudyError
-        If a method is unknown, or none has its sensors.
-    CalibrationError
-        If one cannot be fitted.
+    Methods whose sensor is not installed are left out; raises StudyError when none is left.
     """
-    check_methods(methods)
     recording = settled(record(forceps, "calibration", seed=2 * seed))
-    usable = [key for key in methods if set(METHODS[key].inputs) <= set(recording.units)]
+    usable = {key: METHODS[key] for key in methods if key in METHODS}
+    usable = {k: m for k, m in usable.items() if set(m.inputs) <= set(recording.units)}
     if not usable:
         raise StudyError(f"no sensors for {', '.join(methods)}; install one, or choose others")
     return {
         key: calibrate(
             recording,
-            METHODS[key].estimator,
-            features=METHODS[key].inputs,
+            method.estimator,
+            features=method.inputs,
             target="error" if key == "rigid" else "position",
         )
-        for key in usable
+        for key, method in usable.items()
     }
-
-
-def check_methods(methods: Sequence[str]) -> None:
-    """Raise StudyError naming the known methods if one is unknown."""
-    unknown = [key for key in methods if key not in METHODS]
-    if unknown:
-        raise StudyError(f"no method {', '.join(unknown):.60}; known: {', '.join(METHODS)}")
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Estimates of the jaw's angle by method beside the truth, in the rows (n,) that have one.
+    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth.
 
-    Attributes
-    ----------
-    t : ndarray
-        [s]
-    truth, exact : ndarray
-        Reading of the reference encoder, the paper's truth, and the jaw itself [rad].
-    estimates : mapping of str to ndarray
-        [rad]
+    The truth is what the reference encoder reads, as in the paper; `exact` is the jaw itself.
     """
 
     t: Array
@@ -149,14 +132,13 @@ class Judged:
     exact: Array
     estimates: Mapping[str, Array]
 
-    def errors(self, first: float = -np.inf, last: float = np.inf) -> dict[str, dict[str, float]]:
+    def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:
         """Estimate minus truth from `first` to `last` [s] by method: rms, largest, smallest [rad].
 
         ``exact_rms`` is against the jaw itself: it holds the encoder's own error, which every
         calibrated method learns.
         """
-        rows = (self.t >= first) & (self.t <= last)
-        found = {}
+        rows, found = within(self.t, first, last), {}
         for key, estimate in self.estimates.items():
             error, exact = (estimate - self.truth)[rows], (estimate - self.exact)[rows]
             found[key] = {
@@ -173,24 +155,20 @@ class Judged:
         return {prefix + name: values for name, values in named.items()}
 
 
+def within(t: Array, first: float, last: float) -> NDArray[np.bool_]:
+    """Rows (n,) from `first` to `last` [s]."""
+    return np.asarray((t >= first) & (t <= last))
+
+
 def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
     """Evaluate calibrations on a recording that they never saw."""
     trace = evaluate({key: [model] for key, model in models.items()}, [recording]).traces[0]
-    known = np.isfinite(recording.column("truth/jaw"))
-    return Judged(
-        trace.t,
-        trace.truth[:, 0],
-        recording.column("truth_exact/jaw")[known],
-        {key: trace.estimates[key][:, 0] for key in models},
-    )
+    exact = recording.column("truth_exact/jaw")[np.isfinite(recording.column("truth/jaw"))]
+    estimates = {key: trace.estimates[key][:, 0] for key in models}
+    return Judged(trace.t, trace.truth[:, 0], exact, estimates)
 
 
-def in_degrees(errors: Mapping[str, float]) -> dict[str, float]:
-    """Errors of `Judged.errors` for a person."""
-    return {f"{name}_deg": float(np.degrees(value)) for name, value in errors.items()}
-
-
-def left_out(methods: Sequence[str], shown: Mapping[str, Any]) -> tuple[str, ...]:
-    """Note on the methods that were asked for and are not shown; none if there are none."""
-    names = [METHODS[key].title for key in methods if key not in shown]
+def left_out(settings: Settings, used: Mapping[str, Any]) -> tuple[str, ...]:
+    """Note on the methods that were asked for and are not among those used, if there are any."""
+    names = [METHODS[key].title for key in settings["methods"] if key not in used]
     return (f"Left out, since a sensor is not installed: {', '.join(names)}.",) if names else ()
