@@ -1,12 +1,10 @@
-"""Parts on disk: NumPy's archive without pickle, named after all that its content depends on."""
+"""Parts on disk: a hash, and NumPy's archive without pickle; named after what they depend on."""
 
 from __future__ import annotations
 
 import hashlib
 import io
 import json
-import zipfile
-import zlib
 from importlib.metadata import version
 from pathlib import Path
 from typing import Final
@@ -17,6 +15,7 @@ from truejoint.recordings.files import write_atomically
 from truejoint.studies.study import Part, PartResult, Study
 
 _NUMBERS: Final = "numbers"
+_DIGEST: Final = 32  # bytes of a SHA-256
 _ARRAY: Final = "array/"
 
 
@@ -24,27 +23,27 @@ def part_file(folder: Path, study: Study, part: Part) -> Path:
     """Where a part is kept: another argument, seed or version is another file."""
     origin = (study.name, version("truejoint"), study.version, part.key, part.arguments)
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
-    return folder / f"{part.key}-{digest[:16]}.npz"
+    return folder / f"{part.key}-{digest[:16]}.part"
 
 
 def write_part(path: Path, result: PartResult) -> None:
     """Write a part whole or not at all; raises RecordingError or OSError where it cannot."""
-    data = io.BytesIO()
+    content = io.BytesIO()
     numbers = np.frombuffer(json.dumps(result.numbers).encode(), np.uint8)
     arrays = {_ARRAY + name: values for name, values in result.arrays.items()}
-    np.savez(data, allow_pickle=False, **{_NUMBERS: numbers}, **arrays)
-    write_bytes(path, data.getvalue())
+    np.savez(content, allow_pickle=False, **{_NUMBERS: numbers}, **arrays)
+    write_bytes(path, hashlib.sha256(content.getvalue()).digest() + content.getvalue())
 
 
 def read_part(path: Path) -> PartResult | None:
-    """Part that was kept; None if there is none, or it is damaged (the archive has checksums)."""
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            numbers = json.loads(archive[_NUMBERS].tobytes())
-            names = [name for name in archive.files if name.startswith(_ARRAY)]
-            return PartResult(numbers, {n.removeprefix(_ARRAY): archive[n] for n in names})
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error):
+    """Part that was kept; None if there is none, or it is not as it was written."""
+    data = path.read_bytes() if path.is_file() else b""
+    digest, content = data[:_DIGEST], data[_DIGEST:]
+    if hashlib.sha256(content).digest() != digest:
         return None
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        arrays = {name.removeprefix(_ARRAY): archive[name] for name in archive.files}
+    return PartResult(json.loads(arrays.pop(_NUMBERS).tobytes()), arrays)
 
 
 def write_bytes(path: Path, data: bytes) -> None:
