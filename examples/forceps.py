@@ -17,16 +17,9 @@ import numpy as np
 from rich.console import Console
 
 from truejoint import calibrate, read_calibration
-from truejoint.evaluation.forceps import (
-    compare_forces,
-    compare_homing,
-    compare_loaded,
-    compare_strategies,
-    compare_unloaded,
-)
-from truejoint.evaluation.forceps.figures import plot_loaded, plot_unloaded
-from truejoint.evaluation.forceps.plant import record_motion
 from truejoint.simulation.forceps_specimens import specimen
+from truejoint.studies import run_study, write_study
+from truejoint.studies.forceps.motions import record
 
 console = Console(width=140)
 folder = Path("forceps-example")
@@ -39,8 +32,8 @@ folder.mkdir(exist_ok=True)
 
 # %%
 forceps = specimen("A")  # like the paper's, chosen on its numbers
-calibration = record_motion(forceps, "calibration", specimen="A", seed=0)
-verification = record_motion(forceps, "verification", specimen="A", seed=1)
+calibration = record(forceps, "calibration", specimen="A", seed=0)
+verification = record(forceps, "verification", specimen="A", seed=1)
 settled = verification.t > 2.2
 for name in ("ukf_compensated", "play_gated", "ukf_friction"):
     model = calibrate(calibration, name)
@@ -61,11 +54,20 @@ console.print("same bits:", np.array_equal(online, model.correct(verification)[:
 
 # %% [markdown]
 # ## Table 2, beside the paper's numbers
+# A study makes tables, figures and a verdict on each of the paper's claims. `truejoint study` does
+# the same from the command line, on all cores, and keeps the parts that are done.
+
 
 # %%
-table_2 = compare_unloaded(forceps, specimen="A")
-console.print(table_2.table().rich())
-plot_unloaded(table_2, folder / "table2.png")
+def show(name: str, **options: object) -> None:
+    """Run a study, print its tables, and leave its page in the folder."""
+    result = run_study(name, options, folder=folder / name)
+    for table in result.summary.tables:
+        console.print(table.rich())
+    console.print(write_study(result, folder / name, overwrite=True)[0])
+
+
+show("forceps-unloaded")
 
 # %% [markdown]
 # ## Table 3: weights on the jaw
@@ -73,22 +75,21 @@ plot_unloaded(table_2, folder / "table2.png")
 # an estimate that leans on the reset cable hardly notices.
 
 # %%
-table_3 = compare_loaded(forceps, specimen="A")
-console.print(table_3.table().rich())
-plot_loaded(table_3, folder / "table3.png")
+show("forceps-loaded")
 
 # %% [markdown]
 # ## Which sensor is worth its place?
 # Change a stiffness, a friction or a radius and ask again.
 
 # %%
-stiffer = forceps.with_values({"drive_cable.stiffness": 16e3, "reset_cable.stiffness": 16e3})
-for name, parameters in {"A": forceps, "A, stiffer cables": stiffer}.items():
-    console.print(compare_strategies(parameters, specimen=name).table().rich())
+stiffer = folder / "stiffer.toml"
+stiffer.write_text("[drive_cable]\nstiffness = 16e3\n[reset_cable]\nstiffness = 16e3\n")
+for name in ("nominal", stiffer):
+    show("forceps-strategies", specimen=name)
 
 # %% [markdown]
 # ## The load itself, and the zero after homing
 
 # %%
-console.print(compare_forces(forceps, specimen="A").table().rich())
-console.print(compare_homing(forceps, specimen="A").table().rich())
+show("forceps-load")
+show("forceps-rezero")

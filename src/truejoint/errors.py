@@ -59,5 +59,9 @@ class CalibrationError(TruejointError):
     """A calibration that cannot be fitted to, or applied to, the recordings given."""
 
 
+class StudyError(TruejointError):
+    """A study that does not exist, cannot be run as asked, or of which a part failed."""
+
+
 class ExportError(TruejointError):
     """A calibration that cannot be written as asked for use outside of Python."""

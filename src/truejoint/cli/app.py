@@ -19,7 +19,7 @@ from truejoint.cli import (
     demo,
     evaluate,
     export,
-    forceps,
+    study,
     trajectory,
 )
 from truejoint.cli.console import err
@@ -44,11 +44,11 @@ for command, example in (
     ),
     (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
     (export.export, "left_arm.safetensors --to c --out controller"),
+    (study.study, "forceps-unloaded --set specimen=B"),
 ):
     app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)
 for group, example in (
     (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
-    (forceps, "forceps table2 --specimen A"),
     (datasets, "datasets fetch dvrk_psm_berkeley"),
 ):
     app.add_typer(

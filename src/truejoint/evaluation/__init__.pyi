@@ -1,4 +1,3 @@
-from . import forceps as forceps
 from .checks import DataCheck as DataCheck
 from .checks import Finding as Finding
 from .checks import check_data as check_data

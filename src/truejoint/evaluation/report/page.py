@@ -115,11 +115,8 @@ def render_report(
     interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section.figures]
     figures += interval_figures
-    environment = jinja2.Environment(
-        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True
-    )
-    template = environment.from_string(_asset("report.html.j2"))
-    return template.render(
+    return render_page(
+        "report.html.j2",
         evaluation=evaluation,
         title_of=estimator_title,
         joint_units=[
@@ -151,13 +148,22 @@ def render_report(
         facts=_facts(evaluation),
         training_facts=view.flattened(evaluation.training),
         sources=_sources(evaluation, training),
-        versions=_versions(),
         command=command,
-        style=_asset("report.css"),
         script=_asset("report.js"),
         plotly=get_plotlyjs(),
         figures=script_json([_figure_values(f) for f in figures]),
     )
+
+
+def render_page(template: str, *, package: str = __package__, **values: Any) -> str:
+    """Fill a template of the ``assets`` of `package`, which extends our ``base.html.j2``."""
+    loaders = [jinja2.PackageLoader(name, "assets") for name in (package, __package__)]
+    environment = jinja2.Environment(
+        autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
+        loader=jinja2.ChoiceLoader(loaders),
+    )  # fmt: skip
+    page = environment.get_template(template)
+    return page.render(**values, versions=versions(), style=_asset("report.css"))
 
 
 def script_json(value: Any) -> str:
@@ -234,7 +240,8 @@ def _sources(evaluation: Evaluation, training: Sequence[Recording]) -> list[tupl
     return used + tested
 
 
-def _versions() -> list[tuple[str, str]]:
+def versions() -> list[tuple[str, str]]:
+    """Versions of Python and of the packages that a result depends on."""
     found = [(name, _version(name)) for name in _PACKAGES]
     return [("Python", platform.python_version()), *found]
 

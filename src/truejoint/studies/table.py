@@ -1,4 +1,4 @@
-"""Tables of the experiments, for a terminal and as Markdown."""
+"""Tables of studies, for a terminal and as Markdown; the page draws its own."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 from rich import box
-from rich.table import Table
+from rich import table as rich_table
+from rich.text import Text
 
 from truejoint.evaluation.digits import fixed
 
@@ -17,8 +18,8 @@ _CELL: Final = 24
 
 
 @dataclass(frozen=True)
-class TextTable:
-    """A table of texts.
+class Table:
+    """A table of texts, in the units of a person.
 
     Attributes
     ----------
@@ -35,18 +36,20 @@ class TextTable:
     rows: tuple[tuple[str, ...], ...]
     notes: tuple[str, ...] = ()
 
-    def rich(self) -> Table:
+    def rich(self) -> rich_table.Table:
         """For a terminal."""
-        table = Table(
-            title=self.title, box=box.SIMPLE_HEAD, caption="\n".join(self.notes) or None,
-            caption_justify="left",
-        )  # fmt: skip
+        notes = Text("\n".join(self.notes))
+        table = rich_table.Table(
+            title=Text(self.title), box=box.SIMPLE_HEAD, caption=notes, caption_justify="left"
+        )
         for i, name in enumerate(self.header):
             justify: Literal["left", "right"] = "left" if i == 0 else "right"
             widest = max((len(row[i]) for row in self.rows), default=0)
-            table.add_column(name, justify=justify, min_width=min(widest, _CELL), overflow="fold")
+            table.add_column(
+                Text(name), justify=justify, min_width=min(widest, _CELL), overflow="fold"
+            )
         for row in self.rows:
-            table.add_row(*row)
+            table.add_row(*(Text(cell) for cell in row))
         return table
 
     def markdown(self) -> str:
@@ -63,9 +66,9 @@ def degrees_text(value: float | None, decimals: int = 3) -> str:
     return fixed(math.nan if value is None else math.degrees(value), decimals)
 
 
-def reported_text(value: float | None) -> str:
-    """Text of a number that the paper prints in degrees, with its two decimals."""
-    return fixed(math.nan if value is None else value, 2)
+def reported_text(value: float | None, decimals: int = 2) -> str:
+    """Text of a number as a paper prints it; a dash for None."""
+    return fixed(math.nan if value is None else value, decimals)
 
 
 def _line(cells: Sequence[str]) -> str:

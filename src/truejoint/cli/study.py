@@ -1,0 +1,115 @@
+"""`truejoint study`: the experiments of the papers, and ours, each by its name."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.options import Force, Json, Seed
+from truejoint.errors import StudyError
+from truejoint.studies.catalogue import STUDIES, get_study
+from truejoint.studies.study import PRESETS, shown
+
+INTERRUPTED = 130
+
+
+def _options(context: typer.Context) -> list[str]:
+    known = STUDIES.get(context.params.get("name") or "")
+    return [f"{option.name}=" for option in known.options] if known else []
+
+
+def study(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            help="Which study; all are listed without one.", autocompletion=lambda: list(STUDIES)
+        ),
+    ] = None,
+    preset: Annotated[
+        str,
+        typer.Option(help="full, or small for a first look.", autocompletion=lambda: list(PRESETS)),
+    ] = "full",
+    seed: Seed = 0,
+    chosen: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="OPTION=VALUE",
+            help="An option of the study, for instance specimen=B; `truejoint study` lists them.",
+            autocompletion=_options,
+        ),
+    ] = None,
+    folder: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Folder that gets one folder a study, parts included."),
+    ] = Path("studies"),
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Processes; one for each core by default.")
+    ] = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make the tables and figures of an experiment, beside the paper's numbers.
+
+    Parts are kept as they are done: the same command goes on where it was stopped.
+    """
+    if name is None:
+        _list(as_json=as_json)
+        return
+    experiment, target = get_study(name), folder / name
+    settings = experiment.settings(preset, seed, _parsed(chosen or []))
+    from truejoint.studies import page, runner  # noqa: PLC0415  # a list needs no arithmetic
+
+    if not force:
+        page.check_folder(experiment, settings, target)
+    jobs = jobs or len(os.sched_getaffinity(0))
+    common = {"preset": preset, "seed": seed, "folder": target, "jobs": jobs}
+    try:
+        with progress(f"Study {name}") as done:
+            result = runner.run_study(experiment, settings.options, progress=done, **common)  # type: ignore[arg-type]
+    except KeyboardInterrupt:
+        say(f"Stopped; what is done is kept in {target}, and the same command goes on from there")
+        raise typer.Exit(INTERRUPTED) from None
+    files = page.write_study(result, target, command=command_line(), overwrite=force)
+    if as_json:
+        result_json(result.to_dict())
+    else:
+        for table in result.summary.tables:
+            out.print(table.rich())
+        for claim in result.summary.claims:
+            out.print(
+                f"{claim.verdict}: {claim.text}: {claim.found}", highlight=False, markup=False
+            )
+    say(f"{len(result.parts)} parts, {result.computed} of them computed now")
+    say(f"Written: {', '.join(str(path) for path in files)}")
+
+
+def _parsed(texts: list[str]) -> dict[str, str]:
+    pairs = [text.partition("=") for text in texts]
+    for (option, separator, _), text in zip(pairs, texts, strict=True):
+        if not separator or sum(option == other[0] for other in pairs) > 1:
+            raise StudyError(f"--set {text!r:.60}: write OPTION=VALUE, each option once")
+    return {option: value for option, _, value in pairs}
+
+
+def _list(*, as_json: bool) -> None:
+    listed = {
+        s.name: {
+            "title": s.title,
+            "source": s.source or "ours",
+            "options": {option.name: shown(option.default) for option in s.options},
+        }
+        for s in STUDIES.values()
+    }
+    if as_json:
+        result_json(listed)
+        return
+    for s in STUDIES.values():
+        out.print(f"{s.name}: {s.title} ({s.source or 'ours'})", style="bold", highlight=False)
+        for option in s.options:
+            text = f"    --set {option.name}={shown(option.default)}  {option.meaning}"
+            out.print(text, highlight=False, markup=False, soft_wrap=True)

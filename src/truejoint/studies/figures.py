@@ -1,0 +1,130 @@
+"""Figures as data, and their pictures."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any, Final
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib import figure as mpl_figure
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
+from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from numpy.typing import ArrayLike
+
+_STYLE: Final[dict[Any, Any]] = {
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+    "legend.frameon": False,
+    "font.size": 9,
+}
+_DPI: Final = 130
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Points (n,) in the units of the axes, in matplotlib's `style`; in the legend if labelled."""
+
+    x: ArrayLike
+    y: ArrayLike
+    label: str = ""
+    colour: str | None = None
+    style: str = "-"
+    width: float = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """One pair of axes.
+
+    Attributes
+    ----------
+    curves : sequence of Curve
+    x, y, title : str
+        Labels, with units.
+    log : str
+        Axes that are logarithmic, of ``"xy"``.
+    rows : sequence of str
+        Names along the vertical axis, from above, in place of 0, 1, ...
+    shade : (float, float), optional
+        Stretch of the horizontal axis with a grey ground.
+    legend : bool
+        Whether the panel has a legend of its own.
+    """
+
+    curves: Sequence[Curve]
+    x: str = ""
+    y: str = ""
+    title: str = ""
+    log: str = ""
+    rows: Sequence[str] = ()
+    shade: tuple[float, float] | None = None
+    legend: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class Figure:
+    """Rows of as many panels each, with a title, a caption for the page, and a size [inch].
+
+    With `legend`, one legend below, that of the first panel, serves all.
+    """
+
+    title: str
+    panels: Sequence[Sequence[Panel]]
+    caption: str = ""
+    width: float = 11.0
+    height: float = 5.0
+    legend: bool = False
+
+
+def png(figure: Figure) -> bytes:
+    """Picture of a figure."""
+    with mpl.rc_context(_STYLE):
+        picture = mpl_figure.Figure(figsize=(figure.width, figure.height), layout="constrained")
+        shape = len(figure.panels), len(figure.panels[0])
+        axes = picture.subplots(*shape, squeeze=False)
+        for panel, axis in zip(chain(*figure.panels), axes.flat, strict=True):
+            _draw(panel, axis)
+    picture.suptitle(figure.title)
+    if figure.legend:
+        handles = axes[0, 0].get_legend_handles_labels()
+        picture.legend(*handles, loc="outside lower center", ncols=5, fontsize=8)
+    data = io.BytesIO()
+    picture.savefig(data, format="png", dpi=_DPI)
+    return data.getvalue()
+
+
+def _draw(panel: Panel, axis: Axes) -> None:
+    for curve in panel.curves:
+        axis.plot(
+            curve.x, curve.y, curve.style, color=curve.colour, lw=curve.width, ms=4,
+            label=curve.label or None,
+        )  # fmt: skip
+    axis.set(xlabel=panel.x, ylabel=panel.y, title=panel.title)
+    if panel.shade:
+        axis.axvspan(*panel.shade, color="0.9", zorder=0)
+    for letter, one in (("x", axis.xaxis), ("y", axis.yaxis)):
+        if letter in panel.log:
+            axis.set(**{f"{letter}scale": "log"})
+            _plain_ticks(one)
+    if panel.rows:
+        axis.set_yticks(np.arange(len(panel.rows)), list(panel.rows))
+        axis.invert_yaxis()
+    if panel.legend:
+        if not panel.rows:  # above the curves, where it hides nothing
+            low, high = axis.get_ylim()
+            axis.set_ylim(low, high + 0.35 * (high - low))
+        axis.legend(loc="upper left", fontsize=7)
+
+
+def _plain_ticks(axis: Axis) -> None:
+    """Label a logarithmic axis in plain numbers."""
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+    axis.set_minor_formatter(NullFormatter())

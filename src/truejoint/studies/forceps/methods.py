@@ -1,0 +1,174 @@
+"""The estimators that the studies of the forceps compare, calibrated and judged as any other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.calibration import Calibration, calibrate
+from truejoint.errors import StudyError
+from truejoint.evaluation import evaluate
+from truejoint.recordings import Recording
+from truejoint.simulation.forceps_parameters import ForcepsParameters
+from truejoint.studies.forceps.motions import Array, changed, plain_specimen, record
+from truejoint.studies.study import Settings
+
+Errors = dict[str, dict[str, float]]
+
+SETTLED: Final = 2.2
+"""Time from which errors count [s]: the motion swells for the first 2 s."""
+MOTOR, DRIVE, RESET = "motor/jaw", "cable/drive", "cable/reset"
+
+
+@dataclass(frozen=True)
+class Method:
+    """One row of the tables: estimator and columns that it takes; those in figures have a colour.
+
+    Its strategy is of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both.
+    """
+
+    title: str
+    estimator: str
+    inputs: tuple[str, ...]
+    colour: str | None = None
+
+    @property
+    def strategy(self) -> int:
+        """Number of sensors on cables, and one: (29) and (30) need both."""
+        return 1 + sum(name in self.inputs for name in (DRIVE, RESET))
+
+
+METHODS: Final[Mapping[str, Method]] = {
+    "rigid": Method("rigid cables, offset", "offset", (MOTOR,)),
+    "poly2_motor": Method("quadratic in motor angle", "poly2", (MOTOR,)),
+    "play_motor": Method("plays on motor angle", "play_motor", (MOTOR,)),
+    "lsm": Method("least squares (29)", "lsm", (DRIVE, RESET), "tab:red"),
+    "lsm_intercept": Method("(29) with intercept", "lsm_intercept", (DRIVE, RESET)),
+    "lsm_compensated": Method(
+        "compensated least squares (30)", "lsm_compensated", (MOTOR, DRIVE, RESET), "tab:orange"
+    ),
+    "poly2": Method("quadratic in motor angle, x2", "poly2", (MOTOR, RESET)),
+    "ukf": Method("UKF (23), constant only", "ukf", (MOTOR, RESET)),
+    "ukf_compensated": Method(
+        "UKF with compensation (26)", "ukf_compensated", (MOTOR, RESET), "tab:blue"
+    ),
+    "play_reset": Method("plays on x2", "play_reset", (RESET,), "tab:olive"),
+    "play_both": Method("plays on motor angle, x2", "play_both", (MOTOR, RESET)),
+    "play_cables": Method("plays on x1, x2", "play_cables", (DRIVE, RESET)),
+    "play_gated": Method("gated plays (our best)", "play_gated", (MOTOR, RESET), "tab:green"),
+    "ukf_friction": Method(
+        "UKF with friction and load", "ukf_friction", (MOTOR, RESET), "tab:purple"
+    ),
+    "ukf_friction_smoothed": Method(
+        "the same, smoothed (not causal)", "ukf_friction_smoothed", (MOTOR, RESET)
+    ),
+}
+"""By the key that stands in options and numbers, in the order of the tables."""
+
+BEST: Final = "play_gated"
+PAPERS_BEST: Final = "ukf_compensated"
+PAPERS: Final = ("lsm", "lsm_compensated", PAPERS_BEST)
+"""The methods of the paper, worst first as it finds them."""
+
+
+def common_arguments(settings: Settings) -> dict[str, Any]:
+    """Specimen, methods and seed, which most parts take."""
+    check_methods(settings["methods"])
+    forceps = plain_specimen(settings["specimen"])
+    return {"forceps": forceps, "methods": settings["methods"], "seed": settings.seed}
+
+
+def check_methods(methods: Sequence[str]) -> None:
+    """Raise StudyError naming the known methods if one is unknown."""
+    unknown = [key for key in methods if key not in METHODS]
+    if unknown:
+        raise StudyError(f"no method {', '.join(unknown):.60}; known: {', '.join(METHODS)}")
+
+
+def settled(recording: Recording) -> Recording:
+    """Take the truth before `SETTLED` away, so that those rows neither teach nor count."""
+    truth = np.where(recording.t > SETTLED, recording.column("truth/jaw"), np.nan)
+    return changed(recording, "truth/jaw", truth)
+
+
+@lru_cache(maxsize=4)
+def calibrated(
+    forceps: ForcepsParameters, methods: tuple[str, ...], seed: int
+) -> dict[str, Calibration]:
+    """Calibrations of a specimen on (27), by method; parts of one process share them.
+
+    Methods whose sensor is not installed are left out; raises StudyError when none is left.
+    """
+    recording = settled(record(forceps, "calibration", seed=2 * seed))
+    usable = {key: METHODS[key] for key in methods if key in METHODS}
+    usable = {k: m for k, m in usable.items() if set(m.inputs) <= set(recording.units)}
+    if not usable:
+        raise StudyError(f"no sensors for {', '.join(methods)}; install one, or choose others")
+    return {
+        key: calibrate(
+            recording,
+            method.estimator,
+            features=method.inputs,
+            target="error" if key == "rigid" else "position",
+        )
+        for key, method in usable.items()
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth.
+
+    The truth is what the reference encoder reads, as in the paper; `exact` is the jaw itself.
+    """
+
+    t: Array
+    truth: Array
+    exact: Array
+    estimates: Mapping[str, Array]
+
+    def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:
+        """Estimate minus truth from `first` to `last` [s] by method: rms, largest, smallest [rad].
+
+        ``exact_rms`` is against the jaw itself: it holds the encoder's own error, which every
+        calibrated method learns.
+        """
+        rows, found = within(self.t, first, last), {}
+        for key, estimate in self.estimates.items():
+            error, exact = (estimate - self.truth)[rows], (estimate - self.exact)[rows]
+            found[key] = {
+                "rms": float(np.sqrt(np.mean(error**2))),
+                "largest": float(error.max()),
+                "smallest": float(error.min()),
+                "exact_rms": float(np.sqrt(np.mean(exact**2))),
+            }
+        return found
+
+    def arrays(self, prefix: str = "") -> dict[str, Array]:
+        """Time, truth and estimates by name, for figures."""
+        named = {"t": self.t, "truth": self.truth, **self.estimates}
+        return {prefix + name: values for name, values in named.items()}
+
+
+def within(t: Array, first: float, last: float) -> NDArray[np.bool_]:
+    """Rows (n,) from `first` to `last` [s]."""
+    return np.asarray((t >= first) & (t <= last))
+
+
+def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
+    """Evaluate calibrations on a recording that they never saw."""
+    trace = evaluate({key: [model] for key, model in models.items()}, [recording]).traces[0]
+    exact = recording.column("truth_exact/jaw")[np.isfinite(recording.column("truth/jaw"))]
+    estimates = {key: trace.estimates[key][:, 0] for key in models}
+    return Judged(trace.t, trace.truth[:, 0], exact, estimates)
+
+
+def left_out(settings: Settings, used: Mapping[str, Any]) -> tuple[str, ...]:
+    """Note on the methods that were asked for and are not among those used, if there are any."""
+    names = [METHODS[key].title for key in settings["methods"] if key not in used]
+    return (f"Left out, since a sensor is not installed: {', '.join(names)}.",) if names else ()

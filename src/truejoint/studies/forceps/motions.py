@@ -1,0 +1,104 @@
+"""Specimens, and recordings of them on the motions of yan2020."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import TruejointError
+from truejoint.motion import forceps_references as references
+from truejoint.recordings import Recording
+from truejoint.recordings.forceps import record_forceps
+from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps_parameters import ForcepsParameters
+from truejoint.simulation.forceps_sensors import ZeroShift
+from truejoint.simulation.forceps_specimens import specimen as shipped
+from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+
+Array = NDArray[np.float64]
+Plain = Mapping[str, Mapping[str, Any]]
+"""A specimen as plain values, which `Part.arguments` can hold."""
+
+_TONES: Final = references.CALIBRATION_TONES
+_TRAJECTORIES: Final = {
+    "calibration": references.calibration_reference,
+    "verification": references.verification_reference,
+    "cycle": lambda: references.sine_reference(_TONES, 2.0 * math.pi / _TONES[0][1]),
+}
+
+
+def plain_specimen(name: str) -> Plain:
+    """Plain values of a shipped specimen, or of a designer's TOML file."""
+    return (ForcepsParameters.load(name) if name.endswith(".toml") else shipped(name)).to_dict()
+
+
+def title_of(name: str) -> str:
+    """Name of a specimen, or of its file."""
+    return Path(name).stem if name.endswith(".toml") else name
+
+
+def built(forceps: Plain) -> ForcepsParameters:
+    """Specimen of its plain values."""
+    flat = {f"{section}.{key}": v for section, vs in forceps.items() for key, v in vs.items()}
+    return ForcepsParameters.load().with_values(flat)
+
+
+def record(
+    forceps: ForcepsParameters,
+    motion: str | LoadTest,
+    *,
+    seed: int = 0,
+    specimen: str = "",
+    log_rate: float = 200.0,
+    zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
+) -> Recording:
+    """Record a specimen on a motion of the paper.
+
+    Parameters
+    ----------
+    forceps : ForcepsParameters
+    motion : {"calibration", "verification", "cycle"} or LoadTest
+        (27), (28), one period of (27), or the test of IV-D.
+    seed : int
+        Of the sensors' noise and the hand's wobble.
+    specimen : str
+        What it is called.
+    log_rate : float
+        Rows per second [Hz].
+    zero_shift : ZeroShift
+        What homing got wrong.
+
+    Raises
+    ------
+    TruejointError
+        If the motion is unknown, or the plant refuses a value.
+
+    Examples
+    --------
+    >>> recording = record(ForcepsParameters.load(), "verification", seed=1)
+    >>> len(recording)
+    12967
+    """
+    if isinstance(motion, LoadTest):
+        run = simulate_load_test(
+            forceps, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift
+        )
+    elif motion in _TRAJECTORIES:
+        angles = _TRAJECTORIES[motion]().positions[:, 0]
+        run = simulate_forceps(forceps, angles, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
+    else:
+        known = ", ".join(_TRAJECTORIES)
+        raise TruejointError(f"no motion {motion!r:.60}; choose one of {known}, or a load test")
+    name = "load" if isinstance(motion, LoadTest) else motion
+    return record_forceps(run, specimen=specimen, session=f"{name} {seed}")
+
+
+def changed(recording: Recording, name: str, values: ArrayLike) -> Recording:
+    """Put another column `name` (n,) into a recording."""
+    table = recording.table.assign(**{name: np.asarray(values, dtype=np.float64)})
+    return Recording(table, recording.units, recording.provenance)

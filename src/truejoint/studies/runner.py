@@ -1,0 +1,163 @@
+"""Compute the parts of a study, here or in a pool of processes, and keep each as it is done."""
+
+from __future__ import annotations
+
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Final
+
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from truejoint.errors import StudyError, TruejointError
+from truejoint.evaluation.results import json_values
+from truejoint.studies.catalogue import get_study
+from truejoint.studies.store import part_file, read_part, write_part
+from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
+
+Outcome = tuple[Part, PartResult | TruejointError]
+
+_POOLS: Final = 3  # how often workers may die before it is given up
+
+
+@dataclass(frozen=True, eq=False)
+class StudyResult:
+    """A study that was run; `computed` tells how many of `parts`, by key, were not kept before."""
+
+    study: Study
+    settings: Settings
+    parts: Mapping[str, PartResult]
+    summary: Summary
+    computed: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """JSON values: settings, claims and tables for a person, numbers of every part in SI."""
+        return {
+            "study": self.study.name,
+            "settings": self.settings.to_dict(),
+            "claims": [{**vars(c), "verdict": c.verdict} for c in self.summary.claims],
+            "tables": [vars(table) for table in self.summary.tables],
+            "parts": json_values({key: part.numbers for key, part in self.parts.items()}),
+        }
+
+
+def run_study(
+    study: str | Study,
+    options: Mapping[str, object] | None = None,
+    *,
+    preset: str = "full",
+    seed: int = 0,
+    folder: str | Path | None = None,
+    jobs: int = 1,
+    progress: Callable[[float], None] | None = None,
+) -> StudyResult:
+    """Compute what is missing of a study, and summarise it.
+
+    Results depend neither on `jobs` nor on what was computed before.
+
+    Parameters
+    ----------
+    study : str or Study
+        Name of one of `STUDIES`, or one of your own.
+    options : mapping, optional
+        Values, or their texts, by `Option.name`.
+    preset : {"full", "small"}
+    seed : int
+    folder : str or Path, optional
+        Where parts are kept, in ``parts/``, as they are done, and taken from when the study is run
+        again; nothing is kept by default.
+    jobs : int
+        Processes, one thread each; with 1 the parts are computed in this one. With more, a script
+        must stand behind ``if __name__ == "__main__":``.
+    progress : callable, optional
+        Called with the fraction done of what is missing, 0 to 1.
+
+    Raises
+    ------
+    StudyError
+        If study, preset or option is unknown, or parts failed: the others are kept.
+
+    Examples
+    --------
+    >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
+    >>> error = result.parts["unloaded"].numbers["verification"]["play_gated"]["rms"]
+    >>> print(f"{error:.5f} rad")
+    0.00061 rad
+    """
+    chosen = get_study(study) if isinstance(study, str) else study
+    settings = chosen.settings(preset, seed, options)
+    if jobs < 1:
+        raise StudyError(f"{jobs} jobs; give 1 or more")
+    with TemporaryDirectory() as temporary:
+        files = {
+            part: part_file(Path(folder or temporary) / "parts", chosen, part)
+            for part in chosen.parts(settings)
+        }  # fmt: skip
+        missing = [part for part, file in files.items() if read_part(file) is None]
+        failed: list[tuple[str, TruejointError]] = []
+        for count, (part, result) in enumerate(_computed(missing, jobs), 1):
+            if isinstance(result, TruejointError):
+                failed.append((part.key, result))
+            else:
+                write_part(files[part], result)
+            if progress is not None:
+                progress(count / len(missing))
+        if failed:
+            others = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+            key, error = failed[0]
+            raise StudyError(f"{chosen.name}: part {key} failed{others}: {error}")
+        # Read back even if computed just now, so that no result depends on when it was computed.
+        parts = {part.key: read_part(file) for part, file in files.items()}
+    results = {key: part for key, part in parts.items() if part is not None}
+    if not len(results) == len(files) > 0:
+        raise StudyError(
+            f"{chosen.name}: no parts, two of one key, or one that cannot be read back"
+        )
+    return StudyResult(chosen, settings, results, chosen.summarise(settings, results), len(missing))
+
+
+def _computed(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
+    """Each part with its result, or with what is wrong with it, as it is done."""
+    if min(jobs, len(parts)) <= 1:
+        yield from map(compute, parts)
+        return
+    left = list(parts)
+    for _ in range(_POOLS):
+        try:
+            for part, result in _pooled(left, jobs):
+                left = [other for other in left if other.key != part.key]
+                yield part, result
+        except BrokenProcessPool:
+            continue
+        return
+    raise StudyError(
+        f"workers died {_POOLS} times with {len(left)} parts left; is memory short? Run it again "
+        "with fewer --jobs: what is done is kept"
+    )
+
+
+def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
+    # A worker that Ctrl-C reaches ends without a word: the parent says what is to be said.
+    with ProcessPoolExecutor(
+        min(jobs, len(parts)), get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)
+    ) as pool:
+        futures = {pool.submit(compute, part): part for part in parts}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()[1]
+        finally:  # after Ctrl-C, what has not begun shall not
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def compute(part: Part) -> Outcome:
+    """Compute a part with one thread, wherever it is; an error of the caller's is an outcome."""
+    try:
+        with threadpool_limits(1):
+            return part, part.compute(**part.arguments)
+    except TruejointError as error:
+        return part, error

@@ -1,0 +1,81 @@
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from truejoint.cli import study as command
+from truejoint.studies import STUDIES
+
+
+def test_without_a_name_the_studies_are_listed(call):
+    result = call("study")
+    assert result.code == 0
+    for study in STUDIES.values():
+        assert study.name in result.out
+        assert all(f"--set {option.name}=" in result.out for option in study.options)
+    assert list(json.loads(call("study", "--json").out)) == list(STUDIES)
+
+
+def test_a_study_prints_json_and_leaves_files(call, tmp_path):
+    arguments = ("study", "forceps-unloaded", "--set", "methods=lsm,play_gated", "-o", tmp_path)
+    result = call(*arguments, "--json", "--jobs", "1")
+    assert result.code == 0
+    assert json.loads(result.out)["settings"]["options"]["specimen"] == "A"
+    folder = tmp_path / "forceps-unloaded"
+    names = {p.name for p in folder.iterdir()}
+    assert names == {"parts", *(f"forceps-unloaded.{s}" for s in ("html", "md", "json", "png"))}
+    assert "truejoint study forceps-unloaded" in (folder / "forceps-unloaded.html").read_text()
+    again = call(*arguments)
+    assert "0 of them computed now" in again.err
+    assert "least squares (29)" in again.out
+    other = call(*arguments, "--set", "specimen=B")
+    assert other.code == 2
+    assert "of other settings; choose another --out, or --force" in other.err
+
+
+def test_a_designers_own_file_is_taken(call, tmp_path):
+    path = tmp_path / "stiff.toml"
+    path.write_text("[drive_cable]\nstiffness = 16000.0\n", encoding="utf-8")
+    result = call(
+        "study", "forceps-load", "--set", f"specimen={path}", "--set", "masses_g=50", "--set",
+        "directions=along", "-o", tmp_path, "--jobs", "1",
+    )  # fmt: skip
+    assert result.code == 0
+    assert "specimen stiff" in result.out
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["nosuch"],
+        ["forceps-unloaded", "--set", "specimen=C"],
+        ["forceps-unloaded", "--set", "specimen"],
+        ["forceps-unloaded", "--set", "specimen=A", "--set", "specimen=B"],
+        ["forceps-unloaded", "--set", "specimen=no/such.toml"],
+        ["forceps-population", "--set", "count=0"],
+        ["forceps-population", "--preset", "tiny"],
+        ["forceps-loaded", "--set", "directions=up"],
+        ["forceps-loaded", "--set", "masses_g=3000"],
+    ],
+)
+def test_wrong_calls_are_one_line_and_code_2(call, tmp_path, arguments):
+    result = call("study", *arguments, "-o", tmp_path)
+    assert result.code == 2
+    assert result.out == ""
+    assert result.err.splitlines()[-1].startswith("truejoint: ")
+
+
+def test_an_interrupt_says_how_to_go_on(call, tmp_path, monkeypatch):
+    def interrupted(*_arguments, **_options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("truejoint.studies.runner.run_study", interrupted)
+    result = call("study", "forceps-unloaded", "-o", tmp_path)
+    assert result.code == command.INTERRUPTED
+    assert "the same command goes on from there" in " ".join(result.err.split())
+
+
+def test_option_names_complete(monkeypatch):
+    context = type("Context", (), {"params": {"name": "forceps-rezero"}})()
+    assert command._options(context) == ["specimen=", "shifts_um=", "methods="]

@@ -1,0 +1,87 @@
+"""A study of four parts that can be told to go wrong, in a module that other processes find."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import pytest
+
+from truejoint.studies import Option, Study
+
+MODULE = """
+import os
+import signal
+
+import numpy as np
+
+from truejoint.errors import TruejointError
+from truejoint.studies import Claim, Part, PartResult, Summary
+from truejoint.studies.figures import Curve, Figure, Panel
+from truejoint.studies.table import Table
+
+
+def parts(settings):
+    common = {"seed": settings.seed, "scale": settings["scale"]}
+    return [Part(f"part-{n}", compute, {"n": n, **common}) for n in range(settings["count"])]
+
+
+def compute(n, seed, scale):
+    trouble, _, where = os.environ.get("TOY_TROUBLE", "").partition("@")
+    if trouble and int(where) == n:
+        if trouble == "refuse":
+            raise TruejointError("the plant is out of order")
+        if trouble == "interrupt":
+            raise KeyboardInterrupt
+        if trouble == "kill":
+            os.kill(os.getpid(), signal.SIGKILL)
+        if trouble == "die-once" and not os.path.exists(os.environ["TOY_LOG"] + ".died"):
+            open(os.environ["TOY_LOG"] + ".died", "w").close()
+            os._exit(1)
+    with open(os.environ["TOY_LOG"], "a") as log:
+        log.write(f"{n}\\n")
+    values = np.random.default_rng([seed, n]).normal(0.0, scale, 50)
+    return PartResult({"n": n, "mean": float(values.mean())}, {"values": values})
+
+
+def summarise(settings, results):
+    rows = tuple((key, f"{part.numbers['mean']:.17g}") for key, part in results.items())
+    curves = [Curve(range(50), part.arrays["values"], key) for key, part in results.items()]
+    table = Table("Means [1] <b>", ("part", "mean [/x]"), rows, ("a | note",))
+    figure = Figure("Toy", ((Panel(curves, "row", "value", log="x", legend=True),),), "What it is.")
+    claims = [Claim("means differ", "toy2020", holds, "so") for holds in (True, False, None)]
+    return Summary((table,), {"toy": figure}, claims)
+"""
+
+
+@dataclass(frozen=True)
+class Toy:
+    """The study, and what was computed of it."""
+
+    study: Study
+    log: Path
+    trouble: Callable[[str], None]
+
+    @property
+    def computed(self) -> list[int]:
+        """Numbers of the parts that were computed since last asked, in order."""
+        lines = self.log.read_text().split() if self.log.exists() else []
+        self.log.unlink(missing_ok=True)
+        return [int(line) for line in lines]
+
+    def of_version(self, version: int) -> Study:
+        return replace(self.study, version=version)
+
+
+@pytest.fixture
+def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
+    """A study whose module is `toy_study`; `trouble("kind@part")` makes a part go wrong."""
+    folder = tmp_path / "module"
+    folder.mkdir()
+    (folder / "toy_study.py").write_text(MODULE, encoding="utf-8")
+    monkeypatch.syspath_prepend(folder)
+    monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
+    options = (Option("count", 4, "parts", small=2), Option("scale", 1.0, "size"))
+    study = Study("toy", "A toy & its <parts>", "toy2020", "toy_study", options)
+    return Toy(study, tmp_path / "log", lambda text: monkeypatch.setenv("TOY_TROUBLE", text))

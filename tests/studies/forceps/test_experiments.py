@@ -1,0 +1,187 @@
+"""The forceps studies: what they must show, and what they refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.errors import StudyError, TruejointError
+from truejoint.recordings import read_recording
+from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps_specimens import population, specimen
+from truejoint.studies import run_study, write_study
+from truejoint.studies.forceps.loaded import worst
+from truejoint.studies.forceps.methods import METHODS
+from truejoint.studies.forceps.motions import built, plain_specimen, record
+from truejoint.studies.forceps.population import share
+
+FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
+PNG = b"\x89PNG\r\n"
+
+
+def drawn(result, folder):
+    """Whether every figure of a study could be drawn."""
+    pictures = [file for file in write_study(result, folder) if file.suffix == ".png"]
+    return pictures and all(file.read_bytes().startswith(PNG) for file in pictures)
+
+
+@pytest.fixture(scope="module")
+def unloaded():
+    return run_study("forceps-unloaded", {"methods": FEW})
+
+
+def test_table_2_has_the_order_of_the_paper(unloaded, tmp_path):
+    errors = unloaded.parts["unloaded"].numbers["verification"]
+    rms = {key: np.degrees(error["rms"]) for key, error in errors.items()}
+    assert rms["lsm"] > rms["lsm_compensated"] > rms["ukf_compensated"]
+    assert rms["ukf_compensated"] <= 0.14
+    assert np.degrees(errors["ukf_compensated"]["largest"]) <= 0.55
+    assert rms["play_gated"] <= 0.05
+    # The encoder's own error is learnt.
+    assert errors["play_gated"]["exact_rms"] > errors["play_gated"]["rms"]
+    assert drawn(unloaded, tmp_path)
+
+
+def test_errors_are_those_of_the_estimates(unloaded):
+    part = unloaded.parts["unloaded"]
+    error = part.arrays["verification/lsm"] - part.arrays["verification/truth"]
+    numbers = part.numbers["verification"]["lsm"]
+    assert part.arrays["verification/t"][0] > 2.2
+    assert numbers["rms"] == np.sqrt(np.mean(error**2))
+    assert (numbers["largest"], numbers["smallest"]) == (error.max(), error.min())
+
+
+def test_tables_say_what_the_numbers_are(unloaded):
+    text = unloaded.summary.tables[0].markdown()
+    assert "| least squares (29) | 0.522 | 0.57 | 1.62 | 1.45 |" in text
+    assert "specimen A" in text
+
+
+def test_claims_of_the_paper_are_judged(unloaded):
+    verdicts = {claim.text: claim.verdict for claim in unloaded.summary.claims}
+    assert verdicts["the filter's RMS error on (28) stays below 0.2 deg"] == "agrees"
+    assert verdicts["the filter's largest error on (28) stays below 0.5 deg"] == "does not agree"
+    assert len(verdicts) == 4
+
+
+def test_table_3_separates_the_methods(tmp_path):
+    result = run_study(
+        "forceps-loaded", {"masses_g": "200,250", "methods": "ukf_compensated,play_gated"}
+    )
+    assert list(result.parts) == [
+        f"{mass}g-{way}" for way in ("opposing", "along") for mass in (200, 250)
+    ]
+    cases = [part.numbers for part in result.parts.values()]
+    both = ("opposing", "along")
+    assert worst(cases, "ukf_compensated", "I", *both) <= np.radians(0.2)
+    assert worst(cases, "play_gated", "IV", *both) <= np.radians(0.15)
+    assert worst(cases, "ukf_compensated", "IV", "along") > np.radians(0.5)
+    assert "0.15/0.06/0.40" in result.summary.tables[0].markdown()
+    verdicts = [claim.verdict for claim in result.summary.claims]
+    assert verdicts[:2] == ["agrees", "agrees"]  # of phases I and II
+    assert verdicts[2] != "agrees"
+    # Nothing is cut off in figure 9.
+    along = result.summary.figures["forceps-loaded"].panels[0][1]
+    assert np.abs(along.curves[1].y).max() > 2.5
+    assert drawn(result, tmp_path)
+
+
+def test_strategies_name_their_sensors(tmp_path):
+    options = {"specimen": "B", "masses_g": "100", "methods": "play_motor,play_gated,play_cables"}
+    result = run_study("forceps-strategies", options)
+    assert [row[1] for row in result.summary.tables[0].rows] == ["1", "2", "3"]
+    errors = result.parts["unloaded"].numbers["verification"]
+    assert errors["play_motor"]["rms"] > errors["play_gated"]["rms"]
+    assert drawn(result, tmp_path)
+
+
+def test_a_larger_population_begins_with_the_smaller(tmp_path):
+    methods = "lsm,lsm_compensated,ukf_compensated,play_gated"
+    one = run_study("forceps-population", {"count": 1, "methods": methods}, folder=tmp_path)
+    two = run_study("forceps-population", {"count": 2, "methods": methods}, folder=tmp_path)
+    assert two.computed == 1
+    assert one.parts["specimen-00000"].numbers == two.parts["specimen-00000"].numbers
+    assert drawn(two, tmp_path)
+    with pytest.raises(TruejointError, match="a population of 0"):
+        run_study("forceps-population", {"count": 0})
+    with pytest.raises(TruejointError, match="homing deviation"):
+        run_study("forceps-population", {"homing_um": -1})
+
+
+def test_shares_count_specimens():
+    rms = {
+        "ukf_compensated": np.array([2.0, 1.0, 4.0, 3.0]),
+        "play_gated": np.array([1.0, 2, 1, 1]),
+    }
+    assert share(rms, "ukf_compensated", "play_gated") == 0.75
+    assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
+
+
+def test_loads_are_weighed(tmp_path):
+    result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
+    found, opposing, along = (part.numbers for part in result.parts.values())
+    assert along["identified"] == pytest.approx(along["torque"], rel=0.15)
+    missed = abs(opposing["identified"] - opposing["torque"])
+    assert missed < found["dead_band"] + 0.15 * abs(along["torque"])
+    assert found["deviation"] > 0.0
+    assert "Dead band" in result.summary.tables[0].markdown()
+    assert drawn(result, tmp_path)
+
+
+def test_homing_is_mended(tmp_path):
+    result = run_study(
+        "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
+    )
+    (case,) = (part.numbers for part in result.parts.values())
+    assert case["found"] == pytest.approx(2e-5, abs=3e-6)
+    assert case["before"]["play_gated"]["rms"] > np.radians(0.2)
+    assert case["after"]["play_gated"]["rms"] < np.radians(0.06)
+    assert drawn(result, tmp_path)
+
+
+def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
+    """A designer's question: a stiffer cable must help whoever has no sensor on it."""
+    rms = {}
+    for stiffness in (9e3, 17e3):
+        file = tmp_path / f"cable-{stiffness:.0f}.toml"
+        cable = f"stiffness = {stiffness}\n"
+        file.write_text(f"[drive_cable]\n{cable}[reset_cable]\n{cable}", encoding="utf-8")
+        result = run_study("forceps-unloaded", {"specimen": file, "methods": "rigid"})
+        rms[stiffness] = result.parts["unloaded"].numbers["verification"]["rigid"]["rms"]
+        assert f"specimen cable-{stiffness:.0f}" in result.summary.tables[0].title
+    assert rms[17e3] < rms[9e3]
+
+
+def test_a_method_without_its_sensor_is_left_out(tmp_path):
+    file = tmp_path / "bare.toml"
+    file.write_text("[drive_encoder]\ninstalled = false\n", encoding="utf-8")
+    result = run_study("forceps-unloaded", {"specimen": file, "methods": "lsm,play_reset"})
+    (table,) = result.summary.tables
+    assert [row[0] for row in table.rows] == ["plays on x2"]
+    assert table.notes[-1] == "Left out, since a sensor is not installed: least squares (29)."
+    with pytest.raises(StudyError, match="no sensors for lsm"):
+        run_study("forceps-unloaded", {"specimen": file, "methods": "lsm"})
+
+
+def test_a_specimen_is_the_same_after_a_trip_through_plain_values():
+    assert built(plain_specimen("B")) == specimen("B")
+
+
+def test_motions_become_recordings(tmp_path):
+    options = {"motions": "load,cycle", "load_g": 50, "log_rate_hz": 50}
+    result = run_study("forceps-recordings", options)
+    files = [file for file in write_study(result, tmp_path) if file.suffix == ".parquet"]
+    assert [file.name for file in files] == ["load-nominal.parquet", "cycle-nominal.parquet"]
+    kept = read_recording(files[0])
+    made = record(specimen(), LoadTest(0.05), specimen="nominal", log_rate=50.0)
+    assert kept.table.equals(made.table)
+    assert kept.provenance.to_dict() == made.provenance.to_dict()
+    assert kept.provenance.load == 0.05
+    assert kept.units == made.units
+    with pytest.raises(TruejointError, match="choose one of calibration"):
+        record(population(1)[0], "sine")
+
+
+def test_unknown_methods_are_refused():
+    with pytest.raises(StudyError, match=f"no method svm; known: {', '.join(list(METHODS)[:2])}"):
+        run_study("forceps-unloaded", {"methods": ("lsm", "svm")})

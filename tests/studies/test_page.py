@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import json
+import re
+
+import pytest
+from rich.console import Console
+
+from truejoint.errors import StudyError
+from truejoint.studies import run_study, write_study
+
+
+@pytest.fixture
+def result(toy):
+    return run_study(toy.study)
+
+
+def test_a_study_leaves_page_table_numbers_and_pictures(result, tmp_path):
+    files = write_study(result, tmp_path / "new", command="truejoint study toy")
+    assert [file.name for file in files] == ["toy.html", "toy.md", "toy.json", "toy.png"]
+    page, markdown, numbers, picture = (file.read_bytes() for file in files)
+    assert picture.startswith(b"\x89PNG\r\n")
+    assert rb"| part-0 |" in markdown
+    assert rb"a | note" in markdown
+    values = json.loads(numbers)
+    assert values["origin"]["command"] == "truejoint study toy"
+    assert values["parts"]["part-3"] == result.parts["part-3"].numbers
+    assert [claim["verdict"] for claim in values["claims"]][1] == "does not agree"
+    text = page.decode()
+    for verdict in ("agrees", "does not agree", "cannot be told"):
+        assert f">{verdict}</span>" in text
+    assert "A toy &amp; its &lt;parts&gt;" in text
+    assert "<b>" not in text
+    assert "truejoint study toy" in text
+
+
+def test_the_page_needs_nothing_else(result, tmp_path):
+    page = write_study(result, tmp_path)[0].read_text()
+    assert "default-src 'none'" in page
+    assert not re.search(r"(src|href)=\"(?!data:|#)", page)
+
+
+def test_results_of_other_settings_are_not_written_over(toy, result, tmp_path):
+    write_study(result, tmp_path)
+    write_study(result, tmp_path)  # the same again
+    other = run_study(toy.study, seed=1)
+    with pytest.raises(StudyError, match=r"toy.json: is of other settings"):
+        write_study(other, tmp_path)
+    write_study(other, tmp_path, overwrite=True)
+    for broken in ("{", "[]", '{"settings": 3}', "[" * 100_000):
+        (tmp_path / "toy.json").write_text(broken)
+        with pytest.raises(StudyError, match="other settings"):
+            write_study(other, tmp_path)
+
+
+def test_the_terminal_shows_brackets_as_they_are(result):
+    console = Console(width=100)
+    with console.capture() as shown:
+        console.print(result.summary.tables[0].rich())
+    for text in ("Means [1] <b>", "mean [/x]", "a | note"):
+        assert text in shown.get()

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from truejoint.errors import StudyError
+from truejoint.studies import run_study
+
+
+def test_parts_are_computed_once(toy, tmp_path):
+    fractions: list[float] = []
+    first = run_study(toy.study, folder=tmp_path, progress=fractions.append)
+    assert toy.computed == [0, 1, 2, 3]
+    assert fractions == [0.25, 0.5, 0.75, 1.0]
+    again = run_study(toy.study, folder=tmp_path)
+    assert toy.computed == []
+    assert (first.computed, again.computed) == (4, 0)
+    assert first.to_dict() == again.to_dict()
+
+
+def test_nothing_is_kept_without_a_folder(toy):
+    for _ in range(2):
+        run_study(toy.study, preset="small")
+        assert toy.computed == [0, 1]
+
+
+def test_other_settings_are_other_parts(toy, tmp_path):
+    run_study(toy.study, folder=tmp_path, preset="small")
+    assert toy.computed == [0, 1]
+    run_study(toy.study, folder=tmp_path)  # begins with what the small preset did
+    assert toy.computed == [2, 3]
+    for changed in ({"options": {"scale": 2}}, {"seed": 1}):
+        run_study(toy.study, folder=tmp_path, **changed)
+        assert toy.computed == [0, 1, 2, 3]
+    run_study(toy.of_version(2), folder=tmp_path)
+    assert toy.computed == [0, 1, 2, 3]
+
+
+def test_an_interrupt_loses_the_part_in_hand_alone(toy, tmp_path):
+    toy.trouble("interrupt@2")
+    with pytest.raises(KeyboardInterrupt):
+        run_study(toy.study, folder=tmp_path)
+    assert toy.computed == [0, 1]
+    toy.trouble("")
+    result = run_study(toy.study, folder=tmp_path)
+    assert toy.computed == [2, 3]
+    assert result.to_dict() == run_study(toy.study).to_dict()
+
+
+def test_a_process_that_is_killed_loses_the_part_in_hand_alone(toy, tmp_path):
+    toy.trouble("kill@2")
+    program = (
+        "import sys; sys.path.insert(0, sys.argv[1])\n"
+        "from truejoint.studies import Option, Study, run_study\n"
+        "options = (Option('count', 4, ''), Option('scale', 1.0, ''))\n"
+        "run_study(Study('toy', '', '', 'toy_study', options), folder=sys.argv[2])\n"
+    )
+    arguments = [sys.executable, "-c", program, str(tmp_path / "module"), str(tmp_path)]
+    assert subprocess.run(arguments, check=False).returncode == -9  # noqa: S603
+    assert toy.computed == [0, 1]
+    toy.trouble("")
+    run_study(toy.study, folder=tmp_path)
+    assert toy.computed == [2, 3]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_part_that_fails_leaves_the_others(toy, tmp_path, jobs):
+    toy.trouble("refuse@1")
+    with pytest.raises(StudyError, match="toy: part part-1 failed: the plant is out of order"):
+        run_study(toy.study, folder=tmp_path, jobs=jobs)
+    assert sorted(toy.computed) == [0, 2, 3]
+    toy.trouble("")
+    run_study(toy.study, folder=tmp_path)
+    assert toy.computed == [1]
+
+
+def test_a_worker_that_dies_costs_its_part(toy, tmp_path):
+    toy.trouble("die-once@1")
+    pooled = run_study(toy.study, folder=tmp_path, jobs=2)
+    toy.trouble("")
+    alone = run_study(toy.study)
+    assert pooled.to_dict() == alone.to_dict()  # bit for bit, in any order and place
+    for key, part in alone.parts.items():
+        assert np.array_equal(part.arrays["values"], pooled.parts[key].arrays["values"])
+
+
+def test_workers_that_die_again_and_again_are_given_up(toy, tmp_path, monkeypatch):
+    monkeypatch.setattr("truejoint.studies.runner._POOLS", 1)
+    toy.trouble("kill@0")
+    with pytest.raises(StudyError, match="workers died 1 times"):
+        run_study(toy.study, folder=tmp_path, jobs=2, preset="small")
+
+
+def test_a_damaged_part_is_computed_again(toy, tmp_path):
+    run_study(toy.study, folder=tmp_path)
+    (file,) = (tmp_path / "parts").glob("part-2-*.part")
+    file.write_bytes(file.read_bytes()[:-50])
+    assert toy.computed == [0, 1, 2, 3]
+    run_study(toy.study, folder=tmp_path)
+    assert toy.computed == [2]
+
+
+def test_wrong_calls_are_refused(toy):
+    with pytest.raises(StudyError, match="0 jobs"):
+        run_study(toy.study, jobs=0)
+    with pytest.raises(StudyError, match="no study 'nosuch'"):
+        run_study("nosuch")
+    with pytest.raises(StudyError, match="no parts"):
+        run_study(toy.study, {"count": 0})

@@ -1,0 +1,80 @@
+from __future__ import annotations
+
+from contextlib import suppress
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import StudyError
+from truejoint.studies import STUDIES, Claim, Option, Study, get_study
+from truejoint.studies.study import shown
+
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
+TEXTS = st.text("abcdefg_0123", min_size=1)
+
+
+@given(st.one_of(NUMBERS, st.integers(), TEXTS))
+def test_a_value_is_read_back_from_its_text(value):
+    assert Option("x", value, "").parse(shown(value)) == value
+
+
+@given(st.lists(NUMBERS, min_size=1, unique=True))
+def test_a_list_is_read_back_from_its_text(values):
+    assert Option("x", (1.0,), "").parse(shown(tuple(values))) == tuple(values)
+
+
+@given(st.text())
+def test_any_text_is_a_value_or_refused(text):
+    for default in (1, 1.0, (1.0, 2.0)):
+        with suppress(StudyError):
+            assert type(Option("x", default, "meaning").parse(text)) is type(default)
+
+
+@pytest.mark.parametrize(
+    ("default", "value"),
+    [(1, "1.5"), (1.0, "nan"), ("a", " "), ((1.0,), ""), ((1.0,), "2,2.0"), ((1.0,), 3)],
+)
+def test_what_is_not_like_the_default_is_refused(default, value):
+    with pytest.raises(StudyError, match=r"x=.*: write it like"):
+        Option("x", default, "meaning").parse(value)
+
+
+def test_presets_choose_the_defaults():
+    study = Study("s", "t", "", "m", (Option("count", 100, "", small=10), Option("x", 1.0, "")))
+    assert study.settings("small").options == {"count": 10, "x": 1.0}
+    assert study.settings("small", options={"count": "7"})["count"] == 7
+    assert study.settings().to_dict() == {
+        "preset": "full", "seed": 0, "options": {"count": "100", "x": "1.0"}
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"preset": "tiny"}, "no preset 'tiny'; choose one of small, full"),
+        ({"seed": -1}, "seed -1; it must be 0 to"),
+        ({"options": {"cuont": 3}}, "no option 'cuont'; it has count"),
+    ],
+)
+def test_wrong_settings_are_refused(arguments, message):
+    with pytest.raises(StudyError, match=message):
+        get_study("forceps-population").settings(**arguments)
+
+
+def test_an_unknown_study_names_the_known():
+    with pytest.raises(StudyError, match="no study 'table2'; known: forceps-unloaded"):
+        get_study("table2")
+
+
+def test_every_study_can_be_asked_for():
+    for name, study in STUDIES.items():
+        assert name == study.name
+        small, full = (study.parts(study.settings(preset)) for preset in ("small", "full"))
+        assert 1 <= len(small) <= len(full)
+        assert len({part.key for part in full}) == len(full)
+
+
+def test_a_verdict_is_one_of_three():
+    verdicts = [Claim("", "", holds, "").verdict for holds in (True, False, None)]
+    assert verdicts == ["agrees", "does not agree", "cannot be told"]
