@@ -34,8 +34,8 @@ from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime.c_source import Precision, table
 from truejoint.runtime.export_c import export_c
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 ESTIMATORS = ("offset", "linear", "poly2", NeuralNetwork(epochs=5))
 JAW_ESTIMATORS = ("play_reset", "play_gated", "ukf", "ukf_compensated", "ukf_friction")

@@ -26,7 +26,7 @@ from truejoint.evaluation.forceps import (
 )
 from truejoint.evaluation.forceps.figures import plot_loaded, plot_unloaded
 from truejoint.evaluation.forceps.plant import record_motion
-from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps.specimens import specimen
 
 console = Console(width=140)
 folder = Path("forceps-example")

@@ -5,7 +5,7 @@ import pytest
 
 from truejoint.crtk import Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
-from truejoint.simulation import Raven2Twin
+from truejoint.simulation.raven2 import Raven2Twin
 
 
 @pytest.fixture

@@ -30,8 +30,8 @@ from truejoint.runtime.c_history import FILTER_MEANINGS, filter_context, history
 from truejoint.runtime.c_reference import SteppingCorrector
 from truejoint.runtime.export_c import export_c
 from truejoint.runtime.limits import RANGE_MARGIN
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 from .test_export_c import COMPILER, FLAGS, needs_compiler
 

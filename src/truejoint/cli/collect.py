@@ -15,7 +15,7 @@ from truejoint.crtk import Arm, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import TrackingReport, Trajectory, follow
 from truejoint.recordings import Recorder, Recording, write_parquet
-from truejoint.simulation import TwinParameters
+from truejoint.simulation.raven2 import TwinParameters
 
 
 def record(

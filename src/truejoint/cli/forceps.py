@@ -20,8 +20,8 @@ from truejoint.evaluation.forceps import (
     study_population,
 )
 from truejoint.evaluation.forceps.tables import TextTable
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_specimens import SPECIMENS, specimen
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.specimens import SPECIMENS, specimen
 
 app = typer.Typer(
     no_args_is_help=True,

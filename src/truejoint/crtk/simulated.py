@@ -10,7 +10,7 @@ from truejoint.crtk.messages import Array, OperatingState, StateBlock, TruthBloc
 from truejoint.crtk.states import StateCommand, next_state
 from truejoint.errors import RobotError
 from truejoint.robots import Robot, get_robot
-from truejoint.simulation import Raven2Twin, TwinOutput, TwinParameters
+from truejoint.simulation.raven2 import Raven2Twin, TwinOutput, TwinParameters
 
 
 class SimulatedBackend:

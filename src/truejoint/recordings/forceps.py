@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.simulation.forceps_twin import ForcepsRun
+from truejoint.simulation.forceps.twin import ForcepsRun
 
 
 def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") -> Recording:

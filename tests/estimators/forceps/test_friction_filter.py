@@ -7,8 +7,8 @@ from tests.estimators.forceps.conftest import columns, rms_deg, steps, target
 from truejoint.errors import CalibrationError
 from truejoint.estimators.forceps import FrictionFilter, SmoothedFrictionFilter
 from truejoint.estimators.forceps.friction_filter import DEGREE
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_twin import simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.twin import simulate_load_test
 
 
 @pytest.fixture(scope="module")

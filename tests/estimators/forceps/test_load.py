@@ -7,11 +7,11 @@ from tests.estimators.forceps.conftest import SETTLED, columns, steps, target
 from truejoint.errors import CalibrationError
 from truejoint.estimators.forceps import JawLoad, find_zero, identify_stiffness
 from truejoint.motion.forceps_references import calibration_reference, sine_reference
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import friction_at_pretension
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import friction_at_pretension
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 NOMINAL = specimen("nominal")
 

@@ -9,8 +9,8 @@ from truejoint.estimators.forceps import BothPlay, GatedPlay, ResetPlay
 from truejoint.estimators.forceps.gated import redescending
 from truejoint.estimators.forceps.kernels import bank_rows
 from truejoint.estimators.forceps.play import ridge
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_twin import simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.twin import simulate_load_test
 
 
 def fitted(pair, model):

@@ -25,7 +25,7 @@ from truejoint.evaluation.forceps.figures import (
     plot_unloaded,
 )
 from truejoint.evaluation.forceps.plant import record_motion
-from truejoint.simulation.forceps_specimens import population, specimen
+from truejoint.simulation.forceps.specimens import population, specimen
 
 PNG = b"\x89PNG\r\n"
 FEW = ("lsm", "lsm_compensated", "ukf_compensated", "play_reset", "play_gated")

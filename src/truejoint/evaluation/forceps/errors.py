@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.simulation.forceps_twin import ForcepsRun
+from truejoint.simulation.forceps.twin import ForcepsRun
 
 Array = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from truejoint.evaluation.forceps.methods import BEST, METHODS, PAPERS_BEST, SET
 from truejoint.evaluation.forceps.population import PopulationStudy
 from truejoint.evaluation.forceps.strategies import Strategies
 from truejoint.evaluation.forceps.unloaded import Unloaded
-from truejoint.simulation.forceps_twin import ForcepsRun
+from truejoint.simulation.forceps.twin import ForcepsRun
 
 Array = NDArray[np.float64]
 

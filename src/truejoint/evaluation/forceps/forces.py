@@ -17,9 +17,9 @@ from truejoint.evaluation.forceps.methods import SETTLED, columns
 from truejoint.evaluation.forceps.tables import TextTable
 from truejoint.evaluation.forceps.unloaded import calibration_run
 from truejoint.robots.forceps_mechanism import LOAD_MASSES
-from truejoint.simulation.forceps_load import GRAVITY, LoadTest
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_twin import ForcepsRun, simulate_load_test
+from truejoint.simulation.forceps.load import GRAVITY, LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.twin import ForcepsRun, simulate_load_test
 
 Array = NDArray[np.float64]
 

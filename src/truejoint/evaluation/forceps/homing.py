@@ -20,9 +20,9 @@ from truejoint.evaluation.forceps.unloaded import (
     verification_run,
 )
 from truejoint.motion.forceps_references import CALIBRATION_TONES, RAMP, sine_reference
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 SHIFTS: Final = (0.0, 2e-6, 5e-6, 10e-6, 20e-6)
 REZEROED_METHODS: Final = ("ukf_compensated", "play_reset", "play_gated", "ukf_friction")

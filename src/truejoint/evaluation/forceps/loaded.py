@@ -15,9 +15,9 @@ from truejoint.evaluation.forceps.methods import METHODS, fit_methods
 from truejoint.evaluation.forceps.tables import TextTable, degrees_text, reported_text
 from truejoint.evaluation.forceps.unloaded import calibration_run
 from truejoint.robots.forceps_mechanism import LOAD_MASSES
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_twin import ForcepsRun, simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.twin import ForcepsRun, simulate_load_test
 
 Array = NDArray[np.float64]
 Direction = Literal["opposing", "along"]

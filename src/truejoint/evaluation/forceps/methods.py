@@ -13,7 +13,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.registry import get_estimator
 from truejoint.estimators.sequence import SequenceRegressor
-from truejoint.simulation.forceps_twin import ForcepsRun
+from truejoint.simulation.forceps.twin import ForcepsRun
 
 Array = NDArray[np.float64]
 

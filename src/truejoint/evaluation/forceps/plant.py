@@ -6,9 +6,9 @@ from truejoint.errors import TruejointError
 from truejoint.evaluation.forceps.unloaded import calibration_run, verification_run
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_twin import simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.twin import simulate_load_test
 
 MOTIONS = ("calibration", "verification", "load")
 

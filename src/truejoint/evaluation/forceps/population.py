@@ -21,9 +21,9 @@ from truejoint.evaluation.forceps.unloaded import (
     settled_error,
     verification_run,
 )
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import population
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import population
 
 Array = NDArray[np.float64]
 

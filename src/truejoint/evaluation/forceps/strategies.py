@@ -11,7 +11,7 @@ from truejoint.evaluation.forceps.loaded import Loaded, compare_loaded
 from truejoint.evaluation.forceps.methods import METHODS
 from truejoint.evaluation.forceps.tables import TextTable, degrees_text
 from truejoint.evaluation.forceps.unloaded import compare_unloaded
-from truejoint.simulation.forceps_parameters import ForcepsParameters
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 
 STRATEGY_METHODS: Final = (
     "rigid", "poly2_motor", "play_motor",

@@ -14,9 +14,9 @@ from truejoint.evaluation.forceps.errors import JawError
 from truejoint.evaluation.forceps.methods import METHODS, SETTLED, fit_methods
 from truejoint.evaluation.forceps.tables import TextTable, degrees_text, reported_text
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_twin import ForcepsRun, simulate_forceps
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.twin import ForcepsRun, simulate_forceps
 
 Array = NDArray[np.float64]
 

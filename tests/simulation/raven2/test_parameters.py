@@ -12,8 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
-from truejoint.simulation import TwinParameters
 from truejoint.simulation.parameter_file import MAX_FILE_SIZE
+from truejoint.simulation.raven2 import TwinParameters
 
 in_tmp_path = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -33,7 +33,7 @@ def write(path: Path, text: str) -> Path:
 def test_every_number_of_the_shipped_file_is_commented() -> None:
     import truejoint.simulation as package  # noqa: PLC0415 - only this test needs its folder
 
-    text = (Path(package.__file__).parent / "raven2_twin.toml").read_text(encoding="utf-8")
+    text = (Path(package.__file__).parent / "raven2/nominal.toml").read_text(encoding="utf-8")
     uncommented = [
         line for line in text.splitlines() if "=" in line.split("#")[0] and "#" not in line
     ]

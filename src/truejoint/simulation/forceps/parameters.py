@@ -23,7 +23,7 @@ from truejoint.simulation.parameter_file import (
 )
 
 STEP: Final = 1e-4  # [s] of the integrator
-NOMINAL: Final = "forceps.toml"
+NOMINAL: Final = "forceps/nominal.toml"
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_parameters import ForcepsParameters, ReferenceEncoder
+from truejoint.simulation.forceps.parameters import ForcepsParameters, ReferenceEncoder
 
 Array = NDArray[np.float64]
 

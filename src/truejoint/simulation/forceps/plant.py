@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from truejoint.simulation.forceps_constants import (
+from truejoint.simulation.forceps.constants import (
     CableConstants,
     FrictionConstants,
     PlantConstants,

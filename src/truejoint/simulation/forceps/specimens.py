@@ -14,10 +14,10 @@ from typing import Final
 import numpy as np
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_parameters import ForcepsParameters
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.parameter_file import shipped_sections
 
-SPECIMENS: Final = {"nominal": "forceps.toml", "A": "forceps_a.toml", "B": "forceps_b.toml"}
+SPECIMENS: Final = {"nominal": "forceps/nominal.toml", "A": "forceps/a.toml", "B": "forceps/b.toml"}
 MAX_POPULATION: Final = 100_000
 
 
@@ -48,7 +48,7 @@ def prior() -> dict[str, Spread]:
     """Ranges that a population is drawn from, by property, in the order of the draws."""
     return {
         name: Spread(float(v["low"]), float(v["high"]), v["scale"] == "log")
-        for name, v in shipped_sections("forceps_prior.toml").items()
+        for name, v in shipped_sections("forceps/prior.toml").items()
     }
 
 

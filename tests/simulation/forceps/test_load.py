@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps.load import LoadTest
 
 T = np.arange(36_001) / 1000
 

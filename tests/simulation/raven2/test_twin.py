@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from truejoint.errors import CommandRefused, RobotError, TruejointError
 from truejoint.robots.raven2 import ENCODER_COUNTS_PER_REV, JOINT_ENCODERS, drives, links
-from truejoint.simulation import Raven2Twin, TwinOutput, TwinParameters
-from truejoint.simulation._twin_kernel import gravity_load
-from truejoint.simulation._twin_plant import gravity_potential
+from truejoint.simulation.raven2 import Raven2Twin, TwinOutput, TwinParameters
+from truejoint.simulation.raven2.kernel import gravity_load
+from truejoint.simulation.raven2.plant import gravity_potential
 
 Array = NDArray[np.float64]
 DEG = math.pi / 180.0

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 NOMINAL = specimen()
 T = np.arange(4001) / 1000

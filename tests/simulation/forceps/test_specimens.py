@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import eigenfrequencies, friction_at_pretension
-from truejoint.simulation.forceps_specimens import SPECIMENS, population, prior, specimen
-from truejoint.simulation.forceps_twin import simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import eigenfrequencies, friction_at_pretension
+from truejoint.simulation.forceps.specimens import SPECIMENS, population, prior, specimen
+from truejoint.simulation.forceps.twin import simulate_load_test
 
 POPULATION = population(150, seed=11)
 

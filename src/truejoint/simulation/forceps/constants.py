@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from truejoint.simulation.forceps_parameters import (
+from truejoint.simulation.forceps.parameters import (
     Cable,
     ForcepsParameters,
     JawFriction,

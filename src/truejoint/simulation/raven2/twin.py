@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
-from truejoint.simulation import _twin_kernel as kernel
-from truejoint.simulation._twin_plant import POSITIONING, build_plant, build_state
-from truejoint.simulation.twin_parameters import TwinParameters
+from truejoint.simulation.raven2 import kernel
+from truejoint.simulation.raven2.parameters import TwinParameters
+from truejoint.simulation.raven2.plant import POSITIONING, build_plant, build_state
 
 Array = NDArray[np.float64]
 

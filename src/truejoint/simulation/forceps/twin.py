@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_constants import plant_constants
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import STEP, ForcepsParameters
-from truejoint.simulation.forceps_plant import INPUT_STEP, run_plant
-from truejoint.simulation.forceps_sensors import ZeroShift, read_sensors
+from truejoint.simulation.forceps.constants import plant_constants
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import STEP, ForcepsParameters
+from truejoint.simulation.forceps.plant import INPUT_STEP, run_plant
+from truejoint.simulation.forceps.sensors import ZeroShift, read_sensors
 
 Array = NDArray[np.float64]
 

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from truejoint.simulation.forceps_constants import plant_constants
-from truejoint.simulation.forceps_parameters import STEP, ForcepsParameters, eigenfrequencies
-from truejoint.simulation.forceps_plant import (
+from truejoint.simulation.forceps.constants import plant_constants
+from truejoint.simulation.forceps.parameters import STEP, ForcepsParameters, eigenfrequencies
+from truejoint.simulation.forceps.plant import (
     advance_motor,
     advance_plant,
     bouc_wen_rate,
@@ -18,9 +18,9 @@ from truejoint.simulation.forceps_plant import (
     run_plant,
     wheel_motion,
 )
-from truejoint.simulation.forceps_specimens import population, specimen
+from truejoint.simulation.forceps.specimens import population, specimen
 
-from . import forceps_reference as reference
+from . import reference_plant as reference
 
 NOMINAL = specimen()
 INSTRUMENTS = [NOMINAL, specimen("A"), specimen("B"), *population(2, seed=5)]

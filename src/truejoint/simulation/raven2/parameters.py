@@ -1,4 +1,4 @@
-"""Parameters of the RAVEN-II twin; raven2_twin.toml says what each means and comes from."""
+"""Parameters of the RAVEN-II twin; nominal.toml says what each means and comes from."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from truejoint.simulation.parameter_file import (
 Numbers = tuple[float, ...]
 """One value per positioning joint (shoulder, elbow, insertion) or per tool joint."""
 
-SHIPPED: Final = "raven2_twin.toml"
+SHIPPED: Final = "raven2/nominal.toml"
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ class Tool:
 class TwinParameters:
     """Everything that makes the twin of a RAVEN-II arm err; one attribute per section of the file.
 
-    SI units. `load` reads a file in the format of the shipped ``raven2_twin.toml``, whose comments
+    SI units. `load` reads a file in the format of the shipped ``nominal.toml``, whose comments
     give the meaning, unit and source of every number.
     """
 

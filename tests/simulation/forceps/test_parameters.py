@@ -16,7 +16,7 @@ from truejoint.robots.forceps_mechanism import (
     REFERENCE_ENCODER_COUNTS,
     TABLE_1,
 )
-from truejoint.simulation.forceps_parameters import (
+from truejoint.simulation.forceps.parameters import (
     ForcepsParameters,
     eigenfrequencies,
     friction_at_pretension,

@@ -18,8 +18,8 @@ from truejoint.robots.raven2 import (
     drives,
     links,
 )
-from truejoint.simulation import _twin_kernel as kernel
-from truejoint.simulation.twin_parameters import TwinParameters
+from truejoint.simulation.raven2 import kernel
+from truejoint.simulation.raven2.parameters import TwinParameters
 
 Array = NDArray[np.float64]
 
@@ -147,7 +147,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
 
 
 def gravity_potential(robot: Robot, instrument: float) -> Array:
-    """Coefficients (2, 12) [J] of `_twin_kernel.gravity_load`: the links, and 1 kg at the tool.
+    """Coefficients (2, 12) [J] of `kernel.gravity_load`: the links, and 1 kg at the tool.
 
     Found from the robot's own link frames: 24 poses give 12 coefficients, exactly.
     """

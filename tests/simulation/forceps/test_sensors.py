@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps_sensors import (
+from truejoint.simulation.forceps.sensors import (
     ZeroShift,
     quantised,
     read_sensors,
     reference_error,
 )
-from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps.specimens import specimen
 
 NOMINAL = specimen()
 N = 20_000
