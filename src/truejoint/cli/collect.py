@@ -15,7 +15,7 @@ from truejoint.crtk import Arm, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import TrackingReport, Trajectory, follow
 from truejoint.recordings import Recorder, Recording, write_parquet
-from truejoint.simulation.raven2 import TwinParameters
+from truejoint.simulation.raven2 import Raven2Parameters
 
 
 def record(
@@ -74,7 +74,7 @@ def collect(
     loaded = [Trajectory.load(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     _check_targets(targets, force)
-    parameters = None if twin is None else TwinParameters.load(twin)
+    parameters = None if twin is None else Raven2Parameters.load(twin)
     device = simulated_arm(robot, arm, parameters=parameters, seed=seed, load=load_grams / 1e3)
     for trajectory in loaded:
         trajectory.check_within(device.robot)

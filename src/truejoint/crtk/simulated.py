@@ -10,7 +10,7 @@ from truejoint.crtk.messages import Array, OperatingState, StateBlock, TruthBloc
 from truejoint.crtk.states import StateCommand, next_state
 from truejoint.errors import RobotError
 from truejoint.robots import Robot, get_robot
-from truejoint.simulation.raven2 import Raven2Twin, TwinOutput, TwinParameters
+from truejoint.simulation.raven2 import Raven2Twin, TwinOutput, Raven2Parameters
 
 
 class SimulatedBackend:
@@ -85,7 +85,7 @@ def simulated_arm(
     robot: str = "raven2",
     arm: str = "",
     *,
-    parameters: TwinParameters | None = None,
+    parameters: Raven2Parameters | None = None,
     seed: int = 0,
     load: float = 0.0,
 ) -> Arm:
@@ -97,7 +97,7 @@ def simulated_arm(
         A robot that has a twin: ``"raven2"``.
     arm : str
         As in `truejoint.robots.get_robot`: ``"left"`` or ``"right"``; the left by default.
-    parameters : TwinParameters, optional
+    parameters : Raven2Parameters, optional
         Physics of the twin; the shipped ones by default.
     seed : int
         Of everything random in the twin.

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
 from truejoint.simulation.parameter_file import MAX_FILE_SIZE
-from truejoint.simulation.raven2 import TwinParameters
+from truejoint.simulation.raven2 import Raven2Parameters
 
 in_tmp_path = settings(
     max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
@@ -21,7 +21,7 @@ in_tmp_path = settings(
 
 
 def keys() -> list[str]:
-    shipped = TwinParameters.load().to_dict()
+    shipped = Raven2Parameters.load().to_dict()
     return [f"{section}.{key}" for section, values in shipped.items() for key in values]
 
 
@@ -42,25 +42,25 @@ def test_every_number_of_the_shipped_file_is_commented() -> None:
 
 def test_a_file_states_only_what_differs(tmp_path: Path) -> None:
     path = write(tmp_path / "my.toml", "[mass]\ninstrument = 0.55\n")
-    parameters = TwinParameters.load(path)
+    parameters = Raven2Parameters.load(path)
     assert parameters.mass.instrument == 0.55
-    assert parameters.cable == TwinParameters.load().cable
+    assert parameters.cable == Raven2Parameters.load().cable
 
 
 @in_tmp_path
 @given(factor=st.floats(0.5, 1.0), key=st.sampled_from(keys()))
 def test_round_trip_through_toml(tmp_path: Path, factor: float, key: str) -> None:
     section, name = key.split(".")
-    value = TwinParameters.load().to_dict()[section][name]
+    value = Raven2Parameters.load().to_dict()[section][name]
     scaled: Any = (
         tuple(v * factor for v in value) if isinstance(value, tuple) else max(1.0, value * factor)
     )
     try:
-        parameters = TwinParameters.load().with_values({key: scaled})
+        parameters = Raven2Parameters.load().with_values({key: scaled})
     except TruejointError:
         return  # out of bounds, which another test looks at
     path = write(tmp_path / "copy.toml", parameters.to_toml())
-    assert TwinParameters.load(path) == parameters
+    assert Raven2Parameters.load(path) == parameters
 
 
 @in_tmp_path
@@ -80,7 +80,7 @@ def test_bad_values_are_refused_in_one_line(
     text = f"[{value}, {value}, {value}]" if in_list else value
     path = write(tmp_path / "bad.toml", f"[{section}]\n{name} = {text}\n")
     with pytest.raises(TruejointError, match=rf"bad\.toml: .*{name}") as caught:
-        TwinParameters.load(path)
+        Raven2Parameters.load(path)
     assert "\n" not in str(caught.value)
 
 
@@ -96,18 +96,18 @@ def test_bad_values_are_refused_in_one_line(
 )
 def test_files_of_the_wrong_form_are_refused(tmp_path: Path, text: str, reason: str) -> None:
     with pytest.raises(TruejointError, match=reason):
-        TwinParameters.load(write(tmp_path / "twin.toml", text))
+        Raven2Parameters.load(write(tmp_path / "twin.toml", text))
 
 
 def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TruejointError, match="cannot be read"):
-        TwinParameters.load(tmp_path / "nowhere.toml")
+        Raven2Parameters.load(tmp_path / "nowhere.toml")
     with pytest.raises(TruejointError, match="larger than"):
-        TwinParameters.load(write(tmp_path / "huge.toml", "#" * (MAX_FILE_SIZE + 1)))
+        Raven2Parameters.load(write(tmp_path / "huge.toml", "#" * (MAX_FILE_SIZE + 1)))
 
 
 def test_every_shipped_value_is_within_its_bounds_and_finite() -> None:
-    parameters = TwinParameters.load()
+    parameters = Raven2Parameters.load()
     assert {f.name for f in fields(parameters)} == set(parameters.to_dict())
     for values in parameters.to_dict().values():
         for value in values.values():

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from truejoint.errors import CommandRefused, RobotError, TruejointError
 from truejoint.robots.raven2 import ENCODER_COUNTS_PER_REV, JOINT_ENCODERS, drives, links
-from truejoint.simulation.raven2 import Raven2Twin, TwinOutput, TwinParameters
+from truejoint.simulation.raven2 import Raven2Twin, TwinOutput, Raven2Parameters
 from truejoint.simulation.raven2.kernel import gravity_load
 from truejoint.simulation.raven2.plant import gravity_potential
 
@@ -24,7 +24,7 @@ SHOWN = np.array([1 / DEG, 1 / DEG, 1e3])
 ELBOW = 1
 
 
-def nominal(**changes: object) -> TwinParameters:
+def nominal(**changes: object) -> Raven2Parameters:
     """Parameters without anything random or slow, and with `changes` by section__key."""
     plain: dict[str, object] = {
         "homing.registration_sd": (0.0, 0.0, 0.0),
@@ -33,7 +33,7 @@ def nominal(**changes: object) -> TwinParameters:
         "creep.final": (0.0, 0.0, 0.0),
     }
     plain |= {name.replace("__", "."): value for name, value in changes.items()}
-    return TwinParameters.load().with_values(plain)
+    return Raven2Parameters.load().with_values(plain)
 
 
 def smooth() -> dict[str, object]:
@@ -50,7 +50,7 @@ def smooth() -> dict[str, object]:
     }
 
 
-def homed(parameters: TwinParameters | None = None, **options: object) -> Raven2Twin:
+def homed(parameters: Raven2Parameters | None = None, **options: object) -> Raven2Twin:
     twin = Raven2Twin(parameters, **options)  # type: ignore[arg-type]
     twin.home()
     return twin
@@ -355,7 +355,7 @@ def test_a_load_leaves_a_trace_in_the_torque_command() -> None:
 
 
 def test_cables_creep_with_work_more_under_load_and_not_at_rest() -> None:
-    fast = TwinParameters.load().with_values(
+    fast = Raven2Parameters.load().with_values(
         {"creep.travel": (3.0, 4.0, 0.4), "homing.registration_sd": (0.0, 0.0, 0.0)}
     )
 
@@ -474,7 +474,7 @@ def test_bad_calls_are_refused() -> None:
 
 
 def test_parameters_that_the_step_cannot_resolve_are_refused() -> None:
-    light = TwinParameters.load().with_values({"motor.inertia": (1e-6, 1e-6, 1e-6)})
+    light = Raven2Parameters.load().with_values({"motor.inertia": (1e-6, 1e-6, 1e-6)})
     Raven2Twin(light)
     stiff = light.with_values({"cable.stiffness": (1e5, 400.0, 18500.0)})
     with pytest.raises(TruejointError, match="shoulder's motor is too light"):
@@ -500,6 +500,6 @@ def test_no_command_makes_the_twin_leave_what_is_possible(
 
 def test_homing_that_finds_no_stop_says_so() -> None:
     # The search winds 0.5 m of cable at most, which pulls 10 N: far below the threshold of 76 N.
-    slack = TwinParameters.load().with_values({"cable.stiffness": (1500.0, 400.0, 20.0)})
+    slack = Raven2Parameters.load().with_values({"cable.stiffness": (1500.0, 400.0, 20.0)})
     with pytest.raises(TruejointError, match="no hard stop for insertion within 25 s"):
         Raven2Twin(slack).home()

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
-from pathlib import Path
-from typing import Annotated, Any, Final, get_type_hints
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import TruejointError
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
-from truejoint.simulation.parameter_file import (
-    Bounds,
-    Sections,
-    build_section,
-    overlay,
-    read_sections,
-    shipped_sections,
-)
+from truejoint.simulation.parameter_file import Bounds, Parameters
 
 STEP: Final = 1e-4  # [s] of the integrator
-NOMINAL: Final = "forceps/nominal.toml"
 
 
 @dataclass(frozen=True)
@@ -149,15 +140,18 @@ class ReferenceEncoder:
 
 
 @dataclass(frozen=True)
-class ForcepsParameters:
-    """Everything that the virtual forceps is made of, checked; one section of the file a field.
+class Homing:
+    """How far the zeros of both cable encoders vary from homing to homing [m]."""
 
-    Raises
-    ------
-    TruejointError
-        From `load` and `with_values`: an unknown section or key, a value of the wrong kind or out
-        of range, or a mechanism whose modes the integrator cannot follow.
-    """
+    registration_sd: Annotated[float, Bounds(0.0, 1e-3)]
+
+
+@dataclass(frozen=True)
+class ForcepsParameters(Parameters):
+    """Everything that the virtual forceps is made of; one attribute per section of the file."""
+
+    NOMINAL: ClassVar[str] = "forceps/nominal.toml"
+    BOUNDS: ClassVar[Mapping[str, type]] = {"mechanism": _MechanismSection}
 
     mechanism: ForcepsMechanism
     assembly: Assembly
@@ -172,44 +166,21 @@ class ForcepsParameters:
     drive_encoder: LinearEncoder
     reset_encoder: LinearEncoder
     reference_encoder: ReferenceEncoder
+    homing: Homing
 
-    @classmethod
-    def load(cls, path: str | Path | None = None) -> ForcepsParameters:
-        """Parameters of the TOML file at `path`, or the nominal ones.
-
-        A file states only what differs from the nominal instrument.
-        """
-        if path is None:
-            return cls.shipped(NOMINAL)
-        return cls._built(
-            overlay(shipped_sections(NOMINAL), read_sections(Path(path)), str(path)), str(path)
+    def check(self, source: str) -> None:
+        """Refuse what the fixed step cannot resolve: its fastest mode may turn one rad a step."""
+        stop = self.jaw.stop_stiffness / self.jaw.inertia
+        fastest = math.hypot(
+            2.0 * math.pi * float(eigenfrequencies(self, stuck=True)[1]), math.sqrt(stop)
         )
-
-    @classmethod
-    def shipped(cls, name: str) -> ForcepsParameters:
-        """Parameters of the file `name` that comes with the package."""
-        return cls._built(overlay(shipped_sections(NOMINAL), shipped_sections(name), name), name)
-
-    def with_values(self, changes: Mapping[str, float | bool]) -> ForcepsParameters:
-        """Copy with some values changed, by dotted name: ``{"drive_cable.stiffness": 9e3}``."""
-        nested: dict[str, dict[str, Any]] = {}
-        for name, value in changes.items():
-            section, _, key = name.partition(".")
-            nested.setdefault(section, {})[key] = value
-        return self._built(overlay(self.to_dict(), nested, "parameters"), "parameters")
-
-    def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Plain nested values, as in the file."""
-        return asdict(self)
-
-    @classmethod
-    def _built(cls, table: Sections, source: str) -> ForcepsParameters:
-        kinds = {**get_type_hints(cls), "mechanism": _MechanismSection}
-        built = {name: build_section(kinds[name], name, table[name], source) for name in kinds}
-        built["mechanism"] = ForcepsMechanism(**asdict(built["mechanism"]))
-        parameters = cls(**built)
-        _check_modes(parameters, source)
-        return parameters
+        if not fastest * STEP <= 1.0:
+            limit = 1.0 / (2.0 * math.pi * STEP)
+            raise TruejointError(
+                f"{source}: the fastest mode has {fastest / (2 * math.pi):.0f} Hz, more than the "
+                f"{limit:.0f} Hz that a step of {STEP:g} s resolves; raise jaw.inertia, "
+                "slider.mass or a presliding distance, or lower a stiffness"
+            )
 
 
 def friction_at_pretension(parameters: ForcepsParameters) -> tuple[float, float]:
@@ -248,18 +219,3 @@ def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[n
     scale = 1.0 / np.sqrt([parameters.jaw.inertia, parameters.slider.mass])
     values = np.linalg.eigvalsh(stiffness * np.outer(scale, scale))
     return np.asarray(np.sqrt(values) / (2.0 * math.pi), dtype=np.float64)
-
-
-def _check_modes(parameters: ForcepsParameters, source: str) -> None:
-    """Refuse what the fixed step cannot resolve: its fastest mode may turn one rad a step."""
-    stop = parameters.jaw.stop_stiffness / parameters.jaw.inertia
-    fastest = math.hypot(
-        2.0 * math.pi * float(eigenfrequencies(parameters, stuck=True)[1]), math.sqrt(stop)
-    )
-    if not fastest * STEP <= 1.0:
-        limit = 1.0 / (2.0 * math.pi * STEP)
-        raise TruejointError(
-            f"{source}: the fastest mode has {fastest / (2 * math.pi):.0f} Hz, more than the "
-            f"{limit:.0f} Hz that a step of {STEP:g} s resolves; raise jaw.inertia, slider.mass or "
-            "a presliding distance, or lower a stiffness"
-        )

@@ -2,24 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
-from typing import Annotated, Any, Final, get_type_hints
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
 
-from truejoint.simulation.parameter_file import (
-    Bounds,
-    Sections,
-    build_section,
-    overlay,
-    read_sections,
-    shipped_sections,
-)
+from truejoint.simulation.parameter_file import Bounds, Parameters
 
 Numbers = tuple[float, ...]
 """One value per positioning joint (shoulder, elbow, insertion) or per tool joint."""
-
-SHIPPED: Final = "raven2/nominal.toml"
 
 
 @dataclass(frozen=True)
@@ -132,12 +121,10 @@ class Tool:
 
 
 @dataclass(frozen=True)
-class TwinParameters:
-    """Everything that makes the twin of a RAVEN-II arm err; one attribute per section of the file.
+class Raven2Parameters(Parameters):
+    """Everything that makes the twin of a RAVEN-II arm err; one attribute per section."""
 
-    SI units. `load` reads a file in the format of the shipped ``nominal.toml``, whose comments
-    give the meaning, unit and source of every number.
-    """
+    NOMINAL: ClassVar[str] = "raven2/nominal.toml"
 
     motor: Motor
     motor_friction: MotorFriction
@@ -150,62 +137,3 @@ class TwinParameters:
     homing: Homing
     external_encoders: ExternalEncoders
     tool: Tool
-
-    @classmethod
-    def load(cls, path: str | Path | None = None) -> TwinParameters:
-        """Parameters of a TOML file; what the file leaves out keeps the shipped value.
-
-        Parameters
-        ----------
-        path : str or Path, optional
-            Without it, the shipped parameters.
-
-        Raises
-        ------
-        TruejointError
-            If the file cannot be read, or has an unknown key or a value out of bounds.
-        """
-        shipped = shipped_sections(SHIPPED)
-        if path is None:
-            return cls._built(shipped, SHIPPED)
-        changes = read_sections(Path(path))
-        return cls._built(overlay(shipped, changes, str(path)), str(path))
-
-    def with_values(self, changes: Mapping[str, Any]) -> TwinParameters:
-        """Copy with some values changed, by dotted name: ``{"cable.stiffness": (1e3, 4e2, 2e4)}``.
-
-        Raises
-        ------
-        TruejointError
-            If a name is unknown or a value out of bounds.
-        """
-        sections: dict[str, dict[str, Any]] = {}
-        for name, value in changes.items():
-            section, _, key = name.partition(".")
-            sections.setdefault(section, {})[key] = value
-        return self._built(overlay(self.to_dict(), sections, "with_values"), "with_values")
-
-    def to_dict(self) -> dict[str, dict[str, Any]]:
-        """Plain nested dictionary in the layout of the file."""
-        return asdict(self)
-
-    def to_toml(self) -> str:
-        """Text that `load` turns into these parameters again, without the comments."""
-        lines = []
-        for section, values in self.to_dict().items():
-            lines.append(f"[{section}]")
-            for key, value in values.items():
-                text = repr(list(value)) if isinstance(value, tuple) else repr(value)
-                lines.append(f"{key} = {text}")
-            lines.append("")
-        return "\n".join(lines)
-
-    @classmethod
-    def _built(cls, sections: Sections, source: str) -> TwinParameters:
-        kinds = get_type_hints(cls)
-        return cls(
-            **{
-                f.name: build_section(kinds[f.name], f.name, sections[f.name], source)
-                for f in fields(cls)
-            }
-        )

@@ -19,14 +19,14 @@ from truejoint.robots.raven2 import (
     links,
 )
 from truejoint.simulation.raven2 import kernel
-from truejoint.simulation.raven2.parameters import TwinParameters
+from truejoint.simulation.raven2.parameters import Raven2Parameters
 
 Array = NDArray[np.float64]
 
 POSITIONING = 3
 
 
-def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
+def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     """Constants of the equations of one arm.
 
     Raises
@@ -93,7 +93,7 @@ def build_plant(parameters: TwinParameters, robot: Robot) -> kernel.Plant:
     )
 
 
-def _check_step(p: TwinParameters, arm_drives: tuple[Drive, ...], inertia: Array) -> None:
+def _check_step(p: Raven2Parameters, arm_drives: tuple[Drive, ...], inertia: Array) -> None:
     """Refuse what the step of 1 ms cannot resolve: a mode may turn one radian in a step."""
     coulomb = p.motor_friction.coulomb + p.tool.coulomb
     presliding = p.motor_friction.presliding + p.tool.presliding
@@ -181,7 +181,7 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
     return np.ascontiguousarray(coefficients).reshape(2, 12)
 
 
-def _run_out(p: TwinParameters) -> Array:
+def _run_out(p: Raven2Parameters) -> Array:
     """Parts of the run-out [m] on cos and sin of the capstan's and of the joint's angle (3, 4)."""
     capstan, joint = np.array(p.pulleys.capstan_run_out), np.array(p.pulleys.joint_run_out)
     c_phase, j_phase = np.array(p.pulleys.capstan_phase), np.array(p.pulleys.joint_phase)
@@ -195,7 +195,7 @@ def _run_out(p: TwinParameters) -> Array:
     )
 
 
-def _sideways_zero(p: TwinParameters) -> Array:
+def _sideways_zero(p: Raven2Parameters) -> Array:
     wrap = p.wrap
     rates = np.column_stack([wrap.sideways_shoulder, wrap.sideways_elbow, wrap.sideways_insertion])
     return np.asarray(rates @ np.array(wrap.aligned))
@@ -212,7 +212,7 @@ def _stops(robot: Robot, registered: Array) -> Array:
     return stops
 
 
-def _constants(p: TwinParameters) -> Array:
+def _constants(p: Raven2Parameters) -> Array:
     friction, encoders = p.motor_friction, p.external_encoders
     values = {
         kernel.GEAR_LOSS: friction.gear_loss,

@@ -13,7 +13,7 @@ from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
-from truejoint.simulation.raven2.parameters import TwinParameters
+from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.plant import POSITIONING, build_plant, build_state
 
 Array = NDArray[np.float64]
@@ -79,7 +79,7 @@ class Raven2Twin:
 
     Parameters
     ----------
-    parameters : TwinParameters, optional
+    parameters : Raven2Parameters, optional
         Physics; the shipped one by default.
     arm : str
         As in `truejoint.robots.get_robot`.
@@ -98,7 +98,7 @@ class Raven2Twin:
 
     def __init__(
         self,
-        parameters: TwinParameters | None = None,
+        parameters: Raven2Parameters | None = None,
         *,
         arm: str = "left",
         seed: int = 0,
@@ -106,7 +106,7 @@ class Raven2Twin:
     ) -> None:
         if isinstance(seed, bool) or not 0 <= seed < 2**63:
             raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
-        self._parameters = TwinParameters.load() if parameters is None else parameters
+        self._parameters = Raven2Parameters.load() if parameters is None else parameters
         self._robot = get_robot("raven2", arm)
         self._drives = drives("right" if self._robot.arm == "right" else "left")
         self._plant = build_plant(self._parameters, self._robot)
@@ -125,7 +125,7 @@ class Raven2Twin:
         return self._robot
 
     @property
-    def parameters(self) -> TwinParameters:
+    def parameters(self) -> Raven2Parameters:
         """The physics of the twin."""
         return self._parameters
 
