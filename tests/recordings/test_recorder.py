@@ -11,6 +11,8 @@ from hypothesis import strategies as st
 
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
+from truejoint.estimators import calibrate
+from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder, read_parquet
 from truejoint.recordings.recorder import PAST_END, QUANTITIES, Decimator
 from truejoint.recordings.synchronise import AFTER, STATE_BACK
@@ -22,6 +24,7 @@ class FakeArm:
 
     def __init__(self) -> None:
         self.robot = get_robot("raven2", "right")
+        self.homing_id = ""
         self.listeners: list[Callable[..., None]] = []
 
     def subscribe(self, callback: Callable[..., None]) -> None:
@@ -179,3 +182,25 @@ def test_records_the_simulated_arm() -> None:
     assert recording.joints_of("truth") == arm.robot.positioning
     # Within the coarse bounds of an arm that is not calibrated.
     assert (np.abs(recording.with_truth(arm.robot.positioning).error(["shoulder"])) < 0.3).all()
+
+
+def test_a_forceps_motion_is_recorded_calibrated_and_judged() -> None:
+    arm = simulated_arm("forceps", seed=3)
+    arm.enable()
+    arm.home()
+    recordings = []
+    for seed in (1, 2):
+        with Recorder(arm, state_rate=100.0, session=f"random {seed}") as recorder:
+            follow(arm, random_motion(arm.robot, duration=60.0, seed=seed))
+        recordings.append(recorder.recording())
+    training, test = recordings
+    assert training.provenance.homing_id == "seed 3, homing 1"
+    assert training.units["cable/reset"] == "m"
+    assert training.units["truth_load/jaw"] == "Nm"
+    assert training.units["truth_tension/drive"] == "N"
+    assert not training.joints_of("effort")
+    features = ("measured/jaw", "play(measured/jaw, 0.02)", "cable/reset")
+    model = calibrate(training, "linear", features=features)
+    left = test.column("truth/jaw") - model.correct(test)[:, 0]
+    assert np.degrees(np.nanstd(test.error(("jaw",)))) > 0.5
+    assert np.degrees(np.sqrt(np.nanmean(left**2))) < 0.25

@@ -15,7 +15,6 @@ from truejoint.crtk import Arm, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import TrackingReport, Trajectory, follow
 from truejoint.recordings import Recorder, Recording, write_parquet
-from truejoint.simulation.raven2 import Raven2Parameters
 
 
 def record(
@@ -23,7 +22,6 @@ def record(
     trajectory: Trajectory,
     target: Path,
     *,
-    homing_id: str,
     load: float = 0.0,
     state_rate: float = 30.0,
     label: str | None = None,
@@ -36,7 +34,6 @@ def record(
         arm,
         state_rate=state_rate,
         session=trajectory.name,
-        homing_id=homing_id,
         load=load,
         command=command_line(),
     )
@@ -74,8 +71,7 @@ def collect(
     loaded = [Trajectory.load(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     _check_targets(targets, force)
-    parameters = None if twin is None else Raven2Parameters.load(twin)
-    device = simulated_arm(robot, arm, parameters=parameters, seed=seed, load=load_grams / 1e3)
+    device = simulated_arm(robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3)
     for trajectory in loaded:
         trajectory.check_within(device.robot)
     say(f"Homing {device.robot.title}, simulated ...")
@@ -88,7 +84,6 @@ def collect(
             device,
             trajectory,
             target,
-            homing_id=f"seed {seed}, homing 1",
             load=load_grams / 1e3,
             state_rate=state_rate_hz,
         )

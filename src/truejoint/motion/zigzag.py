@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Final
 
 import numpy as np
@@ -10,8 +9,8 @@ import numpy as np
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import Workspace, workspace_of
-from truejoint.robots import Robot
+from truejoint.motion.workspace import generated, workspace_of
+from truejoint.robots import Robot, Workspace
 
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
 """Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
@@ -77,20 +76,17 @@ def zigzag(
     direction, intervals = direction.upper(), round(1.0 / sparsity)
     box = zigzag_box(direction)
     positions = space.centre + space.extent * ((_unit_snake(intervals) - 0.5) @ box.T)
-    return Trajectory(
-        joints=space.joints,
-        units=tuple(robot.joint(name).unit for name in space.joints),
-        positions=positions,
+    return generated(
+        robot,
+        space,
+        positions,
         name=f"zigzag {direction} 1/{intervals}",
         meta={
             "kind": "zigzag",
-            "robot": robot.name,
-            "arm": robot.arm,
             "direction": direction,
             "sparsity": 1.0 / intervals,
             "lower": space.lower.tolist(),
             "upper": space.upper.tolist(),
-            "version": version("truejoint"),
         },
     )
 

@@ -26,7 +26,7 @@ from truejoint.recordings.synchronise import (
 Array = NDArray[np.float64]
 
 QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
-"""What is recorded of every channel."""
+"""What is recorded of every channel, where the arm measures it."""
 PAST_END: Final = "state: past the longest duration"
 
 _MAX_DURATION: Final = 12 * 3600.0
@@ -35,7 +35,7 @@ _MAX_DURATION: Final = 12 * 3600.0
 class Decimator:
     """Picks rows so that no more than `rate` a second are left, by their stamps.
 
-    Time is cut into intervals of 1/rate from the first stamp on; the first row in each interval
+    Time is cut into cells of 1/rate from the first stamp on; the first row in each cell
     is picked. So it does not matter how the rows come in pieces, and a stream that is slower than
     `rate` passes whole. A clock that is set back is not judged here: its rows pass.
 
@@ -50,7 +50,7 @@ class Decimator:
             raise RecordingError(f"recorder: rate {rate} Hz; give one above 0 Hz")
         self._rate = rate
         self._origin = math.nan
-        self._interval = -math.inf
+        self._cell = -math.inf
 
     def pick(self, t: Array) -> NDArray[np.bool_]:
         """Say which rows to keep, of the next stamps (n,) [s]; bool (n,)."""
@@ -58,10 +58,10 @@ class Decimator:
             return np.ones(t.shape, dtype=np.bool_)
         if math.isnan(self._origin):
             self._origin = float(t[0])
-        # A stamp on an edge belongs to the interval that it starts, rounding or not.
-        interval = np.floor((t - self._origin) * self._rate + 1e-6)
-        chosen: NDArray[np.bool_] = np.diff(interval, prepend=self._interval) != 0
-        self._interval = float(interval[-1])
+        # A stamp on an edge belongs to the cell that it starts, rounding or not.
+        cell = np.floor((t - self._origin) * self._rate + 1e-6)
+        chosen: NDArray[np.bool_] = np.diff(cell, prepend=self._cell) != 0
+        self._cell = float(cell[-1])
         return chosen
 
 
@@ -85,7 +85,9 @@ class Recorder:
         Rows later than this after the first are counted and not kept [s].
     path : path-like, optional
         Parquet file to write when the block is left, whichever way; must not exist yet.
-    session, homing_id, command : str
+    homing_id : str, optional
+        What the positions count from; by default the arm's own name of its homing.
+    session, command : str
     load : float
         Mass hung on the tool [kg]. All for the provenance.
 
@@ -106,7 +108,7 @@ class Recorder:
         max_duration: float = _MAX_DURATION,
         path: str | os.PathLike[str] | None = None,
         session: str = "",
-        homing_id: str = "",
+        homing_id: str | None = None,
         load: float = math.nan,
         command: str = "",
     ) -> None:
@@ -127,7 +129,7 @@ class Recorder:
             robot=arm.robot.name,
             arm=arm.robot.arm,
             session=session,
-            homing_id=homing_id,
+            homing_id=arm.homing_id if homing_id is None else homing_id,
             load=load,
             command=command,
         )
@@ -166,8 +168,9 @@ class Recorder:
         Returns
         -------
         Recording
-            `QUANTITIES` of every channel, and the joint encoders where the arm has them,
-            interpolated to the state's stamps (`truejoint.recordings.synchronise`).
+            `QUANTITIES` of every channel, whatever else the arm reads with its state
+            (`StateBlock.extra`), and the joint encoders where it has them, interpolated to the
+            state's stamps (`truejoint.recordings.synchronise`).
 
         Raises
         ------
@@ -221,14 +224,20 @@ class Recorder:
         chosen = self._state_decimator.pick(block.t)
         if not chosen.any():
             return
-        self._state_names = tuple(f"{q}/{channel}" for q in QUANTITIES for channel in block.name)
-        t = block.t[chosen]
         if math.isnan(self._first):
-            self._first = float(t[0])
-        inside = t - self._first <= self._max_duration
-        self._past_end += int((~inside).sum())
-        rows = np.hstack([getattr(block, quantity)[chosen][inside] for quantity in QUANTITIES])
-        self._state.append((t[inside], rows))
+            self._first = float(block.t[chosen][0])
+        late = block.t - self._first > self._max_duration
+        self._past_end += int((chosen & late).sum())
+        kept = block.rows(chosen & ~late)
+        measured = [q for q in QUANTITIES if getattr(kept, q).shape[1]]
+        self._state_names = (
+            *(f"{q}/{channel}" for q in measured for channel in block.name),
+            *kept.extra,
+        )
+        rows = np.hstack(
+            [getattr(kept, q) for q in measured] + [v[:, None] for v in kept.extra.values()]
+        )
+        self._state.append((kept.t, rows))
 
     def _receive_truth(self, block: TruthBlock) -> None:
         self._truth_names = tuple(f"truth/{joint}" for joint in block.name)

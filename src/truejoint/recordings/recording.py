@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 _EPOCH: Final = 1e8
 
 # Quantities whose unit is that of the joint's position.
-POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth")
+POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth", "truth_exact")
 
 
 @dataclass(frozen=True)
@@ -248,10 +248,6 @@ def since_first(t: Array) -> tuple[Array, float]:
     return (t - first, first) if first > _EPOCH else (t, float("nan"))
 
 
-# RAVEN reports the torque at the motor's capstan, for its prismatic joint too.
-_EFFORT_AT_MOTOR: Final = ("raven2",)
-
-
 def default_unit(column: str, robot: Robot) -> str:
     """Give the SI unit that a column has unless another is stated; ``"1"`` if none is known."""
     quantity, _, channel = column.partition("/")
@@ -262,9 +258,10 @@ def default_unit(column: str, robot: Robot) -> str:
             return unit
         if quantity == "velocity":
             return unit + "/s"
-        if quantity == "effort":
-            at_joint = known and robot.name not in _EFFORT_AT_MOTOR
-            return robot.joint(channel).effort_unit if at_joint else "Nm"
+        if quantity == "effort" and robot.effort_at_motor:
+            return "Nm"
+        if quantity in ("effort", "truth_load"):
+            return robot.joint(channel).effort_unit if known else "Nm"
     return _UNITS.get(quantity, "1")
 
 
@@ -275,6 +272,9 @@ _UNITS: Final = {
     "driver_velocity": "rad/s",
     "current": "A",
     "tool": "m",
+    "cable": "m",
+    "tension": "N",
+    "truth_tension": "N",
 }
 
 

@@ -2,5 +2,6 @@
 
 from truejoint.robots.catalogue import get_robot, robot_names
 from truejoint.robots.robot import Joint, Kinematics, Robot, Transmission
+from truejoint.robots.workspace import Workspace
 
-__all__ = ["Joint", "Kinematics", "Robot", "Transmission", "get_robot", "robot_names"]
+__all__ = ["Joint", "Kinematics", "Robot", "Transmission", "Workspace", "get_robot", "robot_names"]

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import RobotError
+from truejoint.robots.workspace import Workspace
 
 Array = NDArray[np.float64]
 
@@ -123,6 +124,10 @@ class Robot:
         Joints that mainly place the tool, and that a calibration corrects by default.
     transmission, kinematics
         None where unknown.
+    workspace : Workspace, optional
+        Where a calibration moves; None where unknown.
+    effort_at_motor : bool
+        The reported effort is the torque at the motor's capstan, for a prismatic joint too.
     """
 
     name: str
@@ -132,6 +137,8 @@ class Robot:
     positioning: tuple[str, ...] = ()
     transmission: Transmission | None = None
     kinematics: Kinematics | None = None
+    workspace: Workspace | None = None
+    effort_at_motor: bool = False
 
     def __post_init__(self) -> None:
         if not self.channels:

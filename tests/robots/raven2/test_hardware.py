@@ -74,11 +74,12 @@ def test_joint_encoders_are_registered_off_the_robots_own_zero() -> None:
 
 def test_calibration_stays_within_limits_and_speeds() -> None:
     robot = get_robot("raven2")
-    assert tuple(raven2.CALIBRATION_RANGE) == tuple(raven2.CALIBRATION_SPEED) == robot.positioning
-    for name, (lower, upper) in raven2.CALIBRATION_RANGE.items():
+    space = raven2.WORKSPACE
+    assert space.joints == robot.positioning
+    for k, name in enumerate(space.joints):
         joint = robot.joint(name)
-        assert joint.lower < lower < upper < joint.upper
-        assert 0 < raven2.CALIBRATION_SPEED[name] < joint.max_speed
+        assert joint.lower < space.lower[k] < space.upper[k] < joint.upper
+        assert 0 < space.speed[k] < joint.max_speed
 
 
 def test_gravity_points_down_in_the_crtk_frame(side: Side) -> None:

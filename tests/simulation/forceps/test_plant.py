@@ -9,13 +9,14 @@ from scipy.integrate import quad, solve_ivp
 from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.parameters import STEP, ForcepsParameters, eigenfrequencies
 from truejoint.simulation.forceps.plant import (
+    advance,
     advance_motor,
     advance_plant,
     bouc_wen_rate,
     friction_force,
     motor_acceleration,
     plant_rates,
-    run_plant,
+    settled,
     wheel_motion,
 )
 from truejoint.simulation.forceps.specimens import population, specimen
@@ -60,7 +61,9 @@ def run(parameters, goal, force=None, line_angle=0.0, step=STEP, log_every=1, se
     goal = np.asarray(goal, dtype=float)
     force = np.zeros_like(goal) if force is None else np.asarray(force, dtype=float)
     constants = plant_constants(parameters)
-    return run_plant(goal, force, line_angle, constants, step, round(settle / step), log_every)
+    per_sample = round(1e-3 / step)
+    state, motor = settled(constants, per_sample, settle)
+    return advance(state, motor, goal, force, line_angle, constants, per_sample, log_every)
 
 
 def motor_goal(parameters, duration):

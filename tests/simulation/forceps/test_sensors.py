@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.sensors import (
+    Sensors,
     ZeroShift,
     quantised,
-    read_sensors,
     reference_error,
 )
 from truejoint.simulation.forceps.specimens import specimen
@@ -21,7 +21,7 @@ EXACT = (RAMP * 12.5, RAMP * 3.5e-3, RAMP * 3.3e-3, RAMP * 0.9)
 
 
 def read(parameters=NOMINAL, zero=ZeroShift(), seed=0):  # noqa: B008 - a frozen value
-    return read_sensors(*EXACT, parameters, zero, seed)
+    return Sensors(parameters, seed).read(np.array(EXACT), zero)
 
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=50), st.floats(1e-6, 0.1))

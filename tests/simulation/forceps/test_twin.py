@@ -8,7 +8,11 @@ from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.twin import (
+    ForcepsTwin,
+    simulate_forceps,
+    simulate_load_test,
+)
 
 NOMINAL = specimen()
 T = np.arange(4001) / 1000
@@ -112,3 +116,79 @@ def test_bad_input_is_refused_in_one_line(setpoint, options, says):
     with pytest.raises(TruejointError, match=says) as caught:
         simulate_forceps(NOMINAL, setpoint, **options)
     assert "\n" not in str(caught.value)
+
+
+def columns(output):
+    flat = {**vars(output), **output.extra, "truth": output.truth.position}
+    return {name: values for name, values in flat.items() if isinstance(values, np.ndarray)}
+
+
+def test_the_twin_and_a_run_are_the_same_forceps():
+    run = simulate_forceps(NOMINAL, MOTION, seed=3, log_rate=1000.0)
+    twin = ForcepsTwin(NOMINAL)
+    output = twin.run(MOTION[1:, None])
+    np.testing.assert_array_equal(output.joint[:, 0], run.jaw[1:])
+    np.testing.assert_array_equal(output.motor[:, 0], run.motor[1:])
+    np.testing.assert_allclose(output.t, run.t[1:], atol=1e-12)
+    assert twin.time == pytest.approx(4.0)
+    np.testing.assert_array_equal(output.setpoint[:, 0], MOTION[1:])
+    assert output.effort.shape == (4000, 0)
+
+
+def test_a_motion_is_the_same_however_it_is_cut():
+    whole, cut = ForcepsTwin(NOMINAL, seed=5), ForcepsTwin(NOMINAL, seed=5)
+    for twin in (whole, cut):
+        twin.tip_force = np.sin
+    one = whole.run(MOTION[:, None])
+    pieces = [cut.run(piece[:, None]) for piece in np.split(MOTION, [1, 1, 700, 701, 3000])]
+    for name, values in columns(one).items():
+        joined = np.concatenate([columns(piece)[name] for piece in pieces])
+        np.testing.assert_array_equal(joined, values, err_msg=name)
+
+
+def test_homing_zeroes_the_cables_where_the_jaw_stands_and_errs():
+    parameters = NOMINAL.with_values({"homing.registration_sd": 20e-6})
+    zeros = []
+    for seed in (1, 1, 2):
+        twin = ForcepsTwin(parameters, seed=seed)
+        twin.run(MOTION[:, None])
+        homed = twin.home()
+        assert twin.homing_count == 1
+        zeros.append(homed.extra["cable/reset"][-100:].mean())
+        assert homed.measured[-1, 0] == pytest.approx(0.0, abs=1e-3)
+        # The truth stays on the jaw: friction left it off its first zero.
+        assert 1e-6 < abs(homed.joint[-1, 0]) < math.radians(1.0)
+    assert zeros[0] == zeros[1] != zeros[2]
+    assert all(1e-7 < abs(zero) < 80e-6 for zero in zeros)
+
+
+def test_a_weight_shuts_the_jaw_and_stretches_the_drive_cable():
+    twin = ForcepsTwin(NOMINAL, load=0.1)
+    out = twin.run(np.zeros((2000, 1)))
+    torque = -0.1 * 9.81 * NOMINAL.jaw.load_arm
+    assert out.extra["truth_load/jaw"][-1] == pytest.approx(torque, rel=3e-3)
+    assert math.degrees(out.joint[-1, 0]) < -0.5
+    twin.load = 0.0
+    assert twin.run(np.zeros((2000, 1))).joint[-1, 0] > out.joint[-1, 0]
+
+
+def test_time_passes_at_rest():
+    twin = ForcepsTwin(NOMINAL)
+    twin.idle(3600.0)
+    assert twin.run(np.zeros((5, 1))).t == pytest.approx(3600.0 + np.arange(1, 6) * 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: ForcepsTwin(seed=-1), "seed is -1"),
+        (lambda: ForcepsTwin(load=math.nan), "load is nan kg"),
+        (lambda: ForcepsTwin(arm="left"), "no arm called"),
+        (lambda: ForcepsTwin().run(np.zeros((3, 2))), "got shape"),
+        (lambda: ForcepsTwin().run(np.full((3, 1), 1.4)), "80.2 deg"),
+        (lambda: ForcepsTwin().idle(-1.0), "duration is -1"),
+    ],
+)
+def test_a_bad_call_of_the_twin_is_refused(call, says):
+    with pytest.raises(TruejointError, match=says):
+        call()

@@ -19,12 +19,12 @@ from truejoint.simulation.forceps.constants import (
     FrictionConstants,
     PlantConstants,
 )
+from truejoint.simulation.twin import SETPOINT_DT
 
 Array = NDArray[np.float64]
 
 N_STATES = 8
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
-INPUT_STEP = 1e-3  # [s] grid of the reference and of the force at the tip
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -267,10 +267,15 @@ def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> 
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _held(samples: Array, position: float) -> float:
-    """Linear interpolation of `samples` at a fractional index; the end values outside."""
-    index = min(max(int(position), 0), samples.size - 2)
-    part = min(max(position - index, 0.0), 1.0)
+def _between(samples: Array, step: int, quarter: float, per_sample: int) -> float:
+    """Linear interpolation of `samples`, `quarter` after integration step number `step`.
+
+    The end value stays; counting in whole steps makes it the same however a motion is cut.
+    """
+    index = min(step // per_sample, samples.size - 2)
+    part = (step - index * per_sample + quarter) / per_sample
+    if part >= 1.0:
+        return float(samples[index + 1])
     return float(samples[index] + part * (samples[index + 1] - samples[index]))
 
 
@@ -307,31 +312,31 @@ def advance_plant(
 
 
 @njit(cache=True, error_model="numpy")
-def run_plant(
+def advance(
+    state: Array,
+    motor: Array,
     goal: Array,
     force: Array,
     line_angle: float,
     c: PlantConstants,
-    step: float,
-    n_settle: int,
+    per_sample: int,
     log_every: int,
 ) -> Array:
-    """Run the forceps from its homed position by fixed Runge-Kutta steps of fourth order.
+    """Run the forceps on by fixed Runge-Kutta steps of fourth order.
 
     Parameters
     ----------
+    state, motor : ndarray, shape (8,) and (2,)
+        Plant, and the motor's angle and speed; advanced in place.
     goal : ndarray, shape (n,)
-        Motor angle wanted [rad] every `INPUT_STEP`; linear in between.
+        Motor angle wanted [rad] every `SETPOINT_DT`, from now on; linear in between.
     force : ndarray, shape (n,)
         Force at the jaw's tip [N] on the same grid, positive where it opens the jaw.
     line_angle : float
         Jaw angle at which that force is perpendicular to the jaw [rad].
     c : PlantConstants
-    step : float
-        Integration step [s].
-    n_settle : int
-        Steps with the motor at zero, unloaded and not logged, in which pretension and friction
-        settle.
+    per_sample : int
+        Integration steps in one `SETPOINT_DT`.
     log_every : int
         Steps between two logged rows.
 
@@ -339,30 +344,39 @@ def run_plant(
     -------
     ndarray, shape (m, 7)
         Motor angle [rad], ``x1`` [m], ``x2`` [m], jaw angle [rad], external torque [Nm], tension
-        of drive and of reset cable [N]; the first row at time 0.
+        of drive and of reset cable [N]; the first row is before the first step.
     """
-    n_steps = round((goal.size - 1) * INPUT_STEP / step)
+    step = SETPOINT_DT / per_sample
+    n_steps = (goal.size - 1) * per_sample
     log = np.empty((n_steps // log_every + 1, N_LOGGED))
-    state, trial, k = np.zeros(N_STATES), np.empty(N_STATES), np.empty((4, N_STATES))
-    motor, wheels, forces, goals = np.zeros(2), np.empty((3, 3)), np.zeros(3), np.zeros(5)
-    per_step = step / INPUT_STEP
-    for n in range(-n_settle, n_steps + 1):
-        if n >= 0:
-            for i in range(5):
-                goals[i] = _held(goal, (n + 0.25 * i) * per_step)
-            for i in range(3):
-                forces[i] = _held(force, (n + 0.5 * i) * per_step)
+    trial, k = np.empty(N_STATES), np.empty((4, N_STATES))
+    wheels, forces, goals = np.empty((3, 3)), np.empty(3), np.empty(5)
+    for n in range(n_steps + 1):
+        for i in range(5):
+            goals[i] = _between(goal, n, 0.25 * i, per_sample)
+        for i in range(3):
+            forces[i] = _between(force, n, 0.5 * i, per_sample)
         wheel_motion(motor, goals[0], c, wheels[0])
         drive_tension, reset_tension, x1 = plant_rates(
             state, wheels[0], forces[0], line_angle, c, 1.0 / step, k[0]
         )
-        if n >= 0 and n % log_every == 0:
+        if n % log_every == 0:
             row = log[n // log_every]
             row[0], row[1], row[2], row[3] = motor[0], x1, state[2], state[0]
             row[4] = external_torque(forces[0], state[0], line_angle, c)
             row[5], row[6] = drive_tension, reset_tension
+        if n == n_steps:
+            break
         for half in range(2):  # the plant needs the motor in the middle of the step, too
             advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * step, c)
             wheel_motion(motor, goals[2 * half + 2], c, wheels[half + 1])
         advance_plant(state, k, trial, wheels, forces, line_angle, step, c)
     return log
+
+
+def settled(c: PlantConstants, per_sample: int, duration: float) -> tuple[Array, Array]:
+    """State (8,) and motor (2,) at zero after `duration` [s], pretension and friction settled."""
+    state, motor = np.zeros(N_STATES), np.zeros(2)
+    still = np.zeros(round(duration / SETPOINT_DT) + 1)
+    advance(state, motor, still, still, 0.0, c, per_sample, per_sample)
+    return state, motor

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,7 @@ class ZeroShift:
     reset: float = 0.0
 
     @classmethod
-    def drawn(cls, deviation: float, seed: int) -> ZeroShift:
+    def drawn(cls, deviation: float, seed: int | Sequence[int]) -> ZeroShift:
         """Zeros of one homing of the cables' encoders, normal with `deviation` [m].
 
         The motor shares the drive cable's limit switch and keeps its zero here.
@@ -59,34 +60,45 @@ def reference_error(angle: Array | float, encoder: ReferenceEncoder) -> Array:
     )
 
 
-def read_sensors(
-    motor: Array,
-    drive: Array,
-    reset: Array,
-    jaw: Array,
-    parameters: ForcepsParameters,
-    zero: ZeroShift,
-    seed: int,
-) -> tuple[Array, Array, Array, Array]:
-    """Read motor, drive, reset and reference encoder, each (n,), at the exact values (n,).
+class Sensors:
+    """The forceps' four encoders.
 
-    Each sensor has its own stream of noise under `seed`, so that changing one leaves the others.
+    Each has its own stream of noise, so that changing one leaves the others alone, and the
+    readings do not depend on how a motion is cut.
+
+    Parameters
+    ----------
+    parameters : ForcepsParameters
+    seed : int
+        Of all four.
     """
-    p = parameters
-    streams = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
-    noise = (p.motor_encoder.noise, p.drive_encoder.noise, p.reset_encoder.noise)
-    shifts = (zero.motor, zero.drive, zero.reset)
-    resolutions = (
-        2.0 * math.pi / p.motor_encoder.counts,
-        p.drive_encoder.resolution,
-        p.reset_encoder.resolution,
-    )
-    seen = [
-        quantised(exact + shift + rng.normal(0.0, deviation, exact.size), resolution)
-        for exact, shift, rng, deviation, resolution in zip(
-            (motor, drive, reset), shifts, streams[:3], noise, resolutions, strict=True
+
+    def __init__(self, parameters: ForcepsParameters, seed: int) -> None:
+        p = parameters
+        turn = 2.0 * math.pi
+        self._jaw = p.reference_encoder
+        self._noise = [
+            (np.random.default_rng(stream), noise, resolution)
+            for stream, (noise, resolution) in zip(
+                np.random.SeedSequence(seed).spawn(4),
+                (
+                    (p.motor_encoder.noise, turn / p.motor_encoder.counts),
+                    (p.drive_encoder.noise, p.drive_encoder.resolution),
+                    (p.reset_encoder.noise, p.reset_encoder.resolution),
+                    (self._jaw.noise, turn / self._jaw.counts),
+                ),
+                strict=True,
+            )
+        ]
+
+    def read(self, exact: Array, zero: ZeroShift) -> Array:
+        """Read motor [rad], drive, reset [m] and jaw [rad], (4, n), at the exact values (4, n)."""
+        shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], self._jaw))
+        return np.stack(
+            [
+                quantised(values + off + rng.normal(0.0, noise, values.size), resolution)
+                for values, off, (rng, noise, resolution) in zip(
+                    exact, shift, self._noise, strict=True
+                )
+            ]
         )
-    ]
-    encoder = p.reference_encoder
-    angle = jaw + reference_error(jaw, encoder) + streams[3].normal(0.0, encoder.noise, jaw.size)
-    return seen[0], seen[1], seen[2], quantised(angle, 2.0 * math.pi / encoder.counts)

@@ -19,11 +19,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from truejoint.simulation.twin import SETPOINT_DT
+
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
-STEP: Final = 1e-3  # s, the robot's servo period
+STEP: Final = SETPOINT_DT  # s, the robot's servo period
 AGE_STEPS: Final = 100  # steps between two updates of what is slow
 TURN: Final = 2.0 * np.pi
 STILL: Final = 1e-8  # share of the creep's travel within one update that counts as rest

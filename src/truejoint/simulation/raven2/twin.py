@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import Final
+from functools import reduce
+from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.errors import CommandRefused, TruejointError
+from truejoint.errors import TruejointError
 from truejoint.robots import Robot, get_robot
+from truejoint.robots.blocks import TruthBlock
+from truejoint.robots.joint_rows import checked_rows
 from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.plant import POSITIONING, build_plant, build_state
+from truejoint.simulation.twin import (
+    TwinOutput,
+    checked_load,
+    checked_seed,
+    checked_ticks,
+    glide,
+    hold,
+)
 
 Array = NDArray[np.float64]
 
@@ -28,54 +38,11 @@ _SEARCH_LIMIT: Final = 25.0  # s
 _SEARCH_PIECE: Final = 500  # rows
 
 
-@dataclass(frozen=True, eq=False)
-class TwinOutput:
-    """What a stretch of time looked like.
-
-    State arrays have one row per millisecond and one column per channel of the robot's state
-    message (shoulder, elbow, insertion, unused, roll, wrist, jaw1, jaw2); the unused one is zero.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps [s].
-    measured, velocity : ndarray, shape (n, 8)
-        Joint positions [rad, m] and velocities that the robot derives from its motor encoders.
-    motor, motor_velocity : ndarray, shape (n, 8)
-        Motor shafts [rad, rad/s]; the velocity is the first difference of the encoder.
-    effort : ndarray, shape (n, 8)
-        Torque command at the capstan [Nm].
-    setpoint : ndarray, shape (n, 8)
-        Commanded joint positions [rad, m].
-    truth_t : ndarray, shape (m,)
-        Time stamps [s] of the external joint encoders, on their own clock.
-    truth : ndarray, shape (m, 3)
-        External encoders of the positioning joints [rad, rad, m].
-    joint : ndarray, shape (n, 3)
-        Where the positioning joints really are [rad, rad, m]; no robot knows this.
-    """
-
-    t: Array
-    measured: Array
-    velocity: Array
-    motor: Array
-    motor_velocity: Array
-    effort: Array
-    setpoint: Array
-    truth_t: Array
-    truth: Array
-    joint: Array
-
-    def joined(self, later: TwinOutput) -> TwinOutput:
-        """Put a `later` stretch of time after this one."""
-        return _joined([self, later])
-
-
 class Raven2Twin:
-    """Digital twin of one RAVEN-II arm; its time passes only while `home`, `run` or `idle` run.
+    """Digital twin of one RAVEN-II arm; a `truejoint.simulation.Twin`.
 
-    The same seed and the same calls give the same numbers, bit for bit, and however a motion is
-    cut into calls of `run`, it is the same motion.
+    State arrays have one column per channel of the robot's state message (shoulder, elbow,
+    insertion, unused, roll, wrist, jaw1, jaw2).
 
     Parameters
     ----------
@@ -84,9 +51,9 @@ class Raven2Twin:
     arm : str
         As in `truejoint.robots.get_robot`.
     seed : int
-        Of everything random: homing, friction, clocks. 0 or more.
+        Of everything random: homing, friction, clocks.
     load : float
-        Mass that hangs on the tool [kg].
+        Mass that hangs on the tool [kg], up to `MAX_LOAD`.
 
     Raises
     ------
@@ -96,16 +63,17 @@ class Raven2Twin:
         If the arm is unknown.
     """
 
+    PARAMETERS: ClassVar[type[Raven2Parameters]] = Raven2Parameters
+
     def __init__(
         self,
         parameters: Raven2Parameters | None = None,
         *,
-        arm: str = "left",
+        arm: str = "",
         seed: int = 0,
         load: float = 0.0,
     ) -> None:
-        if isinstance(seed, bool) or not 0 <= seed < 2**63:
-            raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
+        self._seed = checked_seed(seed)
         self._parameters = Raven2Parameters.load() if parameters is None else parameters
         self._robot = get_robot("raven2", arm)
         self._drives = drives("right" if self._robot.arm == "right" else "left")
@@ -116,8 +84,8 @@ class Raven2Twin:
         spread = _LEFT_SPREAD * span * rng.uniform(-1.0, 1.0, POSITIONING)
         pose = self._robot.home[:POSITIONING] + spread
         self._rng = rng
-        self._state = build_state(self._plant, pose, seed, _checked_load(load))
-        self._channels = [self._robot.channels.index(name) for name in self._robot.joint_names]
+        self._state = build_state(self._plant, pose, seed, checked_load(load, MAX_LOAD))
+        self._stops = np.array([drive.hard_stop for drive in self._drives[:POSITIONING]])
 
     @property
     def robot(self) -> Robot:
@@ -128,6 +96,11 @@ class Raven2Twin:
     def parameters(self) -> Raven2Parameters:
         """The physics of the twin."""
         return self._parameters
+
+    @property
+    def seed(self) -> int:
+        """Of everything random."""
+        return self._seed
 
     @property
     def time(self) -> float:
@@ -146,7 +119,7 @@ class Raven2Twin:
 
     @load.setter
     def load(self, mass: float) -> None:
-        self._state.slow[kernel.LOAD] = _checked_load(mass)
+        self._state.slow[kernel.LOAD] = checked_load(mass, MAX_LOAD)
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow a joint trajectory, one row a millisecond.
@@ -162,19 +135,7 @@ class Raven2Twin:
         CommandRefused
             If the shape is wrong or a value is not finite.
         """
-        goal = np.ascontiguousarray(setpoint, dtype=np.float64)
-        n_joints = len(self._robot.joints)
-        if goal.ndim != 2 or goal.shape[1] != n_joints:
-            raise CommandRefused(
-                f"setpoint has shape {goal.shape}; it must be (n, {n_joints}), one row per ms"
-            )
-        if not np.isfinite(goal).all():
-            row, column = np.argwhere(~np.isfinite(goal))[0]
-            raise CommandRefused(
-                f"setpoint of {self._robot.joint_names[column]} in row {row} is "
-                f"{goal[row, column]}; every setpoint must be finite"
-            )
-        return self._advance(goal)
+        return self._advance(checked_rows(self._robot, setpoint, "run"))
 
     def home(self) -> TwinOutput:
         """Find the hard stops, register both kinds of encoder there, go to the home pose.
@@ -187,15 +148,11 @@ class Raven2Twin:
         """
         search = self._search_stops()
         self._register()
-        stop = search.measured[-1, self._channels].copy()
-        stop[:POSITIONING] = [drive.hard_stop for drive in self._drives[:POSITIONING]]
-        stop[POSITIONING:] = self._robot.home[POSITIONING:]
-        steps = round(HOMING_RETURN / kernel.STEP)
-        blend = 0.5 * (1.0 - np.cos(np.pi * np.arange(1, steps + 1) / steps))
-        path = stop + blend[:, None] * (self._robot.home - stop)
-        hold = np.tile(self._robot.home, (round(1.0 / kernel.STEP), 1))
+        stop = np.concatenate([self._stops, self._robot.home[POSITIONING:]])
+        home = self._robot.home
+        path = np.vstack([glide(stop, home, HOMING_RETURN), hold(home, 1.0)])
         self._homings += 1
-        return search.joined(self._advance(np.vstack([path, hold])))
+        return search.joined(self._advance(path))
 
     def idle(self, duration: float) -> None:
         """Let time pass with the brakes on: cables hardly creep, grease cools; no rows.
@@ -210,9 +167,7 @@ class Raven2Twin:
         TruejointError
             If the duration is negative or not finite.
         """
-        if not (math.isfinite(duration) and duration >= 0.0):
-            raise TruejointError(f"duration is {duration}; give a finite number of seconds >= 0")
-        self._state.ticks[kernel.CLOCK] += round(duration / kernel.STEP)
+        self._state.ticks[kernel.CLOCK] += checked_ticks(duration)
         self._state.speed[:] = 0.0
         kernel.age(self._plant, self._state, float(duration))
         # The external encoders' clock ran on, with nobody reading.
@@ -251,7 +206,7 @@ class Raven2Twin:
             )
         last = int(found.max()) + round(HOMING_SETTLE / kernel.STEP)
         outputs.append(self._advance(self._ramp(start, found, steps + _SEARCH_PIECE)[done:last]))
-        return _joined(outputs)
+        return reduce(TwinOutput.joined, outputs)
 
     def _ramp(self, start: Array, found: NDArray[np.int64], steps: int) -> Array:
         """Setpoints (steps, 7) towards the stops, each joint held from its index `found` on."""
@@ -271,18 +226,18 @@ class Raven2Twin:
     def _register(self) -> None:
         """Set the motor encoders' zeros, the arm standing at its hard stops."""
         homing = self._parameters.homing
-        nominal = self._robot.home.copy()
-        nominal[:POSITIONING] = [drive.hard_stop for drive in self._drives[:POSITIONING]]
-        nominal[:POSITIONING] += np.array(homing.registration_bias) + np.array(
+        nominal = np.concatenate([self._stops, self._robot.home[POSITIONING:]])
+        error = np.array(homing.registration_bias) + np.array(
             homing.registration_sd
         ) * self._rng.standard_normal(POSITIONING)
         state, plant = self._state, self._plant
-        angle = plant.motor_from_joint @ nominal
+        wrong = nominal.copy()
+        wrong[:POSITIONING] += error
+        angle = plant.motor_from_joint @ wrong
         count = kernel.TURN / plant.constants[kernel.COUNTS]
         state.encoder_zero[:] = state.counts * count - angle
         state.integral[:] = 0.0
         # The robot restarts its set point at the nominal stop.
-        nominal[:POSITIONING] = [drive.hard_stop for drive in self._drives[:POSITIONING]]
         state.command[:] = plant.motor_from_joint @ nominal
 
     def _current_position(self) -> Array:
@@ -298,16 +253,17 @@ class Raven2Twin:
         kernel.advance(self._plant, self._state, goal, rows)
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
         stamps = np.arange(start, start + n, dtype=np.float64) * kernel.STEP
+        truth = TruthBlock(rows.truth_t[:m].copy(), self._robot.positioning, rows.truth[:m].copy())
         return TwinOutput(
             t=stamps,
+            name=CHANNELS,
             measured=rows.measured,
             velocity=rows.velocity,
             motor=rows.motor,
             motor_velocity=rows.motor_velocity,
             effort=rows.effort,
             setpoint=rows.setpoint,
-            truth_t=rows.truth_t[:m].copy(),
-            truth=rows.truth[:m].copy(),
+            truth=truth,
             joint=rows.joint,
         )
 
@@ -340,21 +296,6 @@ def _first_above(
     return int(np.argmax(above[row])), row
 
 
-def _joined(outputs: list[TwinOutput]) -> TwinOutput:
-    return TwinOutput(
-        **{
-            f.name: np.concatenate([getattr(o, f.name) for o in outputs])
-            for f in fields(TwinOutput)
-        }
-    )
-
-
 def _copied(state: kernel.State) -> kernel.State:
     copies = {name: array.copy() for name, array in state._asdict().items()}
     return kernel.State(**copies)
-
-
-def _checked_load(mass: float) -> float:
-    if not 0.0 <= mass <= MAX_LOAD:  # also false for NaN
-        raise TruejointError(f"load is {mass} kg; it must lie in [0, {MAX_LOAD:g}] kg")
-    return float(mass)

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from truejoint.crtk.messages import Array, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.messages import Array, OperatingState
 from truejoint.crtk.states import StateCommand
 from truejoint.robots import Robot
+from truejoint.robots.blocks import StateBlock, TruthBlock
 
 SERVO_RATE: Final = 1000.0
 """Rate of RAVEN's servo loop and of every set-point stream [Hz] (peng2024 IV-A)."""
@@ -35,6 +36,11 @@ class Backend(Protocol):
     @property
     def time(self) -> float:
         """Now, on the robot's clock [s]."""
+        ...
+
+    @property
+    def homing_id(self) -> str:
+        """Name of the homing that positions count from; empty where the robot knows none."""
         ...
 
     def connect(self, listener: Listener) -> None:

@@ -1,4 +1,4 @@
-"""Tests of truejoint.crtk.simulated."""
+"""Tests of truejoint.crtk.backends.simulated."""
 
 import numpy as np
 import pytest
@@ -47,8 +47,8 @@ def test_streams_agree_with_the_twin_itself(backend):
     assert len(states) == len(truths) == 1
     for name in ("t", "measured", "velocity", "effort", "setpoint", "motor", "motor_velocity"):
         assert np.array_equal(getattr(states[0], name), getattr(output, name))
-    assert np.array_equal(truths[0].t, output.truth_t)
-    assert np.array_equal(truths[0].position, output.truth)
+    assert np.array_equal(truths[0].t, output.truth.t)
+    assert np.array_equal(truths[0].position, output.truth.position)
     assert arm.time == twin.time
 
 
@@ -102,8 +102,25 @@ def test_load_reaches_the_twin():
     assert np.abs(efforts[0] - efforts[1]).max() > 1e-3
 
 
+def test_the_forceps_stands_behind_the_same_arm():
+    arm = simulated_arm("forceps", seed=2)
+    states, truths = record(arm)
+    arm.enable()
+    arm.home()
+    arm.move_jp([np.radians(20.0)])
+    assert arm.homing_id == "seed 2, homing 1"
+    state = arm.measured_js()
+    assert state.position == pytest.approx(arm.setpoint_js().position, abs=1e-3)
+    assert state.velocity == pytest.approx([0.0], abs=0.02)
+    assert state.effort.size == 0  # the paper's forceps measures none
+    assert set(states[-1].extra) >= {"cable/drive", "cable/reset", "truth_load/jaw"}
+    assert truths[-1].position[-1] == pytest.approx(state.position, abs=np.radians(3.0))
+    with pytest.raises(CommandRefused, match="outside its range"):
+        arm.servo_jp([2.0])
+
+
 def test_refusals():
-    with pytest.raises(RobotError, match="no digital twin of 'dvrk_psm'; there is one of 'raven2'"):
+    with pytest.raises(RobotError, match="no digital twin of 'dvrk_psm'; there is one of"):
         simulated_arm("dvrk_psm")
     with pytest.raises(RobotError, match="arm"):
         simulated_arm("raven2", "middle")
