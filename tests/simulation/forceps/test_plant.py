@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
 from truejoint.simulation.forceps.constants import plant_constants
-from truejoint.simulation.forceps.parameters import STEP, ForcepsParameters, eigenfrequencies
+from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, eigenfrequencies
 from truejoint.simulation.forceps.plant import (
     advance,
     advance_motor,
@@ -51,13 +51,13 @@ def rates_of(parameters, state, wheel, force=0.0, line_angle=0.0):
         force,
         line_angle,
         plant_constants(parameters),
-        1 / STEP,
+        1 / DT,
         rates,
     )
     return rates, np.array(tensions[:2])
 
 
-def run(parameters, goal, force=None, line_angle=0.0, step=STEP, log_every=1, settle=0.0):
+def run(parameters, goal, force=None, line_angle=0.0, step=DT, log_every=1, settle=0.0):
     goal = np.asarray(goal, dtype=float)
     force = np.zeros_like(goal) if force is None else np.asarray(force, dtype=float)
     constants = plant_constants(parameters)
@@ -238,8 +238,8 @@ def test_energy_is_lost_to_friction_and_damping_only(damped):
     wheels, forces = np.zeros((3, 3)), np.zeros(3)
     energy = [stored_energy(parameters, state)]
     for n in range(600):
-        plant_rates(state, wheels[0], 0.0, 0.0, constants, 1 / STEP, k[0])
-        advance_plant(state, k, trial, wheels, forces, 0.0, STEP, constants)
+        plant_rates(state, wheels[0], 0.0, 0.0, constants, 1 / DT, k[0])
+        advance_plant(state, k, trial, wheels, forces, 0.0, DT, constants)
         if n % 10 == 9:
             energy.append(stored_energy(parameters, state))
     change = np.diff(energy) / energy[0]
@@ -278,7 +278,7 @@ def test_halving_the_step_changes_nothing_that_matters(name, limit):
     parameters = specimen(name)
     goal = motor_goal(parameters, 5.0)
     coarse = run(parameters, goal, log_every=50, settle=0.2)
-    fine = run(parameters, goal, step=STEP / 2, log_every=100, settle=0.2)
+    fine = run(parameters, goal, step=DT / 2, log_every=100, settle=0.2)
     assert np.degrees(np.abs(coarse[:, 3] - fine[:, 3])).max() < limit
 
 
@@ -342,7 +342,7 @@ def test_bristles_and_yielding_stay_bounded_under_any_motion(speeds):
     f = plant_constants(NOMINAL.with_values({"jaw_friction.stribeck_ratio": 1.05})).jaw_friction
     bristle, yielded = 0.0, 0.0
     for speed in speeds:
-        bristle += STEP * friction_force(speed, bristle, 2e-3, f, 1 / STEP)[1]
+        bristle += DT * friction_force(speed, bristle, 2e-3, f, 1 / DT)[1]
         yielded += 1e-5 * bouc_wen_rate(speed * 1e-2, yielded, 60e-6)
         assert abs(bristle) <= f.presliding * 1.05 * (1 + 1e-9)
         assert abs(yielded) <= 1.0 + 1e-9
@@ -352,10 +352,10 @@ def test_the_motor_keeps_its_limits():
     constants = plant_constants(NOMINAL)
     motor, speeds = np.zeros(2), [0.0]
     for _ in range(30_000):
-        advance_motor(motor, np.full(3, 1000.0), STEP, constants)
+        advance_motor(motor, np.full(3, 1000.0), DT, constants)
         speeds.append(motor[1])
     assert max(speeds) == pytest.approx(400.0)
-    assert np.abs(np.diff(speeds)).max() <= 4000.0 * STEP * (1 + 1e-9)
+    assert np.abs(np.diff(speeds)).max() <= 4000.0 * DT * (1 + 1e-9)
     assert motor[0] == pytest.approx(1000.0, abs=0.5)
 
 
@@ -363,8 +363,8 @@ def test_a_small_step_of_the_motor_is_that_of_a_second_order_loop():
     constants = plant_constants(NOMINAL)
     motor, step, n = np.zeros(2), 0.1, 200
     for _ in range(n):
-        advance_motor(motor, np.full(3, step), STEP, constants)
-    w, zeta, t = 2 * np.pi * 15, 0.9, n * STEP
+        advance_motor(motor, np.full(3, step), DT, constants)
+    w, zeta, t = 2 * np.pi * 15, 0.9, n * DT
     wd = w * math.sqrt(1 - zeta**2)
     decay = math.exp(-zeta * w * t)
     wanted = 1 - decay * (math.cos(wd * t) + zeta / math.sqrt(1 - zeta**2) * math.sin(wd * t))

@@ -89,7 +89,7 @@ def simulated_arm(
     >>> arm.enable()
     >>> arm.home()
     >>> arm.move_jp([0.1])
-    >>> abs(arm.measured_js().position[0] - 0.1) < 0.01
-    True
+    >>> print(arm.measured_js().position.round(2))
+    [0.1]
     """
     return Arm(SimulatedBackend(make_twin(robot, arm, parameters=parameters, seed=seed, load=load)))

@@ -14,7 +14,7 @@ from truejoint.errors import TruejointError
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.simulation.parameter_file import Bounds, Parameters
 
-STEP: Final = 1e-4  # [s] of the integrator
+DT: Final = 1e-4  # [s] of the integrator
 
 
 @dataclass(frozen=True)
@@ -174,11 +174,11 @@ class ForcepsParameters(Parameters):
         fastest = math.hypot(
             2.0 * math.pi * float(eigenfrequencies(self, stuck=True)[1]), math.sqrt(stop)
         )
-        if not fastest * STEP <= 1.0:
-            limit = 1.0 / (2.0 * math.pi * STEP)
+        if not fastest * DT <= 1.0:
+            limit = 1.0 / (2.0 * math.pi * DT)
             raise TruejointError(
                 f"{source}: the fastest mode has {fastest / (2 * math.pi):.0f} Hz, more than the "
-                f"{limit:.0f} Hz that a step of {STEP:g} s resolves; raise jaw.inertia, "
+                f"{limit:.0f} Hz that a step of {DT:g} s resolves; raise jaw.inertia, "
                 "slider.mass or a presliding distance, or lower a stiffness"
             )
 

@@ -237,19 +237,19 @@ def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstant
 
 
 @njit(cache=True, error_model="numpy")
-def advance_motor(motor: Array, goal: Array, step: float, c: PlantConstants) -> None:
+def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> None:
     """One Runge-Kutta step of the motor (angle, speed) with goals at start, middle and end."""
     angle, speed = motor[0], motor[1]
-    half = 0.5 * step
+    half = 0.5 * dt
     a1 = motor_acceleration(angle, speed, goal[0], c)
     s2 = speed + half * a1
     a2 = motor_acceleration(angle + half * speed, s2, goal[1], c)
     s3 = speed + half * a2
     a3 = motor_acceleration(angle + half * s2, s3, goal[1], c)
-    s4 = speed + step * a3
-    a4 = motor_acceleration(angle + step * s3, s4, goal[2], c)
-    motor[0] += step / 6.0 * (speed + 2.0 * s2 + 2.0 * s3 + s4)
-    motor[1] += step / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    s4 = speed + dt * a3
+    a4 = motor_acceleration(angle + dt * s3, s4, goal[2], c)
+    motor[0] += dt / 6.0 * (speed + 2.0 * s2 + 2.0 * s3 + s4)
+    motor[1] += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
     motor[1] = min(max(motor[1], -c.motor_max_speed), c.motor_max_speed)
 
 
@@ -267,13 +267,13 @@ def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> 
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _between(samples: Array, step: int, quarter: float, per_sample: int) -> float:
-    """Linear interpolation of `samples`, `quarter` after integration step number `step`.
+def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
+    """Linear interpolation of `samples`, `quarter` after integration step number `n`.
 
     The end value stays; counting in whole steps makes it the same however a motion is cut.
     """
-    index = min(step // per_sample, samples.size - 2)
-    part = (step - index * per_sample + quarter) / per_sample
+    index = min(n // per_sample, samples.size - 2)
+    part = (n - index * per_sample + quarter) / per_sample
     if part >= 1.0:
         return float(samples[index + 1])
     return float(samples[index] + part * (samples[index + 1] - samples[index]))
@@ -287,7 +287,7 @@ def advance_plant(
     wheels: Array,
     forces: Array,
     line_angle: float,
-    step: float,
+    dt: float,
     c: PlantConstants,
 ) -> None:
     """Rest of a Runge-Kutta step of fourth order whose first rates stand in ``k[0]``.
@@ -305,10 +305,10 @@ def advance_plant(
         part = 1.0 if stage == 3 else 0.5
         at = 2 if stage == 3 else 1
         for i in range(N_STATES):
-            trial[i] = state[i] + part * step * k[stage - 1, i]
-        plant_rates(trial, wheels[at], forces[at], line_angle, c, 1.0 / step, k[stage])
+            trial[i] = state[i] + part * dt * k[stage - 1, i]
+        plant_rates(trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, k[stage])
     for i in range(N_STATES):
-        state[i] += step / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
+        state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -346,7 +346,7 @@ def advance(
         Motor angle [rad], ``x1`` [m], ``x2`` [m], jaw angle [rad], external torque [Nm], tension
         of drive and of reset cable [N]; the first row is before the first step.
     """
-    step = SETPOINT_DT / per_sample
+    dt = SETPOINT_DT / per_sample
     n_steps = (goal.size - 1) * per_sample
     log = np.empty((n_steps // log_every + 1, N_LOGGED))
     trial, k = np.empty(N_STATES), np.empty((4, N_STATES))
@@ -358,7 +358,7 @@ def advance(
             forces[i] = _between(force, n, 0.5 * i, per_sample)
         wheel_motion(motor, goals[0], c, wheels[0])
         drive_tension, reset_tension, x1 = plant_rates(
-            state, wheels[0], forces[0], line_angle, c, 1.0 / step, k[0]
+            state, wheels[0], forces[0], line_angle, c, 1.0 / dt, k[0]
         )
         if n % log_every == 0:
             row = log[n // log_every]
@@ -368,9 +368,9 @@ def advance(
         if n == n_steps:
             break
         for half in range(2):  # the plant needs the motor in the middle of the step, too
-            advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * step, c)
+            advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * dt, c)
             wheel_motion(motor, goals[2 * half + 2], c, wheels[half + 1])
-        advance_plant(state, k, trial, wheels, forces, line_angle, step, c)
+        advance_plant(state, k, trial, wheels, forces, line_angle, dt, c)
     return log
 
 

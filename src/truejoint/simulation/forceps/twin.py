@@ -16,7 +16,7 @@ from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_rows import checked_rows
 from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.load import GRAVITY, MAX_MASS, LoadTest
-from truejoint.simulation.forceps.parameters import STEP, ForcepsParameters
+from truejoint.simulation.forceps.parameters import DT, ForcepsParameters
 from truejoint.simulation.forceps.plant import advance, settled
 from truejoint.simulation.forceps.sensors import Sensors, ZeroShift
 from truejoint.simulation.twin import (
@@ -33,7 +33,7 @@ Array = NDArray[np.float64]
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
 MAX_SAMPLES: Final = 3_600_000  # an hour at 1 kHz
-_PER_SETPOINT: Final = round(SETPOINT_DT / STEP)
+_PER_SETPOINT: Final = round(SETPOINT_DT / DT)
 _HOMING_SPEED: Final = math.radians(15.0)  # [rad/s] of the jaw, the paper's own speed in (27)
 _NO_SHIFT: Final = ZeroShift()
 
@@ -345,9 +345,9 @@ def simulate_forceps(
     force = np.zeros_like(angles) if tip_force is None else _samples(tip_force, "tip_force")
     if force.size != angles.size:
         raise TruejointError(f"tip_force has {force.size} samples, setpoint {angles.size}")
-    per_row = 1.0 / (STEP * log_rate) if log_rate > 0.0 else math.nan
+    per_row = 1.0 / (DT * log_rate) if log_rate > 0.0 else math.nan
     if not (per_row >= 1.0 and abs(per_row - round(per_row)) < 1e-9):
-        raise TruejointError(f"a log rate of {log_rate} Hz; it must divide {1 / STEP:.0f} Hz")
+        raise TruejointError(f"a log rate of {log_rate} Hz; it must divide {1 / DT:.0f} Hz")
     twin = ForcepsTwin(parameters, seed=seed)
     twin.line_angle, twin._zero = float(line_angle), zero_shift
     log = twin._advance(angles, force, round(per_row))

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
-STEP: Final = SETPOINT_DT  # s, the robot's servo period
+DT: Final = SETPOINT_DT  # s, the robot's servo period
 AGE_STEPS: Final = 100  # steps between two updates of what is slow
 TURN: Final = 2.0 * np.pi
 STILL: Final = 1e-8  # share of the creep's travel within one update that counts as rest
@@ -239,7 +239,7 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
     """Read the external encoders where their time has come, each at its own instant."""
     while state.slow[NEXT_TRUTH] <= t:
         row = state.ticks[TRUTH_ROWS]
-        part = 1.0 - (t - state.slow[NEXT_TRUTH]) / STEP
+        part = 1.0 - (t - state.slow[NEXT_TRUTH]) / DT
         for k in range(3):
             q = state.before[k] + part * (state.joint[k] - state.before[k])
             step = plant.truth_step[k]
@@ -260,7 +260,7 @@ def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
     for k in range(7):
         counts = np.floor(state.motor[k] * (plant.constants[COUNTS] / TURN))
         rows.motor[i, plant.channel[k]] = counts * count - state.encoder_zero[k]
-        rows.motor_velocity[i, plant.channel[k]] = (counts - state.counts[k]) * count / STEP
+        rows.motor_velocity[i, plant.channel[k]] = (counts - state.counts[k]) * count / DT
         state.counts[k] = counts
     for k in range(7):
         position, velocity = 0.0, 0.0
@@ -284,8 +284,8 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
             target = rows.measured[i, j] if k > 2 and j < 3 else goal[j]
             wanted += plant.motor_from_joint[k, j] * target
         error = wanted - rows.motor[i, column]
-        state.integral[k] += error * STEP
-        lag = (wanted - state.command[k]) / STEP - rows.motor_velocity[i, column]
+        state.integral[k] += error * DT
+        lag = (wanted - state.command[k]) / DT - rows.motor_velocity[i, column]
         torque = (
             plant.gains[k, 0] * error
             + plant.gains[k, 1] * lag
@@ -294,7 +294,7 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
         state.command[k] = wanted
         limited = min(plant.effort_limit[k], max(-plant.effort_limit[k], torque))
         if limited != torque:
-            state.integral[k] -= error * STEP
+            state.integral[k] -= error * DT
         step = plant.effort_step[k]
         rows.effort[i, column] = step * np.rint(limited / step)
 
@@ -319,7 +319,7 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
         state.speed[k] = plant.keep[k] * state.speed[k] + plant.push[k] * torque
         bent = plant.bend[k] * state.speed[k]
         state.bristle[k] = (state.bristle[k] + bent) / (1.0 + abs(bent))
-        state.motor[k] += STEP * state.speed[k]
+        state.motor[k] += DT * state.speed[k]
 
 
 @njit(cache=True, error_model="numpy")
@@ -351,10 +351,10 @@ def advance(plant: Plant, state: State, setpoint: Array, rows: Rows) -> None:
     for i in range(setpoint.shape[0]):
         _settle(plant, state, work)
         rows.joint[i] = state.joint
-        _sample_truth(plant, state, state.ticks[CLOCK] * STEP, rows)
+        _sample_truth(plant, state, state.ticks[CLOCK] * DT, rows)
         _read_motors(plant, state, rows, i)
         _control(plant, state, setpoint[i], rows, i)
         _turn_motors(plant, state, rows.effort[i])
         state.ticks[CLOCK] += 1
         if state.ticks[CLOCK] % AGE_STEPS == 0:
-            age(plant, state, AGE_STEPS * STEP)
+            age(plant, state, AGE_STEPS * DT)

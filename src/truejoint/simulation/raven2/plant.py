@@ -55,7 +55,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     inertia = np.array(p.motor.inertia + p.tool.inertia)
     viscous = np.array(p.motor_friction.viscous + p.tool.viscous) / gear
     # Viscous friction is taken at the end of the step, so that it never overshoots.
-    keep = 1.0 / (1.0 + kernel.STEP * viscous / inertia)
+    keep = 1.0 / (1.0 + kernel.DT * viscous / inertia)
     _check_step(p, arm_drives, inertia)
     truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
     return kernel.Plant(
@@ -63,10 +63,10 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         joint_from_motor=np.ascontiguousarray(np.linalg.inv(matrix)),
         per_ratio=1.0 / ratio,
         per_gear=1.0 / gear,
-        push=kernel.STEP * keep / inertia,
+        push=kernel.DT * keep / inertia,
         keep=keep,
         coulomb=np.array(p.motor_friction.coulomb + p.tool.coulomb) / gear,
-        bend=kernel.STEP / np.array(p.motor_friction.presliding + p.tool.presliding),
+        bend=kernel.DT / np.array(p.motor_friction.presliding + p.tool.presliding),
         gains=np.array([[drive.kp, drive.kd, drive.ki] for drive in arm_drives]),
         effort_limit=np.array([drive.max_effort for drive in arm_drives]),
         effort_step=np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives]),
@@ -103,7 +103,7 @@ def _check_step(p: Raven2Parameters, arm_drives: tuple[Drive, ...], inertia: Arr
         stiff = (coulomb[k] / presliding[k] + drive.kp) / drive.gear_ratio
         stiff += cable[k] / drive.transmission_ratio**2
         damped = drive.kd / drive.gear_ratio
-        needed = max(kernel.STEP**2 * stiff, kernel.STEP * damped)
+        needed = max(kernel.DT**2 * stiff, kernel.DT * damped)
         if not needed <= inertia[k]:
             raise TruejointError(
                 f"the {drive.joint}'s motor is too light for a step of 1 ms: raise its inertia "

@@ -105,7 +105,7 @@ class Raven2Twin:
     @property
     def time(self) -> float:
         """Time since the robot was switched on [s]."""
-        return float(self._state.ticks[kernel.CLOCK]) * kernel.STEP
+        return float(self._state.ticks[kernel.CLOCK]) * kernel.DT
 
     @property
     def homing_count(self) -> int:
@@ -182,7 +182,7 @@ class Raven2Twin:
         # The robot takes up the position that it has, without a step in the set point's speed.
         self._state.command[:] = self._plant.motor_from_joint @ start
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
-        steps = round(_SEARCH_LIMIT / kernel.STEP)
+        steps = round(_SEARCH_LIMIT / kernel.DT)
         found = np.full(POSITIONING, steps)
         done, outputs = 0, []
         while (found == steps).any() and done < steps:
@@ -204,13 +204,13 @@ class Raven2Twin:
                 f"homing found no hard stop for {', '.join(names)} within {_SEARCH_LIMIT:g} s; "
                 "the parameters make friction too strong for the motor"
             )
-        last = int(found.max()) + round(HOMING_SETTLE / kernel.STEP)
+        last = int(found.max()) + round(HOMING_SETTLE / kernel.DT)
         outputs.append(self._advance(self._ramp(start, found, steps + _SEARCH_PIECE)[done:last]))
         return reduce(TwinOutput.joined, outputs)
 
     def _ramp(self, start: Array, found: NDArray[np.int64], steps: int) -> Array:
         """Setpoints (steps, 7) towards the stops, each joint held from its index `found` on."""
-        t = np.arange(1, steps + 1) * kernel.STEP
+        t = np.arange(1, steps + 1) * kernel.DT
         # The speed builds up along a quarter of a sine within HOMING_RAMP.
         slow = (1.0 - np.cos(np.pi / HOMING_RAMP * np.minimum(t, HOMING_RAMP) / 2)) * (
             2.0 * HOMING_RAMP / np.pi
@@ -252,7 +252,7 @@ class Raven2Twin:
         rows = _empty_rows(n, float(self._plant.constants[kernel.TRUTH_PERIOD]))
         kernel.advance(self._plant, self._state, goal, rows)
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
-        stamps = np.arange(start, start + n, dtype=np.float64) * kernel.STEP
+        stamps = np.arange(start, start + n, dtype=np.float64) * kernel.DT
         truth = TruthBlock(rows.truth_t[:m].copy(), self._robot.positioning, rows.truth[:m].copy())
         return TwinOutput(
             t=stamps,
@@ -270,7 +270,7 @@ class Raven2Twin:
 
 def _empty_rows(n: int, truth_period: float) -> kernel.Rows:
     # The clock's shortest interval is a tenth of its period (see the kernel).
-    m = int(n * kernel.STEP / (0.1 * truth_period)) + 16
+    m = int(n * kernel.DT / (0.1 * truth_period)) + 16
     wide = [np.zeros((n, len(CHANNELS))) for _ in range(6)]
     return kernel.Rows(
         measured=wide[0],
