@@ -15,9 +15,10 @@ from truejoint.estimators import calibrate
 from truejoint.motion import follow
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recorder, read_parquet
-from truejoint.recordings.recorder import PAST_END, QUANTITIES, Decimator
+from truejoint.recordings.recorder import PAST_END, Decimator
 from truejoint.recordings.synchronise import AFTER, STATE_BACK
 from truejoint.robots import get_robot
+from truejoint.robots.blocks import QUANTITIES
 
 
 class FakeArm:

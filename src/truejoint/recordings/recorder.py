@@ -22,11 +22,10 @@ from truejoint.recordings.synchronise import (
     forward_rows,
     synchronise,
 )
+from truejoint.robots.blocks import QUANTITIES
 
 Array = NDArray[np.float64]
 
-QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
-"""What is recorded of every channel, where the arm measures it."""
 PAST_END: Final = "state: past the longest duration"
 
 _MAX_DURATION: Final = 12 * 3600.0

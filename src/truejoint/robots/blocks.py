@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+
+QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
+"""What a state message says of every channel, where the arm measures it."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +53,9 @@ class StateBlock:
     def rows(self, selection: slice | NDArray[np.bool_]) -> StateBlock:
         """Copy of some rows, which keeps no other row alive."""
         return StateBlock(
-            t=self.t[selection].copy(),
             name=self.name,
-            measured=self.measured[selection].copy(),
-            velocity=self.velocity[selection].copy(),
-            effort=self.effort[selection].copy(),
-            setpoint=self.setpoint[selection].copy(),
-            motor=self.motor[selection].copy(),
-            motor_velocity=self.motor_velocity[selection].copy(),
             extra={name: values[selection].copy() for name, values in self.extra.items()},
+            **{name: getattr(self, name)[selection].copy() for name in ("t", *QUANTITIES)},
         )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
 from truejoint.simulation.parameter_file import Parameters
 
 Array = NDArray[np.float64]
@@ -37,19 +37,20 @@ class TwinOutput(StateBlock):
 
     def joined(self, later: TwinOutput) -> TwinOutput:
         """Put a `later` stretch of time after this one."""
-        pair = (self, later)
-        truth = TruthBlock(
-            np.concatenate([part.truth.t for part in pair]),
-            self.truth.name,
-            np.concatenate([part.truth.position for part in pair]),
+        parts = (self, later)
+        return TwinOutput(
+            name=self.name,
+            extra={n: np.concatenate([part.extra[n] for part in parts]) for n in self.extra},
+            truth=TruthBlock(
+                np.concatenate([part.truth.t for part in parts]),
+                self.truth.name,
+                np.concatenate([part.truth.position for part in parts]),
+            ),
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in ("t", *QUANTITIES, "joint")
+            },
         )
-        arrays = {
-            f.name: np.concatenate([getattr(part, f.name) for part in pair])
-            for f in fields(self)
-            if isinstance(getattr(self, f.name), np.ndarray)
-        }
-        extra = {name: np.concatenate([p.extra[name] for p in pair]) for name in self.extra}
-        return TwinOutput(name=self.name, extra=extra, truth=truth, **arrays)
 
 
 class Twin(Protocol):

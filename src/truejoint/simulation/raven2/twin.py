@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.blocks import TruthBlock
+from truejoint.robots.blocks import QUANTITIES, TruthBlock
 from truejoint.robots.joint_rows import checked_rows
 from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
@@ -252,36 +252,23 @@ class Raven2Twin:
         rows = _empty_rows(n, float(self._plant.constants[kernel.TRUTH_PERIOD]))
         kernel.advance(self._plant, self._state, goal, rows)
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
-        stamps = np.arange(start, start + n, dtype=np.float64) * kernel.DT
         truth = TruthBlock(rows.truth_t[:m].copy(), self._robot.positioning, rows.truth[:m].copy())
         return TwinOutput(
-            t=stamps,
+            t=np.arange(start, start + n, dtype=np.float64) * kernel.DT,
             name=CHANNELS,
-            measured=rows.measured,
-            velocity=rows.velocity,
-            motor=rows.motor,
-            motor_velocity=rows.motor_velocity,
-            effort=rows.effort,
-            setpoint=rows.setpoint,
             truth=truth,
-            joint=rows.joint,
+            **{name: getattr(rows, name) for name in (*QUANTITIES, "joint")},
         )
 
 
 def _empty_rows(n: int, truth_period: float) -> kernel.Rows:
-    # The clock's shortest interval is a tenth of its period (see the kernel).
+    # The shortest time between two readings is a tenth of their period (see the kernel).
     m = int(n * kernel.DT / (0.1 * truth_period)) + 16
-    wide = [np.zeros((n, len(CHANNELS))) for _ in range(6)]
     return kernel.Rows(
-        measured=wide[0],
-        velocity=wide[1],
-        motor=wide[2],
-        motor_velocity=wide[3],
-        effort=wide[4],
-        setpoint=wide[5],
         joint=np.empty((n, POSITIONING)),
         truth_t=np.empty(m),
         truth=np.empty((m, POSITIONING)),
+        **{name: np.zeros((n, len(CHANNELS))) for name in QUANTITIES},
     )
 
 
