@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -181,6 +182,9 @@ def test_records_the_simulated_arm() -> None:
         arm.wait(2.0)
     recording = recorder.recording()
     assert len(recording) == pytest.approx(60, abs=1)
+    with Recorder(arm, state_rate=math.inf) as every:
+        arm.wait(0.5)
+    assert every.recording().provenance.rates["state"] == pytest.approx(1000.0)
     assert recording.joints_of("truth") == arm.robot.positioning
     # Within the coarse bounds of an arm that is not calibrated.
     assert (np.abs(recording.with_truth(arm.robot.positioning).error(["shoulder"])) < 0.3).all()

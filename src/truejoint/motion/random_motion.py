@@ -44,12 +44,14 @@ def random_motion(
     Raises
     ------
     TrajectoryError
-        If duration or rate is out of range or the robot's ranges are not known.
+        If duration, rate or seed is out of range or the robot's ranges are not known.
     """
     if not 1.0 <= duration <= _LONGEST:
         raise TrajectoryError(f"duration {duration} s must be within [1, {_LONGEST:.0f}] s")
     if not 1.0 <= rate <= 1000.0:
         raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
+    if seed < 0:
+        raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
     space = workspace_of(robot)
     times = np.arange(round(duration * rate) + 1) / rate
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))

@@ -184,12 +184,12 @@ class Recorder:
         dropped: dict[str, int] = {PAST_END: self._past_end} if self._past_end else {}
         state = self._join(self._state, self._state_names, dropped, STATE_BACK)
         columns = {"t": state.t, **state.columns}
-        rates = {"state": self._state_rate}
+        rates = {"state": _rate(state.t) if math.isinf(self._state_rate) else self._state_rate}
         if sum(len(t) for t, _ in self._truth) >= 2:
             truth = self._join(self._truth, self._truth_names, dropped, TRUTH_BACK)
             columns, unmatched = synchronise(state, truth, self._gap_limit)
             dropped |= unmatched
-            rates["truth"] = round(float(1.0 / np.median(np.diff(truth.t))), 3)
+            rates["truth"] = _rate(truth.t)
         start = float(columns["t"][0])
         columns["t"] = columns["t"] - start
         values = {
@@ -259,3 +259,8 @@ class Recorder:
         if not forward.all():
             dropped[reason] = int((~forward).sum())
         return Stream(t[forward], dict(zip(names, rows[forward].T, strict=True)))
+
+
+def _rate(t: Array) -> float:
+    """Usual rate of stamps (n,) [Hz]."""
+    return round(float(1.0 / np.median(np.diff(t))), 3)

@@ -45,7 +45,7 @@ def read_sections(path: Path) -> Sections:
         raise TruejointError(f"{path}: larger than {MAX_FILE_SIZE} bytes; not a parameter file")
     try:
         table = tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise TruejointError(f"{path}: not a TOML file ({reason})") from None
     for name, values in table.items():

@@ -92,6 +92,7 @@ def test_bad_values_are_refused_in_one_line(
         ("stiffness = 3.0\n", "outside a section"),
         ("[cable\n", "not a TOML file"),
         ("\x00", "not a TOML file"),
+        (f"[mass]\ninstrument = {'9' * 5000}\n", "not a TOML file"),
     ],
 )
 def test_files_of_the_wrong_form_are_refused(tmp_path: Path, text: str, reason: str) -> None:

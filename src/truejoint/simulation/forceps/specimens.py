@@ -45,7 +45,10 @@ def specimen(name: str = "nominal") -> ForcepsParameters:
 
 @cache
 def prior() -> dict[str, Spread]:
-    """Ranges that a population is drawn from, by property, in the order of the draws."""
+    """Ranges that a population is drawn from, by parameter, in the order of the draws.
+
+    A name without a dot is a property that several parameters are made of.
+    """
     return {
         name: Spread(float(v["low"]), float(v["high"]), v["scale"] == "log")
         for name, v in shipped_sections("forceps/prior.toml").items()
@@ -72,31 +75,18 @@ def _drawn(stream: np.random.SeedSequence) -> ForcepsParameters:
     r = nominal.mechanism.jaw_radius
     jaw_level, jaw_share = v["jaw_friction"], v["jaw_friction_from_tension"]
     slider_level, slider_share = v["slider_friction"], v["slider_friction_from_tension"]
-    values = {
+    values = {name: value for name, value in v.items() if "." in name} | {
         "drive_cable.stiffness": v["cable_stiffness"] * v["cable_tolerance"],
         "reset_cable.stiffness": v["cable_stiffness"] * second_tolerance,
-        "assembly.gear_stiffness": v["gear_stiffness"],
-        "assembly.pretension": v["pretension"],
-        "assembly.wheel_eccentricity": v["wheel_eccentricity"],
         "assembly.wheel_phase": phases[0],
-        "jaw.inertia": v["inertia"],
-        "jaw.load_arm": v["load_arm"],
-        "jaw.eccentricity": v["jaw_eccentricity"],
         "jaw.eccentricity_phase": phases[1],
         "jaw_friction.constant": jaw_level * (1.0 - jaw_share),
-        "jaw_friction.tension_share": jaw_level * jaw_share / (2.0 * v["pretension"] * r),
-        "jaw_friction.viscous": v["jaw_viscous"],
-        "jaw_friction.presliding": v["jaw_presliding"],
+        "jaw_friction.tension_share": jaw_level * jaw_share / (2.0 * v["assembly.pretension"] * r),
         "jaw_friction.stribeck_ratio": v["stribeck_ratio"],
-        "slider.mass": v["slider_mass"],
         "slider_friction.constant": slider_level * (1.0 - slider_share),
-        "slider_friction.tension_share": slider_level * slider_share / v["pretension"],
-        "slider_friction.viscous": v["slider_viscous"],
-        "slider_friction.presliding": v["slider_presliding"],
+        "slider_friction.tension_share": slider_level * slider_share / v["assembly.pretension"],
         "slider_friction.stribeck_ratio": v["stribeck_ratio"],
-        "reference_encoder.first_harmonic": v["reference_first_harmonic"],
         "reference_encoder.first_phase": phases[2],
-        "reference_encoder.second_harmonic": v["reference_second_harmonic"],
         "reference_encoder.second_phase": phases[3],
     }
     for cable in ("drive_cable", "reset_cable"):
