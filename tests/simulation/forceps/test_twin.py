@@ -172,6 +172,19 @@ def test_a_weight_shuts_the_jaw_and_stretches_the_drive_cable():
     assert twin.run(np.zeros((2000, 1))).joint[-1, 0] > out.joint[-1, 0]
 
 
+def test_a_load_test_is_the_same_behind_the_twin():
+    test = LoadTest(0.1, start=0.1, speed=math.radians(60), loaded_from=1.0, loaded_to=1.2, end=2.0)
+    run = simulate_load_test(NOMINAL, test, seed=4, log_rate=1000.0)
+    twin = ForcepsTwin(NOMINAL, seed=4)
+    twin.tip_force, twin.line_angle = lambda t: test.force(t, 4), test.angle
+    out = twin.run(test.angles(run.t)[1:, None])
+    np.testing.assert_allclose(out.joint[:, 0], run.jaw[1:], atol=1e-9)
+    np.testing.assert_allclose(out.extra["truth_load/jaw"], run.external_torque[1:], atol=1e-9)
+    twin.tip_force = lambda t: np.zeros(3)
+    with pytest.raises(TruejointError, match=r"tip_force gave shape \(3,\) for times \(6,\)"):
+        twin.run(np.zeros((5, 1)))
+
+
 def test_time_passes_at_rest():
     twin = ForcepsTwin(NOMINAL)
     twin.idle(3600.0)

@@ -222,7 +222,12 @@ class ForcepsTwin:
         t = np.arange(self._ticks, self._ticks + len(angles) + 1, dtype=np.float64) * SETPOINT_DT
         force = np.full(t.shape, -GRAVITY * self._load)
         if self.tip_force is not None:
-            force = force + self.tip_force(t)
+            pushed = np.asarray(self.tip_force(t), dtype=np.float64)
+            if pushed.shape != t.shape:
+                raise TruejointError(
+                    f"tip_force gave shape {pushed.shape} for times {t.shape}; give one a time"
+                )
+            force += pushed
         log = self._advance(np.concatenate([[self._command], angles]), force, _PER_SETPOINT)
         run = self._sensed(log[1:], t[1:], angles)
         ratio = self.parameters.mechanism.motor_per_jaw
