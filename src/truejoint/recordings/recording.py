@@ -274,6 +274,7 @@ _UNITS: Final = {
     "tool": "m",
     "cable": "m",
     "tension": "N",
+    "truth_load": "Nm",
     "truth_tension": "N",
 }
 

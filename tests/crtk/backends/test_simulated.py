@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from truejoint.crtk import Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
+from truejoint.crtk import Arm, Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
+from truejoint.recordings import Recorder
+from truejoint.robots import get_robot
+from truejoint.simulation import Twin, TwinOutput
+from truejoint.simulation.parameter_file import Parameters
 from truejoint.simulation.raven2 import Raven2Twin
 
 
@@ -117,6 +121,59 @@ def test_the_forceps_stands_behind_the_same_arm():
     assert truths[-1].position[-1] == pytest.approx(state.position, abs=np.radians(3.0))
     with pytest.raises(CommandRefused, match="outside its range"):
         arm.servo_jp([2.0])
+
+
+class RigidWrist:
+    """A third twin, of another robot: coupled motors, two tensions and a load on the grip."""
+
+    PARAMETERS = Parameters
+
+    def __init__(self, parameters=None, *, arm="", seed=0, load=0.0):
+        self.robot = get_robot("dvrk_psm", arm)
+        self.seed, self.load, self.ticks, self.homing_count = seed, load, 0, 0
+        self._coupling = np.eye(len(self.robot.joints)) + np.eye(len(self.robot.joints), k=-1)
+
+    @property
+    def time(self):
+        return self.ticks * 1e-3
+
+    def home(self):
+        self.homing_count += 1
+        return self.run(self.robot.home[None])
+
+    def run(self, setpoint):
+        rows = np.asarray(setpoint, dtype=float)
+        t = self.time + 1e-3 * np.arange(1, len(rows) + 1)
+        self.ticks += len(rows)
+        still, grip = np.zeros_like(rows), np.full(len(rows), 9.81 * self.load)
+        return TwinOutput(
+            t, self.robot.channels, rows, still, still, rows, rows @ self._coupling.T, still,
+            {"tension/wrist_pitch": grip + 8.0, "tension/wrist_yaw": 8.0 - grip,
+             "truth_load/grip": 0.01 * grip},
+            truth=TruthBlock(t, self.robot.positioning, rows[:, : len(self.robot.positioning)]),
+            joint=rows[:, : len(self.robot.positioning)],
+        )  # fmt: skip
+
+    def idle(self, duration):
+        self.ticks += round(duration * 1e3)
+
+
+def test_another_twin_needs_nothing_of_the_back_end():
+    twin: Twin = RigidWrist(load=0.5)
+    arm = Arm(SimulatedBackend(twin))
+    arm.enable()
+    arm.home()
+    with Recorder(arm, state_rate=100.0) as recorder:
+        arm.wait(0.5)
+        twin.load = 0.0
+        arm.wait(0.5)
+    recording = recorder.recording()
+    assert recording.provenance.homing_id == "seed 0, homing 1"
+    assert recording.units["tension/wrist_pitch"] == "N"
+    assert recording.units["truth_load/grip"] == "Nm"
+    assert recording.column("tension/wrist_pitch")[[0, -1]] == pytest.approx([12.905, 8.0])
+    assert recording.joints_of("truth") == arm.robot.positioning
+    assert recording.joints_of("effort") == arm.robot.channels
 
 
 def test_refusals():
