@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
@@ -154,7 +155,7 @@ class Recorder:
     @property
     def rows(self) -> int:
         """Rows of the state that are kept so far."""
-        return sum(len(t) for t, _ in self._state)
+        return len(self._state)
 
     def recording(self, source: str = "") -> Recording:
         """Make a recording of what there is so far; may be called while recording goes on.
@@ -182,83 +183,75 @@ class Recorder:
                 "homed and moving or holding"
             )
         dropped: dict[str, int] = {PAST_END: self._past_end} if self._past_end else {}
-        state = self._join(self._state, self._state_names, dropped, STATE_BACK)
+        state = self._state.joined(dropped)
         columns = {"t": state.t, **state.columns}
         rates = {"state": _rate(state.t) if math.isinf(self._state_rate) else self._state_rate}
-        if sum(len(t) for t, _ in self._truth) >= 2:
-            truth = self._join(self._truth, self._truth_names, dropped, TRUTH_BACK)
+        if len(self._truth) >= 2:
+            truth = self._truth.joined(dropped)
             columns, unmatched = synchronise(state, truth, self._gap_limit)
             dropped |= unmatched
             rates["truth"] = _rate(truth.t)
         start = float(columns["t"][0])
         columns["t"] = columns["t"] - start
-        values = {
-            **self._provenance.to_dict(),
-            "source": source or f"recorded from {self._arm.robot.title}",
-            "rates": rates,
-            "dropped": dropped,
-            "start": start,
-            "notes": self._stopped,
-        }
-        return Recording.from_columns(columns, Provenance.from_dict(values))
+        provenance = replace(
+            self._provenance,
+            source=source or f"recorded from {self._arm.robot.title}",
+            rates=rates,
+            dropped=dropped,
+            start=start,
+            notes=self._stopped,
+        )
+        return Recording.from_columns(columns, provenance)
 
     def _clear(self) -> None:
-        self._state: list[tuple[Array, Array]] = []
-        self._truth: list[tuple[Array, Array]] = []
-        self._state_names: tuple[str, ...] = ()
-        self._truth_names: tuple[str, ...] = ()
+        self._state = _Rows(self._state_rate, STATE_BACK)
+        self._truth = _Rows(self._truth_rate, TRUTH_BACK)
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
-        self._state_decimator = Decimator(self._state_rate)
-        self._truth_decimator = Decimator(self._truth_rate)
 
     def _receive(self, block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, TruthBlock):
-            self._receive_truth(block)
-        else:
-            self._receive_state(block)
-
-    def _receive_state(self, block: StateBlock) -> None:
-        chosen = self._state_decimator.pick(block.t)
-        if not chosen.any():
-            return
-        if math.isnan(self._first):
+        stream = self._truth if isinstance(block, TruthBlock) else self._state
+        chosen = stream.decimator.pick(block.t)
+        if stream is self._state and math.isnan(self._first) and chosen.any():
             self._first = float(block.t[chosen][0])
-        late = block.t - self._first > self._max_duration
+        late = block.t - self._first > self._max_duration  # never, before the first state
+        if isinstance(block, TruthBlock):
+            stream.names = tuple(f"truth/{joint}" for joint in block.name)
+            stream.add(block.t, np.asarray(block.position), chosen & ~late)
+            return
         self._past_end += int((chosen & late).sum())
-        kept = block.rows(chosen & ~late)
-        measured = [q for q in QUANTITIES if getattr(kept, q).shape[1]]
-        self._state_names = (
-            *(f"{q}/{channel}" for q in measured for channel in block.name),
-            *kept.extra,
-        )
-        rows = np.hstack(
-            [getattr(kept, q) for q in measured] + [v[:, None] for v in kept.extra.values()]
-        )
-        self._state.append((kept.t, rows))
+        measured = [q for q in QUANTITIES if getattr(block, q).shape[1]]
+        stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
+        columns = [getattr(block, q) for q in measured]
+        extra = [values[:, None] for values in block.extra.values()]
+        stream.add(block.t, np.hstack(columns + extra), chosen & ~late)
 
-    def _receive_truth(self, block: TruthBlock) -> None:
-        self._truth_names = tuple(f"truth/{joint}" for joint in block.name)
-        chosen = self._truth_decimator.pick(block.t)
-        if not math.isnan(self._first):
-            chosen &= block.t - self._first <= self._max_duration
-        self._truth.append((block.t[chosen], np.asarray(block.position)[chosen]))
 
-    @staticmethod
-    def _join(
-        blocks: list[tuple[Array, Array]],
-        names: tuple[str, ...],
-        dropped: dict[str, int],
-        reason: str,
-    ) -> Stream:
-        """One stream of all blocks, without the rows of a clock that was set back."""
-        t = np.concatenate([stamps for stamps, _ in blocks])
-        rows = np.concatenate([values for _, values in blocks])
+class _Rows:
+    """Rows kept of one stream, in the blocks that they came in."""
+
+    def __init__(self, rate: float, back: str) -> None:
+        self.decimator = Decimator(rate)
+        self.names: tuple[str, ...] = ()
+        self._back = back
+        self._blocks: list[tuple[Array, Array]] = []
+
+    def __len__(self) -> int:
+        return sum(len(t) for t, _ in self._blocks)
+
+    def add(self, t: Array, values: Array, kept: NDArray[np.bool_]) -> None:
+        """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
+        self._blocks.append((t[kept], values[kept]))
+
+    def joined(self, dropped: dict[str, int]) -> Stream:
+        """One stream of all rows but those of a clock that was set back, which are counted."""
+        t = np.concatenate([stamps for stamps, _ in self._blocks])
+        rows = np.concatenate([values for _, values in self._blocks])
         forward = forward_rows(t)
         if not forward.all():
-            dropped[reason] = int((~forward).sum())
-        return Stream(t[forward], dict(zip(names, rows[forward].T, strict=True)))
+            dropped[self._back] = int((~forward).sum())
+        return Stream(t[forward], dict(zip(self.names, rows[forward].T, strict=True)))
 
 
 def _rate(t: Array) -> float:
