@@ -55,11 +55,10 @@ def make_twin(
     >>> make_twin("forceps", seed=1).robot.joint_names
     ('jaw',)
     """
-    name = robot.strip().lower()
-    if name not in _TWINS:
+    target = get_robot(robot, arm)
+    if target.name not in _TWINS:
         raise RobotError(
-            f"no digital twin of {robot!r}; there is one of {', '.join(map(repr, _TWINS))}"
+            f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}"
         )
-    side = get_robot(name, arm).arm
-    kind: type[Twin] = resolve_name(_TWINS[name])
-    return kind(kind.PARAMETERS.load(parameters), arm=side, seed=seed, load=load)
+    kind: type[Twin] = resolve_name(_TWINS[target.name])
+    return kind(kind.PARAMETERS.load(parameters), arm=target.arm, seed=seed, load=load)
