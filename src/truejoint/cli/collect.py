@@ -28,7 +28,8 @@ def record(
 ) -> tuple[Recording, TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
 
-    Whatever ends the motion, what was recorded until then is written.
+    Whatever stops the motion, what was recorded until then is kept, under a name of its own so
+    that it replaces no whole recording.
     """
     recorder = Recorder(
         arm,
@@ -40,10 +41,15 @@ def record(
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
             report = follow(arm, trajectory, progress=done)
-    finally:
+    except BaseException:
         if recorder.rows > 1:
-            write_parquet(recorder.recording(str(target)), target, overwrite=True)
-    return recorder.recording(str(target)), report
+            fragment = target.with_name(f"{target.stem}.stopped.parquet")
+            write_parquet(recorder.recording(str(fragment)), fragment, overwrite=True)
+            say(f"stopped; what was recorded until then is in {fragment}")
+        raise
+    recording = recorder.recording(str(target))
+    write_parquet(recording, target, overwrite=True)
+    return recording, report
 
 
 def collect(
