@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -9,6 +11,9 @@ from truejoint.errors import CommandRefused
 from truejoint.robots.robot import Robot
 
 Array = NDArray[np.float64]
+
+SETPOINT_DT: Final = 1e-3
+"""Time between two set-points of a stream [s]: RAVEN's servo period (peng2024 IV-A)."""
 
 
 def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,12 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.parameter_file import Parameters
 
 Array = NDArray[np.float64]
-
-SETPOINT_DT: Final = 1e-3
-"""Time between two set-points and between two rows that a twin reports [s]."""
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -100,7 +98,7 @@ class Twin(Protocol):
         ...
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`."""
+        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
         ...
 
     def idle(self, duration: float) -> None:

@@ -72,16 +72,6 @@ def test_joint_encoders_are_registered_off_the_robots_own_zero() -> None:
     assert offsets["shoulder"] == 0
 
 
-def test_calibration_stays_within_limits_and_speeds() -> None:
-    robot = get_robot("raven2")
-    space = raven2.WORKSPACE
-    assert space.joints == robot.positioning
-    for k, name in enumerate(space.joints):
-        joint = robot.joint(name)
-        assert joint.lower < space.lower[k] < space.upper[k] < joint.upper
-        assert 0 < space.speed[k] < joint.max_speed
-
-
 def test_gravity_points_down_in_the_crtk_frame(side: Side) -> None:
     down = raven2.kinematics(side).crtk_from_base[:3, :3] @ raven2.GRAVITY
     np.testing.assert_allclose(down, [0, 0, -9.8])

@@ -9,9 +9,10 @@ from truejoint.crtk.messages import Array, OperatingState
 from truejoint.crtk.states import StateCommand
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.joint_rows import SETPOINT_DT
 
-SERVO_RATE: Final = 1000.0
-"""Rate of RAVEN's servo loop and of every set-point stream [Hz] (peng2024 IV-A)."""
+SERVO_RATE: Final = 1.0 / SETPOINT_DT
+"""Rate of every set-point stream [Hz]."""
 
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""

@@ -14,12 +14,12 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import (
     CableConstants,
     FrictionConstants,
     PlantConstants,
 )
-from truejoint.simulation.twin import SETPOINT_DT
 
 Array = NDArray[np.float64]
 

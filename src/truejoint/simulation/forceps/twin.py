@@ -13,14 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import TruthBlock
-from truejoint.robots.joint_rows import checked_rows
+from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows
 from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.load import GRAVITY, MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters
 from truejoint.simulation.forceps.plant import advance, settled
 from truejoint.simulation.forceps.sensors import Sensors, ZeroShift
 from truejoint.simulation.twin import (
-    SETPOINT_DT,
     TwinOutput,
     checked_load,
     checked_seed,

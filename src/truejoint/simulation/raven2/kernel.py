@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from truejoint.simulation.twin import SETPOINT_DT
+from truejoint.robots.joint_rows import SETPOINT_DT
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
