@@ -258,10 +258,9 @@ def default_unit(column: str, robot: Robot) -> str:
             return unit
         if quantity == "velocity":
             return unit + "/s"
-        if quantity == "effort" and robot.effort_at_motor:
-            return "Nm"
         if quantity in ("effort", "truth_load"):
-            return robot.joint(channel).effort_unit if known else "Nm"
+            at_joint = known and (robot.effort == "joint" or quantity == "truth_load")
+            return robot.joint(channel).effort_unit if at_joint else "Nm"
     return _UNITS.get(quantity, "1")
 
 

@@ -14,6 +14,7 @@ from truejoint.errors import RobotError
 from truejoint.robots.workspace import Workspace
 
 Array = NDArray[np.float64]
+Effort = Literal["joint", "motor"]
 
 
 @dataclass(frozen=True)
@@ -124,10 +125,10 @@ class Robot:
         Joints that mainly place the tool, and that a calibration corrects by default.
     transmission, kinematics
         None where unknown.
+    effort : {"joint", "motor"}
+        Where the effort that the robot reports acts: on the joint itself, or at the motor.
     workspace : Workspace, optional
         Where a calibration moves; None where unknown.
-    effort_at_motor : bool
-        The reported effort is the torque at the motor's capstan, for a prismatic joint too.
     """
 
     name: str
@@ -137,8 +138,8 @@ class Robot:
     positioning: tuple[str, ...] = ()
     transmission: Transmission | None = None
     kinematics: Kinematics | None = None
+    effort: Effort = "joint"
     workspace: Workspace | None = None
-    effort_at_motor: bool = False
 
     def __post_init__(self) -> None:
         if not self.channels:

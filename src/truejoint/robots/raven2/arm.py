@@ -72,8 +72,8 @@ def build(arm: str) -> Robot:
         POSITIONING,
         Transmission(_motor_from_joint(side)),
         kinematics(side),
-        WORKSPACE,
-        effort_at_motor=True,
+        effort="motor",
+        workspace=WORKSPACE,
     )
 
 
