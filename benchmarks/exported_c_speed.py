@@ -35,8 +35,8 @@ from truejoint.motion import follow, zigzag
 from truejoint.motion.forceps_references import calibration_reference
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 ESTIMATORS = ("offset", "linear", "poly2", NeuralNetwork(epochs=5))
 JAW_ESTIMATORS = ("play_reset", "play_gated", "ukf", "ukf_compensated", "ukf_friction")

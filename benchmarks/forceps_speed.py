@@ -9,8 +9,8 @@ import time
 import numpy as np
 
 from truejoint.motion.forceps_references import verification_reference
-from truejoint.simulation.forceps_specimens import SPECIMENS, specimen
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.specimens import SPECIMENS, specimen
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 DURATION = 70.0
 REPEATS = 5

@@ -14,8 +14,8 @@ from truejoint.motion.forceps_references import calibration_reference, verificat
 from truejoint.recordings import Provenance, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 
 def jaw_models() -> Iterator[tuple[Calibration, Samples]]:

@@ -24,7 +24,7 @@ from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.motion import random_motion
 from truejoint.recordings import Recording
 from truejoint.runtime import Alarm, Monitor, Reason, ReZero
-from truejoint.simulation import Raven2Twin
+from truejoint.simulation.raven2 import Raven2Twin
 from truejoint.units import display_unit
 
 Array = NDArray[np.float64]

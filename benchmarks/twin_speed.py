@@ -10,7 +10,7 @@ import time
 
 import numpy as np
 
-from truejoint.simulation import Raven2Twin
+from truejoint.simulation.raven2 import Raven2Twin
 
 BLOCK = 10.0  # s of simulated time
 BLOCKS = 60

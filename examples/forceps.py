@@ -17,7 +17,7 @@ import numpy as np
 from rich.console import Console
 
 from truejoint import calibrate, read_calibration
-from truejoint.simulation.forceps_specimens import specimen
+from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import run_study, write_study
 from truejoint.studies.forceps.motions import record
 

@@ -29,6 +29,7 @@ class LaggingBackend:
     def __init__(self, lag: float) -> None:
         self.robot = get_robot("raven2", "left")
         self.time = 0.0
+        self.homing_id = "lagging"
         self.sent: list[np.ndarray] = []
         self.waited = 0.0
         self.state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=0.0)

@@ -10,8 +10,8 @@ import pytest
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import ForcepsRun, simulate_forceps
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import ForcepsRun, simulate_forceps
 
 SETTLED = 2.2  # [s] that the swelling of the motion is left out
 

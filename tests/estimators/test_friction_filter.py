@@ -7,8 +7,8 @@ from truejoint.estimators.friction_smoother import SmoothedFrictionFilter
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.friction_filter import DEGREE, FrictionFilter
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_twin import simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.twin import simulate_load_test
 
 
 @pytest.fixture(scope="module")

@@ -8,11 +8,11 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw_load import JawLoad, identify_stiffness
 from truejoint.estimators.jaw_zero import find_zero
 from truejoint.motion.forceps_references import calibration_reference, sine_reference
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import friction_at_pretension
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import friction_at_pretension
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 NOMINAL = specimen("nominal")
 

@@ -8,8 +8,8 @@ from truejoint.models.jaw_kernels import bank_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.gated_play import GatedPlay, redescending
 from truejoint.estimators.play import BothPlay, ResetPlay, ridge
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_twin import simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.twin import simulate_load_test
 
 
 def fitted(pair, model):

@@ -28,8 +28,8 @@ from truejoint.motion.forceps_references import calibration_reference, verificat
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Status
 from truejoint.runtime.limits import RANGE_MARGIN
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 from .test_export_c import COMPILER, FLAGS, needs_compiler
 

@@ -13,7 +13,7 @@ from truejoint.motion.forceps_references import (
     verification_reference,
 )
 from truejoint.robots import get_robot
-from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps.load import LoadTest
 
 
 def after_ramp(trajectory):

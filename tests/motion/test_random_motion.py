@@ -72,6 +72,21 @@ def test_out_of_range_is_refused(duration, rate):
         random_motion(ROBOT, duration, rate=rate)
 
 
+def test_a_negative_seed_is_refused():
+    with pytest.raises(TrajectoryError, match="seed is -1"):
+        random_motion(ROBOT, 60.0, -1)
+
+
+def test_any_robot_with_a_workspace_can_move_at_random():
+    forceps = get_robot("forceps")
+    space, motion = forceps.workspace, random_motion(forceps, 120.0, 2)
+    assert motion.joints == ("jaw",)
+    assert (motion.positions >= space.lower).all()
+    assert (motion.positions <= space.upper).all()
+    peak = np.abs(np.diff(motion.positions[:, 0])).max() * 20.0
+    assert 0.5 * space.speed[0] < peak <= space.speed[0] * (1 + 1e-9)
+
+
 def test_unknown_ranges_are_refused():
     with pytest.raises(TrajectoryError, match="dvrk_psm"):
         random_motion(get_robot("dvrk_psm"))

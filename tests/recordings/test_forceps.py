@@ -5,10 +5,10 @@ import pytest
 
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import specimen
-from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 T = np.arange(2001) / 1000
 MOTION = np.radians(10.0) * np.sin(3.0 * T)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,14 @@ from hypothesis import strategies as st
 
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
+from truejoint.calibration import calibrate
+from truejoint.motion import follow
+from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recorder, read_parquet
-from truejoint.recordings.recorder import PAST_END, QUANTITIES, Decimator
+from truejoint.recordings.recorder import PAST_END, Decimator
 from truejoint.recordings.synchronise import AFTER, STATE_BACK
 from truejoint.robots import get_robot
+from truejoint.robots.blocks import QUANTITIES
 
 
 class FakeArm:
@@ -22,6 +27,7 @@ class FakeArm:
 
     def __init__(self) -> None:
         self.robot = get_robot("raven2", "right")
+        self.homing_id = ""
         self.listeners: list[Callable[..., None]] = []
 
     def subscribe(self, callback: Callable[..., None]) -> None:
@@ -176,6 +182,35 @@ def test_records_the_simulated_arm() -> None:
         arm.wait(2.0)
     recording = recorder.recording()
     assert len(recording) == pytest.approx(60, abs=1)
+    with Recorder(arm, state_rate=math.inf) as every:
+        arm.wait(0.5)
+    assert every.recording().provenance.rates["state"] == pytest.approx(1000.0)
     assert recording.joints_of("truth") == arm.robot.positioning
     # Within the coarse bounds of an arm that is not calibrated.
     assert (np.abs(recording.with_truth(arm.robot.positioning).error(["shoulder"])) < 0.3).all()
+
+
+def test_a_forceps_motion_is_recorded_calibrated_and_judged() -> None:
+    arm = simulated_arm("forceps", seed=3)
+    arm.enable()
+    arm.home()
+    recordings = []
+    for motion in (calibration_reference(), verification_reference()):
+        with Recorder(arm, state_rate=200.0, session=motion.name) as recorder:
+            follow(arm, motion)
+        recordings.append(recorder.recording())
+    training, test = recordings
+    assert training.provenance.homing_id == "seed 3, homing 1"
+    assert training.units["cable/reset"] == "m"
+    assert training.units["truth_load/jaw"] == "Nm"
+    assert training.units["truth_tension/drive"] == "N"
+    assert not training.joints_of("effort")
+    settled = test.t > 2.5
+    left = {}
+    for name in ("linear", "play_gated"):
+        model = calibrate(training, name)
+        error = test.column("truth/jaw") - model.correct(test)[:, 0]
+        left[name] = np.degrees(np.sqrt(np.nanmean(error[settled] ** 2)))
+    assert np.degrees(np.sqrt(np.nanmean(test.error(("jaw",)) ** 2))) > 1.0
+    assert left["linear"] < 0.8
+    assert left["play_gated"] < 0.06  # 0.033; the reference encoder's own noise is 0.032

@@ -20,30 +20,34 @@ def record(
     trajectory: truejoint.motion.Trajectory,
     target: Path,
     *,
-    homing_id: str,
     load: float = 0.0,
     state_rate: float = 30.0,
     label: str | None = None,
 ) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
 
-    Whatever ends the motion, what was recorded until then is written.
+    Whatever stops the motion, what was recorded until then is kept, under a name of its own so
+    that it replaces no whole recording.
     """
     recorder = truejoint.recordings.Recorder(
         arm,
         state_rate=state_rate,
         session=trajectory.name,
-        homing_id=homing_id,
         load=load,
         command=command_line(),
     )
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
             report = truejoint.motion.follow(arm, trajectory, progress=done)
-    finally:
+    except BaseException:
         if recorder.rows > 1:
-            truejoint.write_parquet(recorder.recording(str(target)), target, overwrite=True)
-    return recorder.recording(str(target)), report
+            fragment = target.with_name(f"{target.stem}.stopped.parquet")
+            truejoint.write_parquet(recorder.recording(str(fragment)), fragment, overwrite=True)
+            say(f"stopped; what was recorded until then is in {fragment}")
+        raise
+    recording = recorder.recording(str(target))
+    truejoint.write_parquet(recording, target, overwrite=True)
+    return recording, report
 
 
 def collect(
@@ -71,9 +75,8 @@ def collect(
     loaded = [truejoint.motion.Trajectory.load(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     _check_targets(targets, force)
-    parameters = None if twin is None else truejoint.simulation.TwinParameters.load(twin)
     device = truejoint.crtk.simulated_arm(
-        robot, arm, parameters=parameters, seed=seed, load=load_grams / 1e3
+        robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
     )
     for trajectory in loaded:
         trajectory.check_within(device.robot)
@@ -87,7 +90,6 @@ def collect(
             device,
             trajectory,
             target,
-            homing_id=f"seed {seed}, homing 1",
             load=load_grams / 1e3,
             state_rate=state_rate_hz,
         )

@@ -40,7 +40,6 @@ def demo(
     say(f"   {arm.operating_state()}")
 
     say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
-    homing = f"seed {seed}, homing 1"
     paths = {
         f"zigzag_{DIRECTION}_1_{n}": truejoint.motion.zigzag(arm.robot, DIRECTION, 1 / n)
         for n in SPARSITIES
@@ -53,7 +52,6 @@ def demo(
             arm,
             path,
             folder / f"{name}.parquet",
-            homing_id=homing,
             label=f"   Following {name}",
         )
         say(f"   {len(recording)} rows; {report}")
@@ -65,7 +63,6 @@ def demo(
         arm,
         motion,
         folder / "random.parquet",
-        homing_id=homing,
         label="   Following the random motion",
     )
     say(f"   {len(test)} rows; {report}")

@@ -8,13 +8,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.crtk.backend import BLOCK_DURATION, SERVO_RATE, Backend, Listener
-from truejoint.crtk.limits import check_range, check_steps, checked_rows, checked_vector
-from truejoint.crtk.messages import Array, JointState, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.backends.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
+from truejoint.crtk.limits import check_range, check_steps
+from truejoint.crtk.messages import Array, JointState, OperatingState
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.states import check_ready, next_state
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot
+from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.joint_rows import checked_rows, checked_vector
 from truejoint.units import display_unit
 
 # Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
@@ -66,6 +68,11 @@ class Arm:
     def time(self) -> float:
         """Now, on the robot's clock [s]."""
         return self._backend.time
+
+    @property
+    def homing_id(self) -> str:
+        """Name of the homing that positions count from, for the provenance of a recording."""
+        return self._backend.homing_id
 
     # ------------------------------------------------------------------ state
 
@@ -238,8 +245,8 @@ class Arm:
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
-            # Two rows are enough for every getter; a view would keep the whole block alive.
-            self._latest = _last_rows(block, 2)
+            # Two rows are enough for every getter.
+            self._latest = block.rows(slice(-2, None))
         for listener in tuple(self._listeners):
             listener(block)
 
@@ -255,7 +262,7 @@ class Arm:
             self._robot.joint_names,
             position[-1, columns],
             velocity[-1, columns],
-            block.effort[-1, columns],
+            block.effort[-1, columns] if block.effort.shape[1] else np.empty(0),
         )
 
     def _stream(self, rows: Array, command: str) -> None:
@@ -294,17 +301,3 @@ class Arm:
                 f"want more than 0 and at most {joint.max_speed * unit.scale:.4g} {unit.name}"
             )
         return caps
-
-
-def _last_rows(block: StateBlock, count: int) -> StateBlock:
-    """Copy of the last `count` rows of a block."""
-    return StateBlock(
-        t=block.t[-count:].copy(),
-        name=block.name,
-        measured=block.measured[-count:].copy(),
-        velocity=block.velocity[-count:].copy(),
-        effort=block.effort[-count:].copy(),
-        setpoint=block.setpoint[-count:].copy(),
-        motor=block.motor[-count:].copy(),
-        motor_velocity=block.motor_velocity[-count:].copy(),
-    )

@@ -1,43 +1,20 @@
-"""Limits enforced at the door: shape, NaN, joint range, step per millisecond."""
+"""Limits enforced at the door: joint range and step per millisecond."""
 
 from __future__ import annotations
 
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from truejoint.crtk.backend import SERVO_RATE
+from truejoint.crtk.backends.protocol import SERVO_RATE
 from truejoint.crtk.messages import Array
 from truejoint.errors import CommandRefused
 from truejoint.robots import Joint, Robot
+from truejoint.robots.joint_rows import at_sample
 from truejoint.units import display_unit
 
 # Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
 _ROUNDING: Final = 1e-9
-
-
-def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:
-    """Joint vector (n_joints,) as floats; raises CommandRefused on wrong shape or NaN."""
-    vector: Array = checked_rows(robot, np.asarray(value, dtype=float)[None], command)[0]
-    return vector
-
-
-def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:
-    """Joint vectors (n, n_joints) as floats; raises CommandRefused on wrong shape or NaN."""
-    rows = np.asarray(value, dtype=float)
-    if rows.ndim != 2 or rows.shape[1] != len(robot.joints):
-        raise CommandRefused(
-            f"{command} refused: got shape {rows.shape[1:]} per sample, want "
-            f"{len(robot.joints)} values, one for each of {', '.join(robot.joint_names)}"
-        )
-    if not np.isfinite(rows).all():
-        row, column = np.argwhere(~np.isfinite(rows))[0]
-        raise CommandRefused(
-            f"{command} refused: {robot.joints[column].name} is {rows[row, column]}"
-            f"{_at(row, rows)}; send finite values in rad and m"
-        )
-    return rows
 
 
 def check_range(robot: Robot, rows: Array, command: str) -> None:
@@ -48,8 +25,9 @@ def check_range(robot: Robot, rows: Array, command: str) -> None:
     row, column = np.argwhere(outside)[0]
     joint = robot.joints[column]
     raise CommandRefused(
-        f"{command} refused: {joint.name} at {shown(joint, rows[row, column])}{_at(row, rows)} "
-        f"is outside its range {shown_range(joint)}; stay inside, in rad and m"
+        f"{command} refused: {joint.name} at {shown(joint, rows[row, column])}"
+        f"{at_sample(row, rows)} is outside its range {shown_range(joint)}; stay inside, "
+        "in rad and m"
     )
 
 
@@ -76,7 +54,8 @@ def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
     joint = robot.joints[column]
     raise CommandRefused(
         f"{command} refused: {joint.name} would step by {shown(joint, step[row, column])} in 1 ms"
-        f"{_at(row, rows)}, more than {shown(joint, limit[column])}; send smaller steps or move_jp"
+        f"{at_sample(row, rows)}, more than {shown(joint, limit[column])}; send smaller steps "
+        "or move_jp"
     )
 
 
@@ -90,8 +69,3 @@ def shown_range(joint: Joint) -> str:
     """Range of `joint` as a person reads it, for instance ``"[0, 90] deg"``."""
     unit = display_unit(joint.unit)
     return f"[{joint.lower * unit.scale:.4g}, {joint.upper * unit.scale:.4g}] {unit.name}"
-
-
-def _at(row: int, rows: Array) -> str:
-    """Where in a stream; nothing for a single command."""
-    return f" at sample {row} of {len(rows)}" if len(rows) > 1 else ""

@@ -62,7 +62,7 @@ class JointState:
     velocity : ndarray, shape (n_joints,)
         [rad/s or m/s].
     effort : ndarray, shape (n_joints,)
-        Torque command at the motor capstan [Nm].
+        Torque command at the motor capstan [Nm]; empty where the robot measures none.
 
     Examples
     --------
@@ -75,64 +75,3 @@ class JointState:
     position: Array
     velocity: Array
     effort: Array
-
-
-@dataclass(frozen=True, eq=False)
-class StateBlock:
-    """Consecutive state messages of an arm; every array is (n, n_channels) unless said.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps on the robot's clock [s], strictly increasing.
-    name : tuple of str
-        The channels (`Robot.channels`); an unused channel is zero.
-    measured, setpoint : ndarray
-        Positions [rad or m].
-    velocity : ndarray
-        [rad/s or m/s].
-    effort : ndarray
-        Torque command at the motor capstan [Nm].
-    motor : ndarray
-        Motor-shaft angle [rad].
-    motor_velocity : ndarray
-        [rad/s].
-
-    Examples
-    --------
-    >>> arm.measured_js().position.shape
-    (7,)
-    """
-
-    t: Array
-    name: tuple[str, ...]
-    measured: Array
-    velocity: Array
-    effort: Array
-    setpoint: Array
-    motor: Array
-    motor_velocity: Array
-
-
-@dataclass(frozen=True, eq=False)
-class TruthBlock:
-    """Consecutive readings of temporary joint encoders, with stamps of their own.
-
-    Attributes
-    ----------
-    t : ndarray, shape (m,)
-        Time stamps on the robot's clock [s], strictly increasing.
-    name : tuple of str
-        The joints that carry an encoder.
-    position : ndarray, shape (m, len(name))
-        [rad or m].
-
-    Examples
-    --------
-    >>> TruthBlock(np.zeros(1), ("elbow",), np.zeros((1, 1))).name
-    ('elbow',)
-    """
-
-    t: Array
-    name: tuple[str, ...]
-    position: Array

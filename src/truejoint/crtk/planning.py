@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.crtk.backend import BLOCK_DURATION, SERVO_RATE
+from truejoint.crtk.backends.protocol import BLOCK_DURATION, SERVO_RATE
 from truejoint.crtk.messages import Array
 
 BLEND: Final = 0.25

@@ -3,8 +3,9 @@
 from truejoint.motion.follow import TrackingReport, follow, nominal_duration
 from truejoint.motion.random_motion import random_motion
 from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import Workspace, workspace_of
+from truejoint.motion.workspace import workspace_of
 from truejoint.motion.zigzag import DIRECTIONS, zigzag
+from truejoint.robots import Workspace
 
 __all__ = [
     "DIRECTIONS",

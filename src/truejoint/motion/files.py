@@ -80,72 +80,68 @@ def read_csv(path: Path) -> Trajectory:
         raise TrajectoryError(f"{path}: is not text; want a trajectory CSV") from None
     if size > _MAX_BYTES:
         raise TrajectoryError(f"{path}: {size} bytes is more than a trajectory may have (1 GiB)")
-    if first.startswith(_MARK):
-        return _read_own(path, first, second)
-    return _read_lab(path, first)
+    read = _read_own if first.startswith(_MARK) else _read_lab
+    try:
+        return read(path, first, second)
+    except TrajectoryError as error:
+        raise TrajectoryError(f"{path}: {error}") from None
 
 
 def _read_own(path: Path, first: str, second: str) -> Trajectory:
-    header = _parse_header(path, first)
+    header = _parse_header(first)
     columns = second.strip().split(",")
     if len(columns) > _MAX_COLUMNS:
-        raise TrajectoryError(f"{path}: {len(columns)} columns; at most {_MAX_COLUMNS}")
+        raise TrajectoryError(f"{len(columns)} columns; at most {_MAX_COLUMNS}")
     units: Mapping[str, str] = header["units"]
     timed = columns[0] == "t"
     joints = tuple(columns[1:] if timed else columns)
     if list(joints) != list(units):
         raise TrajectoryError(
-            f"{path}: columns {columns} do not match the joints {list(units)} of its first line"
+            f"columns {columns} do not match the joints {list(units)} of its first line"
         )
     values = _read_numbers(path, len(columns), skip=2)
-    try:
-        return Trajectory(
-            joints,
-            tuple(units.values()),
-            values[:, 1:] if timed else values,
-            values[:, 0] if timed else None,
-            header["name"],
-            header["meta"],
-        )
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{path}: {error}") from None
+    return Trajectory(
+        joints,
+        tuple(units.values()),
+        values[:, 1:] if timed else values,
+        values[:, 0] if timed else None,
+        header["name"],
+        header["meta"],
+    )
 
 
-def _parse_header(path: Path, first: str) -> dict[str, Any]:
+def _parse_header(first: str) -> dict[str, Any]:
     try:
         header = json.loads(first.removeprefix(_MARK))
-    except (json.JSONDecodeError, RecursionError):
-        raise TrajectoryError(f"{path}: its first line is damaged; get the file again") from None
+    except (ValueError, RecursionError):
+        raise TrajectoryError("its first line is damaged; get the file again") from None
     kinds = {"format": int, "name": str, "units": dict, "meta": dict}
     if not isinstance(header, dict) or any(
         not isinstance(header.get(key), kind) for key, kind in kinds.items()
     ):
-        raise TrajectoryError(f"{path}: its first line must hold {', '.join(kinds)}")
+        raise TrajectoryError(f"its first line must hold {', '.join(kinds)}")
     if header["format"] > _FORMAT:
         raise TrajectoryError(
-            f"{path}: format {header['format']} is newer than {_FORMAT}; update truejoint"
+            f"format {header['format']} is newer than {_FORMAT}; update truejoint"
         )
     return header
 
 
-def _read_lab(path: Path, first: str) -> Trajectory:
+def _read_lab(path: Path, first: str, _second: str) -> Trajectory:
     cells = first.strip().split(",")
     try:
         [float(cell) for cell in cells]
     except ValueError:
         raise TrajectoryError(
-            f"{path}: starts with {first.strip()[:40]!r}; want a file that truejoint saved, or "
+            f"starts with {first.strip()[:40]!r}; want a file that truejoint saved, or "
             f"{', '.join(_LAB_JOINTS)} in rad, rad, m without a header"
         ) from None
     if len(cells) != len(_LAB_JOINTS):
         raise TrajectoryError(
-            f"{path}: {len(cells)} columns without a header; want {', '.join(_LAB_JOINTS)}"
+            f"{len(cells)} columns without a header; want {', '.join(_LAB_JOINTS)}"
         )
     values = _read_numbers(path, len(_LAB_JOINTS), skip=0)
-    try:
-        return Trajectory(_LAB_JOINTS, _LAB_UNITS, values, None, path.stem, {"source": path.name})
-    except TrajectoryError as error:
-        raise TrajectoryError(f"{path}: {error}") from None
+    return Trajectory(_LAB_JOINTS, _LAB_UNITS, values, None, path.stem, {"source": path.name})
 
 
 def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
@@ -166,14 +162,14 @@ def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
     except (ValueError, UnicodeDecodeError) as error:
         reason = str(error).splitlines()[0]
         raise TrajectoryError(
-            f"{path}: a row is not {columns} numbers ({reason}); get the file again"
+            f"a row is not {columns} numbers ({reason}); get the file again"
         ) from None
     if values.size == 0:
-        raise TrajectoryError(f"{path}: has no rows")
+        raise TrajectoryError("has no rows")
     if values.shape[1] != columns:
         raise TrajectoryError(
-            f"{path}: rows have {values.shape[1]} numbers, want {columns}; get the file again"
+            f"rows have {values.shape[1]} numbers, want {columns}; get the file again"
         )
     if len(values) > _MAX_ROWS:
-        raise TrajectoryError(f"{path}: more than {_MAX_ROWS} rows; split it")
+        raise TrajectoryError(f"more than {_MAX_ROWS} rows; split it")
     return values

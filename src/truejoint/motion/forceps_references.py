@@ -10,7 +10,7 @@ import numpy as np
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
-from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps.load import LoadTest
 
 Tone = tuple[float, float]
 """Amplitude [rad] and angular frequency [rad/s] of one sine."""

@@ -58,14 +58,14 @@ def plot_3d(trajectories: Sequence[Trajectory], path: Path) -> None:
                 f"{trajectory.name}: a 3-D plot needs the same three joints in all trajectories; "
                 f"got {', '.join(trajectory.joints)}"
             )
-    shown = [display_unit(unit) for unit in units]
-    labels = [f"{joint} [{unit.name}]" for joint, unit in zip(joints, shown, strict=True)]
-    points = [_points(trajectory) for trajectory in trajectories]
-    names = [trajectory.name for trajectory in trajectories]
+    labels = [
+        f"{joint} [{display_unit(unit).name}]" for joint, unit in zip(joints, units, strict=True)
+    ]
+    lines = [(trajectory.name, _points(trajectory)) for trajectory in trajectories]
     if path.suffix == ".png":
-        _draw_png(points, names, labels, path)
+        _draw_png(lines, labels, path)
     elif path.suffix == ".html":
-        _draw_html(points, names, labels, path)
+        _draw_html(lines, labels, path)
     else:
         raise TrajectoryError(f"{path}: plots are .png or .html; choose one of them")
 
@@ -80,18 +80,32 @@ def _points(trajectory: Trajectory) -> Array:
     return np.asarray(trajectory.positions[rows] * scale)
 
 
-def _draw_png(points: list[Array], names: list[str], labels: list[str], path: Path) -> None:
+def _draw_png(lines: list[tuple[str, Array]], labels: list[str], path: Path) -> None:
     figure = Figure(figsize=(8.0, 7.2), dpi=150)
     FigureCanvasAgg(figure)
     axes: Any = figure.add_axes((0.0, 0.02, 0.94, 0.94), projection="3d")
-    low, high = _bounds(points)
+    # A margin of 6 %, and behind it walls that the shadows fall on.
+    everything = np.vstack([points for _, points in lines])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin = 0.06 * np.where(high > low, high - low, 1.0)
+    low, high = low - margin, high + margin
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.set_box_aspect((1, 1, 1), zoom=0.9)
-    for k, line in enumerate(points):
-        _draw_line(axes, line, low, high, None if len(points) == 1 else _COLOURS[k % 6])
-        axes.plot([], [], [], color=_COLOURS[k % 6], label=names[k])
-        axes.scatter(*line[0], color=_START, s=42, depthshade=False, zorder=5)
-        axes.scatter(*line[-1], color=_END, s=42, marker="s", depthshade=False, zorder=5)
+    single = len(lines) == 1
+    for k, (name, points) in enumerate(lines):
+        for axis, wall in ((0, low[0]), (1, high[1]), (2, low[2])):
+            shadow = points.copy()
+            shadow[:, axis] = wall
+            axes.plot(*shadow.T, color=_SHADOW, linewidth=0.5, zorder=0)
+        parts = np.stack([points[:-1], points[1:]], axis=1)
+        colour = _COLOURS[k % len(_COLOURS)]
+        colours = colormaps[_MAP](np.linspace(0.0, 0.92, len(parts))) if single else [colour]
+        axes.add_collection3d(
+            Line3DCollection(list(parts), colors=colours, linewidths=1.3, capstyle="round")
+        )
+        axes.plot([], [], [], color=colour, label=name)
+        axes.scatter(*points[0], color=_START, s=42, depthshade=False, zorder=5)
+        axes.scatter(*points[-1], color=_END, s=42, marker="s", depthshade=False, zorder=5)
     axes.set(xlabel=labels[0], ylabel=labels[1], zlabel=labels[2])
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
@@ -99,66 +113,42 @@ def _draw_png(points: list[Array], names: list[str], labels: list[str], path: Pa
         # Matplotlib has no public setting for the grid of 3-D axes.
         axis._axinfo["grid"]["color"] = _GRID
     axes.view_init(elev=22, azim=-56)
-    key = "from the circle to the square"
-    if len(points) == 1:
-        figure.text(0.5, 0.955, names[0], ha="center", fontsize=14)
-        key += ", dark to bright"
+    if single:
+        figure.text(0.5, 0.955, lines[0][0], ha="center", fontsize=14)
     else:
         axes.legend(loc="upper left", fontsize=9, frameon=False)
+    key = "from the circle to the square" + (", dark to bright" if single else "")
     figure.text(0.5, 0.925, key, ha="center", fontsize=9)
     figure.savefig(path)
 
 
-def _draw_line(axes: Any, line: Array, low: Array, high: Array, colour: str | None) -> None:
-    """One trajectory and its shadows on the three walls behind it."""
-    for axis, wall in ((0, low[0]), (1, high[1]), (2, low[2])):
-        shadow = line.copy()
-        shadow[:, axis] = wall
-        axes.plot(*shadow.T, color=_SHADOW, linewidth=0.5, zorder=0)
-    segments = np.stack([line[:-1], line[1:]], axis=1)
-    colours = colormaps[_MAP](np.linspace(0.0, 0.92, len(segments))) if colour is None else [colour]
-    axes.add_collection3d(
-        Line3DCollection(list(segments), colors=colours, linewidths=1.3, capstyle="round")
-    )
-
-
-def _draw_html(points: list[Array], names: list[str], labels: list[str], path: Path) -> None:
+def _draw_html(lines: list[tuple[str, Array]], labels: list[str], path: Path) -> None:
     figure = go.Figure()
     hover = "<br>".join(
         f"{label.split(' ')[0]} %{{{axis}:.3f}} {label.split('[')[1][:-1]}"
         for label, axis in zip(labels, "xyz", strict=True)
     )
-    for k, line in enumerate(points):
-        gradient = {"color": np.linspace(0, 100, len(line)), "colorscale": _MAP, "width": 4}
-        solid = {"color": _COLOURS[k % 6], "width": 4}
-        figure.add_scatter3d(
-            x=line[:, 0],
-            y=line[:, 1],
-            z=line[:, 2],
-            mode="lines",
-            name=names[k],
-            showlegend=len(points) > 1,
-            line=gradient if len(points) == 1 else solid,
-            hovertemplate=hover + "<extra>%{fullData.name}</extra>",
-        )
-        for row, marker, what in ((0, "circle", "start"), (-1, "square", "end")):
+    single = len(lines) == 1
+    for k, (name, points) in enumerate(lines):
+        gradient = {"color": np.linspace(0, 100, len(points)), "colorscale": _MAP, "width": 4}
+        line = gradient if single else {"color": _COLOURS[k % len(_COLOURS)], "width": 4}
+        start = {"size": 5, "symbol": "circle", "color": _START}
+        end = {"size": 5, "symbol": "square", "color": _END}
+        for rows, title, key, style in (
+            (points, name, not single, {"mode": "lines", "line": line}),
+            (points[:1], "start", k == 0, {"mode": "markers", "marker": start}),
+            (points[-1:], "end", k == 0, {"mode": "markers", "marker": end}),
+        ):
             figure.add_scatter3d(
-                x=line[[row], 0],
-                y=line[[row], 1],
-                z=line[[row], 2],
-                mode="markers",
-                name=what,
-                marker={
-                    "size": 5,
-                    "symbol": marker,
-                    "color": _START if what == "start" else _END,
-                },
-                showlegend=k == 0,
-                legendgroup=what,
+                **dict(zip("xyz", rows.T, strict=True)),
+                **style,
+                name=title,
+                showlegend=key,
+                legendgroup=title,
                 hovertemplate=hover + "<extra>%{fullData.name}</extra>",
             )
     figure.update_layout(
-        title=names[0] if len(names) == 1 else "trajectories",
+        title=lines[0][0] if single else "trajectories",
         template="plotly_white",
         margin={"l": 0, "r": 0, "t": 48, "b": 0},
         scene={
@@ -168,11 +158,3 @@ def _draw_html(points: list[Array], names: list[str], labels: list[str], path: P
         },
     )
     figure.write_html(path, include_plotlyjs=True, config=_PAGE, default_height="94vh")
-
-
-def _bounds(points: list[Array]) -> tuple[Array, Array]:
-    """Lower and upper corner (3,) of a box around all points with a margin of 6 %."""
-    everything = np.vstack(points)
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = 0.06 * np.where(high > low, high - low, 1.0)
-    return low - margin, high + margin

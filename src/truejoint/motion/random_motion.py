@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Final
 
 import numpy as np
@@ -11,27 +9,10 @@ import numpy as np
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import workspace_of
+from truejoint.motion.workspace import generated, workspace_of
 from truejoint.robots import Robot
 
 _LONGEST: Final = 24 * 3600.0
-
-
-@dataclass(frozen=True)
-class _Bounce:
-    """How one joint swings: it turns within `shrink` of either end, at a peak speed drawn anew."""
-
-    shrink: float
-    slowest: float
-    fastest: float
-
-
-# uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py
-_RAVEN2: Final = {
-    "shoulder": _Bounce(np.deg2rad(5.0), np.deg2rad(1.091), np.deg2rad(3.0)),
-    "elbow": _Bounce(np.deg2rad(10.0), np.deg2rad(1.5), np.deg2rad(4.0)),
-    "insertion": _Bounce(0.02, 0.0025, 0.007),
-}
 
 
 def random_motion(
@@ -42,14 +23,12 @@ def random_motion(
     Every joint swings between the two ends of its workspace. For each swing the turning point is
     drawn within a margin of the end and the peak speed from the joint's range of speeds; the
     swing is half a period of a cosine, so that the joint turns back smoothly. It starts at the
-    centre and never leaves the workspace. Margins and speeds:
-    uw-biorobotics/raven2_CRTK_Python_controller:
-    python_controller/run_r2_random_joint_movement.py.
+    centre and never leaves the workspace, which also states margins and speeds.
 
     Parameters
     ----------
     robot : Robot
-        ``raven2``, the robot that the ranges are known for.
+        One whose calibration workspace is known.
     duration : float
         Up to a day [s].
     seed : int
@@ -60,12 +39,12 @@ def random_motion(
     Returns
     -------
     Trajectory
-        With times.
+        Of the joints of the workspace, with times.
 
     Raises
     ------
     TrajectoryError
-        If duration or rate is out of range or the robot's ranges are not known.
+        If duration, rate or seed is out of range or the robot's ranges are not known.
 
     Examples
     --------
@@ -76,44 +55,44 @@ def random_motion(
         raise TrajectoryError(f"duration {duration} s must be within [1, {_LONGEST:.0f}] s")
     if not 1.0 <= rate <= 1000.0:
         raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
+    if seed < 0:
+        raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
     space = workspace_of(robot)
     times = np.arange(round(duration * rate) + 1) / rate
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
+    bounds = np.column_stack([space.lower, space.upper, *space.swings])
     positions = np.column_stack(
         [
-            _swings(times, lower, upper, _RAVEN2[name], np.random.default_rng(stream))
-            for name, lower, upper, stream in zip(
-                space.joints, space.lower, space.upper, streams, strict=True
-            )
+            _swings(times, np.random.default_rng(stream), *bound)
+            for bound, stream in zip(bounds, streams, strict=True)
         ]
     )
-    return Trajectory(
-        joints=space.joints,
-        units=tuple(robot.joint(name).unit for name in space.joints),
-        positions=positions,
-        times=times,
+    return generated(
+        robot,
+        space,
+        positions,
+        times,
         name=f"random {duration / 60:.3g} min, seed {seed}",
-        meta={
-            "kind": "random",
-            "robot": robot.name,
-            "arm": robot.arm,
-            "duration": duration,
-            "seed": seed,
-            "version": version("truejoint"),
-        },
+        meta={"kind": "random", "duration": duration, "seed": seed},
     )
 
 
 def _swings(
-    times: Array, lower: float, upper: float, bounce: _Bounce, random: np.random.Generator
+    times: Array,
+    random: np.random.Generator,
+    lower: float,
+    upper: float,
+    widest: float,
+    slowest: float,
+    fastest: float,
 ) -> Array:
     """Positions (n,) at `times` (n,) of one joint that starts at the centre."""
     turn, starts, ends, begins = 0.0, [], [], []
     position, upwards = (lower + upper) / 2, bool(random.integers(2))
     while turn <= times[-1]:
-        margin = random.uniform(0.0, bounce.shrink)
+        margin = random.uniform(0.0, widest)
         target = upper - margin if upwards else lower + margin
-        peak = random.uniform(bounce.slowest, bounce.fastest)
+        peak = random.uniform(slowest, fastest)
         begins.append(turn)
         starts.append(position)
         ends.append(target)

@@ -1,58 +1,15 @@
-"""Where a calibration moves: ranges and speeds of the positioning joints."""
+"""Where a calibration of a robot moves, and the trajectories that fill it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
-
-import numpy as np
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.robots import Robot, raven2
-
-
-@dataclass(frozen=True, eq=False)
-class Workspace:
-    """Box of joint positions that a calibration covers; all arrays are (n_joints,).
-
-    Attributes
-    ----------
-    joints : tuple of str
-        In the order of every array.
-    lower, upper : ndarray
-        Range of each joint [rad or m].
-    speed : ndarray
-        Speed caps while following a path [rad/s or m/s].
-
-    Examples
-    --------
-    >>> workspace_of(truejoint.get_robot("raven2")).lower.shape
-    (3,)
-    """
-
-    joints: tuple[str, ...]
-    lower: Array
-    upper: Array
-    speed: Array
-
-    @property
-    def centre(self) -> Array:
-        """Middle of each range [rad or m] (peng2024 eq. 4)."""
-        return np.asarray((self.lower + self.upper) / 2)
-
-    @property
-    def extent(self) -> Array:
-        """Width of each range [rad or m] (peng2024 eq. 5)."""
-        return np.asarray(self.upper - self.lower)
-
-
-_RAVEN2: Final = Workspace(
-    joints=raven2.POSITIONING,
-    lower=np.array([raven2.CALIBRATION_RANGE[name][0] for name in raven2.POSITIONING]),
-    upper=np.array([raven2.CALIBRATION_RANGE[name][1] for name in raven2.POSITIONING]),
-    speed=np.array([raven2.CALIBRATION_SPEED[name] for name in raven2.POSITIONING]),
-)
+from truejoint.motion.trajectory import Trajectory
+from truejoint.robots import Robot, Workspace
 
 
 def workspace_of(robot: Robot) -> Workspace:
@@ -63,8 +20,28 @@ def workspace_of(robot: Robot) -> Workspace:
     >>> workspace_of(truejoint.get_robot("raven2")).joints
     ('shoulder', 'elbow', 'insertion')
     """
-    if robot.name == "raven2":
-        return _RAVEN2
-    raise TrajectoryError(
-        f"no calibration workspace is known for {robot.title}; give one as a Workspace"
+    if robot.workspace is None:
+        raise TrajectoryError(
+            f"no calibration workspace is known for {robot.title}; give one as a Workspace"
+        )
+    return robot.workspace
+
+
+def generated(
+    robot: Robot,
+    space: Workspace,
+    positions: Array,
+    times: Array | None = None,
+    *,
+    name: str,
+    meta: Mapping[str, Any],
+) -> Trajectory:
+    """Trajectory through `positions` (n, n_joints) [rad or m] of `space`, saying who made it."""
+    return Trajectory(
+        joints=space.joints,
+        units=tuple(robot.joint(joint).unit for joint in space.joints),
+        positions=positions,
+        times=times,
+        name=name,
+        meta={**meta, "robot": robot.name, "arm": robot.arm, "version": version("truejoint")},
     )

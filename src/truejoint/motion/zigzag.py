@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Final
 
 import numpy as np
@@ -10,13 +9,13 @@ import numpy as np
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import Workspace, workspace_of
-from truejoint.robots import Robot
+from truejoint.motion.workspace import generated, workspace_of
+from truejoint.robots import Robot, Workspace
 
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
 """Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
 
-_MOST_INTERVALS: Final = 50
+_MOST_DIVISIONS: Final = 50
 
 _EDGE: Final = 1.0 / np.sqrt(3.0)
 _HALF_DIAGONAL: Final = 1.0 / np.sqrt(6.0)
@@ -72,30 +71,27 @@ def zigzag(
         raise TrajectoryError(
             f"direction {direction!r} is unknown; choose one of {', '.join(DIRECTIONS)}"
         )
-    if not 1.0 / _MOST_INTERVALS <= sparsity <= 1.0:
-        raise TrajectoryError(f"sparsity {sparsity} must be within [1/{_MOST_INTERVALS}, 1]")
+    if not 1.0 / _MOST_DIVISIONS <= sparsity <= 1.0:
+        raise TrajectoryError(f"sparsity {sparsity} must be within [1/{_MOST_DIVISIONS}, 1]")
     space = workspace or workspace_of(robot)
     if len(space.joints) != 3:
         raise TrajectoryError(
             f"a zig-zag needs 3 joints; the workspace has {', '.join(space.joints)}"
         )
-    direction, intervals = direction.upper(), round(1.0 / sparsity)
+    direction, divisions = direction.upper(), round(1.0 / sparsity)
     box = zigzag_box(direction)
-    positions = space.centre + space.extent * ((_unit_snake(intervals) - 0.5) @ box.T)
-    return Trajectory(
-        joints=space.joints,
-        units=tuple(robot.joint(name).unit for name in space.joints),
-        positions=positions,
-        name=f"zigzag {direction} 1/{intervals}",
+    positions = space.centre + space.extent * ((_unit_snake(divisions) - 0.5) @ box.T)
+    return generated(
+        robot,
+        space,
+        positions,
+        name=f"zigzag {direction} 1/{divisions}",
         meta={
             "kind": "zigzag",
-            "robot": robot.name,
-            "arm": robot.arm,
             "direction": direction,
-            "sparsity": 1.0 / intervals,
+            "sparsity": 1.0 / divisions,
             "lower": space.lower.tolist(),
             "upper": space.upper.tolist(),
-            "version": version("truejoint"),
         },
     )
 
@@ -144,17 +140,17 @@ def _triple_box() -> Array:
     return np.array([[a, -b, a], [a, a, -b], [b, -a, -a]])
 
 
-def _unit_snake(intervals: int) -> Array:
-    """Corners (2 (intervals + 1)^2, 3) of a zig-zag through the unit cube.
+def _unit_snake(divisions: int) -> Array:
+    """Corners (2 (divisions + 1)^2, 3) of a zig-zag through the unit cube.
 
     Strokes run along the first axis and turn back each time, rows run along the second and turn
     back with each layer along the third.
     """
-    rows = intervals + 1
+    rows = divisions + 1
     stroke = np.arange(rows * rows)
     layer, row = np.divmod(stroke, rows)
-    row = np.where(layer % 2 == 0, row, intervals - row)
+    row = np.where(layer % 2 == 0, row, divisions - row)
     begin = (stroke % 2).astype(float)
-    across = np.repeat(np.column_stack([row, layer]) / intervals, 2, axis=0)
+    across = np.repeat(np.column_stack([row, layer]) / divisions, 2, axis=0)
     along = np.column_stack([begin, 1.0 - begin]).reshape(-1, 1)
     return np.hstack([along, across])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.simulation.forceps_twin import ForcepsRun
+from truejoint.simulation.forceps.twin import ForcepsRun
 
 
 def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") -> Recording:
@@ -29,32 +29,13 @@ def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") ->
         laboratory has), ``truth_load/jaw`` (external torque [Nm]) and the cables' tensions
         ``truth_tension/drive`` and ``truth_tension/reset`` [N].
     """
-    parameters = run.parameters
     columns = {
         "t": run.t,
-        "measured/jaw": parameters.mechanism.jaw_from_motor(run.motor),
+        "measured/jaw": run.parameters.mechanism.jaw_from_motor(run.motor),
         "setpoint/jaw": run.setpoint,
         "motor/jaw": run.motor,
-    }
-    if parameters.drive_encoder.installed:
-        columns["cable/drive"] = run.drive
-    if parameters.reset_encoder.installed:
-        columns["cable/reset"] = run.reset
-    columns |= {
         "truth/jaw": run.reference,
-        "truth_exact/jaw": run.jaw,
-        "truth_load/jaw": run.external_torque,
-        "truth_tension/drive": run.drive_tension,
-        "truth_tension/reset": run.reset_tension,
-    }
-    units = {
-        "motor/jaw": "rad",
-        "cable/drive": "m",
-        "cable/reset": "m",
-        "truth_exact/jaw": "rad",
-        "truth_load/jaw": "Nm",
-        "truth_tension/drive": "N",
-        "truth_tension/reset": "N",
+        **run.extra,
     }
     provenance = Provenance(
         robot="forceps",
@@ -65,9 +46,7 @@ def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") ->
         rates={"state": run.log_rate},
         notes=_notes(run),
     )
-    return Recording.from_columns(
-        columns, provenance, {name: unit for name, unit in units.items() if name in columns}
-    )
+    return Recording.from_columns(columns, provenance)
 
 
 def _homing_id(run: ForcepsRun) -> str:

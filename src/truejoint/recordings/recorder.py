@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import types
+from dataclasses import replace
 from pathlib import Path
 from typing import Final, Self
 
@@ -22,11 +23,10 @@ from truejoint.recordings.synchronise import (
     forward_rows,
     synchronise,
 )
+from truejoint.robots.blocks import QUANTITIES
 
 Array = NDArray[np.float64]
 
-QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
-"""What is recorded of every channel."""
 PAST_END: Final = "state: past the longest duration"
 
 _MAX_DURATION: Final = 12 * 3600.0
@@ -35,7 +35,7 @@ _MAX_DURATION: Final = 12 * 3600.0
 class Decimator:
     """Picks rows so that no more than `rate` a second are left, by their stamps.
 
-    Time is cut into intervals of 1/rate from the first stamp on; the first row in each interval
+    Time is cut into cells of 1/rate from the first stamp on; the first row in each cell
     is picked. So it does not matter how the rows come in pieces, and a stream that is slower than
     `rate` passes whole. A clock that is set back is not judged here: its rows pass.
 
@@ -50,7 +50,7 @@ class Decimator:
             raise RecordingError(f"recorder: rate {rate} Hz; give one above 0 Hz")
         self._rate = rate
         self._origin = math.nan
-        self._interval = -math.inf
+        self._cell = -math.inf
 
     def pick(self, t: Array) -> NDArray[np.bool_]:
         """Say which rows to keep, of the next stamps (n,) [s]; bool (n,)."""
@@ -58,10 +58,10 @@ class Decimator:
             return np.ones(t.shape, dtype=np.bool_)
         if math.isnan(self._origin):
             self._origin = float(t[0])
-        # A stamp on an edge belongs to the interval that it starts, rounding or not.
-        interval = np.floor((t - self._origin) * self._rate + 1e-6)
-        chosen: NDArray[np.bool_] = np.diff(interval, prepend=self._interval) != 0
-        self._interval = float(interval[-1])
+        # A stamp on an edge belongs to the cell that it starts, rounding or not.
+        cell = np.floor((t - self._origin) * self._rate + 1e-6)
+        chosen: NDArray[np.bool_] = np.diff(cell, prepend=self._cell) != 0
+        self._cell = float(cell[-1])
         return chosen
 
 
@@ -85,7 +85,9 @@ class Recorder:
         Rows later than this after the first are counted and not kept [s].
     path : path-like, optional
         Parquet file to write when the block is left, whichever way; must not exist yet.
-    session, homing_id, command : str
+    homing_id : str, optional
+        What the positions count from; by default the arm's own name of its homing.
+    session, command : str
     load : float
         Mass hung on the tool [kg]. All for the provenance.
 
@@ -107,7 +109,7 @@ class Recorder:
         max_duration: float = _MAX_DURATION,
         path: str | os.PathLike[str] | None = None,
         session: str = "",
-        homing_id: str = "",
+        homing_id: str | None = None,
         load: float = math.nan,
         command: str = "",
     ) -> None:
@@ -128,7 +130,7 @@ class Recorder:
             robot=arm.robot.name,
             arm=arm.robot.arm,
             session=session,
-            homing_id=homing_id,
+            homing_id=arm.homing_id if homing_id is None else homing_id,
             load=load,
             command=command,
         )
@@ -154,7 +156,7 @@ class Recorder:
     @property
     def rows(self) -> int:
         """Rows of the state that are kept so far."""
-        return sum(len(t) for t, _ in self._state)
+        return len(self._state)
 
     def recording(self, source: str = "") -> Recording:
         """Make a recording of what there is so far; may be called while recording goes on.
@@ -167,8 +169,9 @@ class Recorder:
         Returns
         -------
         Recording
-            `QUANTITIES` of every channel, and the joint encoders where the arm has them,
-            interpolated to the state's stamps (`truejoint.recordings.synchronise`).
+            `QUANTITIES` of every channel, whatever else the arm reads with its state
+            (`StateBlock.extra`), and the joint encoders where it has them, interpolated to the
+            state's stamps (`truejoint.recordings.synchronise`).
 
         Raises
         ------
@@ -181,74 +184,77 @@ class Recorder:
                 "homed and moving or holding"
             )
         dropped: dict[str, int] = {PAST_END: self._past_end} if self._past_end else {}
-        state = self._join(self._state, self._state_names, dropped, STATE_BACK)
+        state = self._state.joined(dropped)
         columns = {"t": state.t, **state.columns}
-        rates = {"state": self._state_rate}
-        if sum(len(t) for t, _ in self._truth) >= 2:
-            truth = self._join(self._truth, self._truth_names, dropped, TRUTH_BACK)
+        rates = {"state": _rate(state.t) if math.isinf(self._state_rate) else self._state_rate}
+        if len(self._truth) >= 2:
+            truth = self._truth.joined(dropped)
             columns, unmatched = synchronise(state, truth, self._gap_limit)
             dropped |= unmatched
-            rates["truth"] = round(float(1.0 / np.median(np.diff(truth.t))), 3)
+            rates["truth"] = _rate(truth.t)
         start = float(columns["t"][0])
         columns["t"] = columns["t"] - start
-        values = {
-            **self._provenance.to_dict(),
-            "source": source or f"recorded from {self._arm.robot.title}",
-            "rates": rates,
-            "dropped": dropped,
-            "start": start,
-            "notes": self._stopped,
-        }
-        return Recording.from_columns(columns, Provenance.from_dict(values))
+        provenance = replace(
+            self._provenance,
+            source=source or f"recorded from {self._arm.robot.title}",
+            rates=rates,
+            dropped=dropped,
+            start=start,
+            notes=self._stopped,
+        )
+        return Recording.from_columns(columns, provenance)
 
     def _clear(self) -> None:
-        self._state: list[tuple[Array, Array]] = []
-        self._truth: list[tuple[Array, Array]] = []
-        self._state_names: tuple[str, ...] = ()
-        self._truth_names: tuple[str, ...] = ()
+        self._state = _Rows(self._state_rate, STATE_BACK)
+        self._truth = _Rows(self._truth_rate, TRUTH_BACK)
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
-        self._state_decimator = Decimator(self._state_rate)
-        self._truth_decimator = Decimator(self._truth_rate)
 
     def _receive(self, block: StateBlock | TruthBlock) -> None:
+        stream = self._truth if isinstance(block, TruthBlock) else self._state
+        chosen = stream.decimator.pick(block.t)
+        if stream is self._state and math.isnan(self._first) and chosen.any():
+            self._first = float(block.t[chosen][0])
+        late = block.t - self._first > self._max_duration  # never, before the first state
         if isinstance(block, TruthBlock):
-            self._receive_truth(block)
-        else:
-            self._receive_state(block)
-
-    def _receive_state(self, block: StateBlock) -> None:
-        chosen = self._state_decimator.pick(block.t)
-        if not chosen.any():
+            stream.names = tuple(f"truth/{joint}" for joint in block.name)
+            stream.add(block.t, np.asarray(block.position), chosen & ~late)
             return
-        self._state_names = tuple(f"{q}/{channel}" for q in QUANTITIES for channel in block.name)
-        t = block.t[chosen]
-        if math.isnan(self._first):
-            self._first = float(t[0])
-        inside = t - self._first <= self._max_duration
-        self._past_end += int((~inside).sum())
-        rows = np.hstack([getattr(block, quantity)[chosen][inside] for quantity in QUANTITIES])
-        self._state.append((t[inside], rows))
+        self._past_end += int((chosen & late).sum())
+        measured = [q for q in QUANTITIES if getattr(block, q).shape[1]]
+        stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
+        columns = [getattr(block, q) for q in measured]
+        extra = [values[:, None] for values in block.extra.values()]
+        stream.add(block.t, np.hstack(columns + extra), chosen & ~late)
 
-    def _receive_truth(self, block: TruthBlock) -> None:
-        self._truth_names = tuple(f"truth/{joint}" for joint in block.name)
-        chosen = self._truth_decimator.pick(block.t)
-        if not math.isnan(self._first):
-            chosen &= block.t - self._first <= self._max_duration
-        self._truth.append((block.t[chosen], np.asarray(block.position)[chosen]))
 
-    @staticmethod
-    def _join(
-        blocks: list[tuple[Array, Array]],
-        names: tuple[str, ...],
-        dropped: dict[str, int],
-        reason: str,
-    ) -> Stream:
-        """One stream of all blocks, without the rows of a clock that was set back."""
-        t = np.concatenate([stamps for stamps, _ in blocks])
-        rows = np.concatenate([values for _, values in blocks])
+class _Rows:
+    """Rows kept of one stream, in the blocks that they came in."""
+
+    def __init__(self, rate: float, back: str) -> None:
+        self.decimator = Decimator(rate)
+        self.names: tuple[str, ...] = ()
+        self._back = back
+        self._blocks: list[tuple[Array, Array]] = []
+
+    def __len__(self) -> int:
+        return sum(len(t) for t, _ in self._blocks)
+
+    def add(self, t: Array, values: Array, kept: NDArray[np.bool_]) -> None:
+        """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
+        self._blocks.append((t[kept], values[kept]))
+
+    def joined(self, dropped: dict[str, int]) -> Stream:
+        """One stream of all rows but those of a clock that was set back, which are counted."""
+        t = np.concatenate([stamps for stamps, _ in self._blocks])
+        rows = np.concatenate([values for _, values in self._blocks])
         forward = forward_rows(t)
         if not forward.all():
-            dropped[reason] = int((~forward).sum())
-        return Stream(t[forward], dict(zip(names, rows[forward].T, strict=True)))
+            dropped[self._back] = int((~forward).sum())
+        return Stream(t[forward], dict(zip(self.names, rows[forward].T, strict=True)))
+
+
+def _rate(t: Array) -> float:
+    """Usual rate of stamps (n,) [Hz]."""
+    return round(float(1.0 / np.median(np.diff(t))), 3)

@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 _EPOCH: Final = 1e8
 
 # Quantities whose unit is that of the joint's position.
-POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth")
+POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth", "truth_exact")
 
 
 @dataclass(frozen=True)
@@ -313,10 +313,6 @@ def since_first(t: Array) -> tuple[Array, float]:
     return (t - first, first) if first > _EPOCH else (t, float("nan"))
 
 
-# RAVEN reports the torque at the motor's capstan, for its prismatic joint too.
-_EFFORT_AT_MOTOR: Final = ("raven2",)
-
-
 def default_unit(column: str, robot: Robot) -> str:
     """Give the SI unit that a column has unless another is stated; ``"1"`` if none is known."""
     quantity, _, channel = column.partition("/")
@@ -327,8 +323,8 @@ def default_unit(column: str, robot: Robot) -> str:
             return unit
         if quantity == "velocity":
             return unit + "/s"
-        if quantity == "effort":
-            at_joint = known and robot.name not in _EFFORT_AT_MOTOR
+        if quantity in ("effort", "truth_load"):
+            at_joint = known and (robot.effort == "joint" or quantity == "truth_load")
             return robot.joint(channel).effort_unit if at_joint else "Nm"
     return _UNITS.get(quantity, "1")
 
@@ -340,6 +336,10 @@ _UNITS: Final = {
     "driver_velocity": "rad/s",
     "current": "A",
     "tool": "m",
+    "cable": "m",
+    "tension": "N",
+    "truth_load": "Nm",
+    "truth_tension": "N",
 }
 
 

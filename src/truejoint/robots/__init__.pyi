@@ -4,3 +4,4 @@ from .robot import Joint as Joint
 from .robot import Kinematics as Kinematics
 from .robot import Robot as Robot
 from .robot import Transmission as Transmission
+from .workspace import Workspace as Workspace

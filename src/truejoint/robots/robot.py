@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import RobotError, unknown
+from truejoint.robots.workspace import Workspace
 
 Array = NDArray[np.float64]
+Effort = Literal["joint", "motor"]
 
 
 @dataclass(frozen=True)
@@ -134,6 +136,10 @@ class Robot:
         Joints that mainly place the tool, and that a calibration corrects by default.
     transmission, kinematics
         None where unknown.
+    effort : {"joint", "motor"}
+        Where the effort that the robot reports acts: on the joint itself, or at the motor.
+    workspace : Workspace, optional
+        Where a calibration moves; None where unknown.
 
     Examples
     --------
@@ -149,6 +155,8 @@ class Robot:
     positioning: tuple[str, ...] = ()
     transmission: Transmission | None = None
     kinematics: Kinematics | None = None
+    effort: Effort = "joint"
+    workspace: Workspace | None = None
 
     def __post_init__(self) -> None:
         if not self.channels:

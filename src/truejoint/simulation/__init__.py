@@ -1,6 +1,6 @@
 """Digital twins: robots that err the way the real ones do, compiled and deterministic."""
 
-from truejoint.simulation.raven2_twin import Raven2Twin, TwinOutput
-from truejoint.simulation.twin_parameters import TwinParameters
+from truejoint.simulation.catalogue import make_twin, twin_names
+from truejoint.simulation.twin import Twin, TwinOutput
 
-__all__ = ["Raven2Twin", "TwinOutput", "TwinParameters"]
+__all__ = ["Twin", "TwinOutput", "make_twin", "twin_names"]

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Self, get_args, get_origin, get_type_hints
 
 from truejoint.errors import TruejointError
 
@@ -15,7 +16,6 @@ MAX_FILE_SIZE: Final = 65_536
 """Largest parameter file that is read [bytes]; the shipped ones have about 10 000."""
 
 Sections = Mapping[str, Mapping[str, Any]]
-Section = TypeVar("Section")
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ def read_sections(path: Path) -> Sections:
         raise TruejointError(f"{path}: larger than {MAX_FILE_SIZE} bytes; not a parameter file")
     try:
         table = tomllib.loads(data.decode("utf-8"))
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:
         reason = " ".join(str(error).split())
         raise TruejointError(f"{path}: not a TOML file ({reason})") from None
     for name, values in table.items():
@@ -61,30 +61,89 @@ def shipped_sections(name: str) -> Sections:
     return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
 
 
-def overlay(base: Sections, changes: Sections, source: str) -> dict[str, dict[str, Any]]:
-    """Put `changes` over `base`; raises TruejointError on a section that `base` does not have."""
-    merged = {name: dict(values) for name, values in base.items()}
-    for name, values in changes.items():
-        if name not in merged:
-            raise TruejointError(
-                f"{source}: no section [{_shown(name)}]; known: {', '.join(merged)}"
-            )
-        merged[name].update(values)
-    return merged
+@dataclass(frozen=True)
+class Parameters:
+    """What a twin is made of, in SI units; one frozen dataclass per section of its TOML file.
 
-
-def build_section(
-    kind: type[Section], name: str, values: Mapping[str, Any], source: str
-) -> Section:
-    """Make section `name` an instance of the dataclass `kind`, every value checked.
-
-    The class annotates each attribute with its `Bounds`.
+    The comments of the shipped files give the meaning, unit and source of every number.
 
     Raises
     ------
     TruejointError
-        For a key that is unknown or missing, or a value of the wrong kind or out of bounds.
+        From `load`, `shipped` and `with_values`: if the file cannot be read, a section or key is
+        unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
     """
+
+    NOMINAL: ClassVar[str]
+    """The shipped file that every other one is laid over."""
+
+    BOUNDS: ClassVar[Mapping[str, type]] = {}
+    """Dataclass that states the bounds of a section, where its own type does not."""
+
+    @classmethod
+    def load(cls, path: str | Path | None = None) -> Self:
+        """Parameters of the TOML file at `path`, or the nominal ones.
+
+        A file states only what differs from the nominal instrument.
+        """
+        if path is None:
+            return cls.shipped(cls.NOMINAL)
+        return cls._laid_over(shipped_sections(cls.NOMINAL), read_sections(Path(path)), str(path))
+
+    @classmethod
+    def shipped(cls, name: str) -> Self:
+        """Parameters of the file `name` that comes with the package."""
+        return cls._laid_over(shipped_sections(cls.NOMINAL), shipped_sections(name), name)
+
+    def with_values(self, changes: Mapping[str, Any]) -> Self:
+        """Copy with some values changed, by dotted name: ``{"jaw.load_arm": 9e-3}``."""
+        nested: dict[str, dict[str, Any]] = {}
+        for name, value in changes.items():
+            section, _, key = name.partition(".")
+            nested.setdefault(section, {})[key] = value
+        return self._laid_over(self.to_dict(), nested, "with_values")
+
+    def to_dict(self) -> dict[str, dict[str, Any]]:
+        """Plain nested values, as in the file."""
+        return asdict(self)
+
+    def to_toml(self) -> str:
+        """Text that `load` turns into these parameters again, without the comments."""
+        lines = []
+        for section, values in self.to_dict().items():
+            lines.append(f"[{section}]")
+            for key, value in values.items():
+                plain = list(value) if isinstance(value, tuple) else value
+                lines.append(f"{key} = {json.dumps(plain)}")
+        return "\n".join([*lines, ""])
+
+    def check(self, source: str) -> None:
+        """Raise TruejointError, naming the `source`, if the whole cannot be simulated."""
+
+    @classmethod
+    def _laid_over(cls, base: Sections, changes: Sections, source: str) -> Self:
+        merged = {name: dict(values) for name, values in base.items()}
+        for name, values in changes.items():
+            if name not in merged:
+                raise TruejointError(
+                    f"{source}: no section [{_shown(name)}]; known: {', '.join(merged)}"
+                )
+            merged[name].update(values)
+        kinds = get_type_hints(cls)
+        built = {}
+        for field in fields(cls):
+            kind, name = kinds[field.name], field.name
+            bounds = cls.BOUNDS.get(name, kind)
+            built[name] = kind(**_checked_section(bounds, name, merged[name], source))
+        parameters = cls(**built)
+        parameters.check(source)
+        return parameters
+
+
+def _checked_section(
+    kind: type, name: str, values: Mapping[str, Any], source: str
+) -> dict[str, Any]:
+    """Values of section `name`, each within the `Bounds` that `kind` annotates it with."""
     hints = get_type_hints(kind, include_extras=True)
     known = {key: get_args(hint)[1] for key, hint in hints.items() if get_origin(hint) is Annotated}
     for key in values:
@@ -95,11 +154,10 @@ def build_section(
     for key in known:
         if key not in values:
             raise TruejointError(f"{source}: {name}.{key} is missing; add it to [{name}]")
-    checked = {
+    return {
         key: _checked(values[key], bounds, f"{source}: {name}.{key}")
         for key, bounds in known.items()
     }
-    return kind(**checked)
 
 
 def _shown(key: str) -> str:

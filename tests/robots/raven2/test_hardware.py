@@ -72,15 +72,6 @@ def test_joint_encoders_are_registered_off_the_robots_own_zero() -> None:
     assert offsets["shoulder"] == 0
 
 
-def test_calibration_stays_within_limits_and_speeds() -> None:
-    robot = get_robot("raven2")
-    assert tuple(raven2.CALIBRATION_RANGE) == tuple(raven2.CALIBRATION_SPEED) == robot.positioning
-    for name, (lower, upper) in raven2.CALIBRATION_RANGE.items():
-        joint = robot.joint(name)
-        assert joint.lower < lower < upper < joint.upper
-        assert 0 < raven2.CALIBRATION_SPEED[name] < joint.max_speed
-
-
 def test_gravity_points_down_in_the_crtk_frame(side: Side) -> None:
     down = raven2.kinematics(side).crtk_from_base[:3, :3] @ raven2.GRAVITY
     np.testing.assert_allclose(down, [0, 0, -9.8])

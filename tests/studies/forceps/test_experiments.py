@@ -7,8 +7,8 @@ import pytest
 
 from truejoint.errors import StudyError, TruejointError
 from truejoint.recordings import read_recording
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_specimens import population, specimen
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import run_study, write_study
 from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS

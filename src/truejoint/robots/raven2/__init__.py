@@ -1,9 +1,7 @@
 """RAVEN-II, the cable-driven surgical research robot: both arms, and its hardware's numbers."""
 
-from truejoint.robots.raven2.arm import ARMS, CHANNELS, JOINTS, POSITIONING, build
+from truejoint.robots.raven2.arm import ARMS, CHANNELS, JOINTS, POSITIONING, WORKSPACE, build
 from truejoint.robots.raven2.hardware import (
-    CALIBRATION_RANGE,
-    CALIBRATION_SPEED,
     CONTROL_PERIOD,
     CRTK_MAX_INCREMENT_ANGLE,
     CRTK_MAX_INCREMENT_INSERTION,
@@ -23,8 +21,6 @@ from truejoint.robots.raven2.kinematics import Raven2Kinematics, kinematics
 
 __all__ = [
     "ARMS",
-    "CALIBRATION_RANGE",
-    "CALIBRATION_SPEED",
     "CHANNELS",
     "CONTROL_PERIOD",
     "CRTK_MAX_INCREMENT_ANGLE",
@@ -37,6 +33,7 @@ __all__ = [
     "JOINTS",
     "JOINT_ENCODERS",
     "POSITIONING",
+    "WORKSPACE",
     "Drive",
     "JointEncoder",
     "Link",

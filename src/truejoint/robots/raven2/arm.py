@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.kinematics import kinematics
 from truejoint.robots.robot import Joint, Robot, Transmission
+from truejoint.robots.workspace import Workspace
 
 ARMS: Final[Mapping[str, str]] = {
     "": "left",
@@ -45,6 +46,20 @@ JOINTS: Final = (
     Joint("jaw2", "revolute", -105 * _DEG, 105 * _DEG, 45 * _DEG, _MAX_TURN),
 )
 
+# Files of uw-biorobotics/raven2_CRTK_Python_controller: ranges, traj_generator/
+# run_snake_generator.py; speed caps, python_controller/run_r2_trajectory_follow.py; how a random
+# motion swings, python_controller/run_r2_random_joint_movement.py.
+WORKSPACE: Final = Workspace(
+    joints=POSITIONING,
+    lower=np.array([20 * _DEG, 55 * _DEG, 0.33]),
+    upper=np.array([60 * _DEG, 110 * _DEG, 0.42]),
+    speed=np.array([2.182 * _DEG, 3 * _DEG, 5e-3]),
+    margin=np.array([np.deg2rad(5.0), np.deg2rad(10.0), 0.02]),
+    slowest=np.array([np.deg2rad(1.091), np.deg2rad(1.5), 0.0025]),
+    fastest=np.array([np.deg2rad(3.0), np.deg2rad(4.0), 0.007]),
+)
+"""Where a calibration of the positioning joints moves [rad, m]."""
+
 
 def build(arm: str) -> Robot:
     """Build the RAVEN-II arm ``"left"`` (gold) or ``"right"`` (green)."""
@@ -57,6 +72,8 @@ def build(arm: str) -> Robot:
         POSITIONING,
         Transmission(_motor_from_joint(side)),
         kinematics(side),
+        effort="motor",
+        workspace=WORKSPACE,
     )
 
 

@@ -227,15 +227,3 @@ JOINT_ENCODERS: Final = (
 )
 """Encoders of peng2024 (section IV-B); zeros from uw-biorobotics/raven2_CRTK_Python_controller:
 joint_encoder/func_raven_joint_encodersIII.py."""
-
-CALIBRATION_RANGE: Final = {
-    "shoulder": (20 * _DEG, 60 * _DEG),
-    "elbow": (55 * _DEG, 110 * _DEG),
-    "insertion": (0.33, 0.42),
-}
-"""Range of the positioning joints that a calibration covers [rad, m]
-(uw-biorobotics/raven2_CRTK_Python_controller:traj_generator/run_snake_generator.py)."""
-
-CALIBRATION_SPEED: Final = {"shoulder": 2.182 * _DEG, "elbow": 3 * _DEG, "insertion": 5e-3}
-"""Speed caps along a calibration trajectory [rad/s, m/s]
-(uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_trajectory_follow.py)."""

@@ -14,8 +14,8 @@ from truejoint.estimators.jaw_load import JawLoad, Stiffness, identify_stiffness
 from truejoint.evaluation.digits import fixed
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
-from truejoint.simulation.forceps_load import GRAVITY
-from truejoint.simulation.forceps_parameters import ForcepsParameters
+from truejoint.simulation.forceps.load import GRAVITY
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within

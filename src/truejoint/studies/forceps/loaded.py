@@ -7,7 +7,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from truejoint.simulation.forceps_load import LoadTest
+from truejoint.simulation.forceps.load import LoadTest
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Array, Plain, built, record, title_of

@@ -14,7 +14,7 @@ from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
 from truejoint.evaluation import evaluate
 from truejoint.recordings import Recording
-from truejoint.simulation.forceps_parameters import ForcepsParameters
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import Array, changed, plain_specimen, record
 from truejoint.studies.study import Settings
 

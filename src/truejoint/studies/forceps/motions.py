@@ -14,11 +14,11 @@ from truejoint.errors import TruejointError
 from truejoint.motion import forceps_references as references
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.simulation.forceps_load import LoadTest
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import specimen as shipped
-from truejoint.simulation.forceps_twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import specimen as shipped
+from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 Array = NDArray[np.float64]
 Plain = Mapping[str, Mapping[str, Any]]

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.simulation.forceps_sensors import ZeroShift
-from truejoint.simulation.forceps_specimens import population
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Array, Plain, built, record

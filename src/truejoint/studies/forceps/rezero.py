@@ -10,7 +10,7 @@ import numpy as np
 from truejoint.estimators.jaw_zero import find_zero
 from truejoint.evaluation.digits import fixed
 from truejoint.motion.forceps_references import RAMP
-from truejoint.simulation.forceps_sensors import ZeroShift
+from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.load import signals, unloaded_load

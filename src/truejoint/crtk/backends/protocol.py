@@ -1,0 +1,74 @@
+"""What stands between an `Arm` and a robot, simulated or real."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final, Protocol
+
+from truejoint.crtk.messages import Array, OperatingState
+from truejoint.crtk.states import StateCommand
+from truejoint.robots import Robot
+from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.joint_rows import SETPOINT_DT
+
+SERVO_RATE: Final = 1.0 / SETPOINT_DT
+"""Rate of every set-point stream [Hz]."""
+
+BLOCK_DURATION: Final = 10.0
+"""Longest stretch that a back end executes or reports in one block [s]."""
+
+Listener = Callable[[StateBlock | TruthBlock], None]
+
+
+class Backend(Protocol):
+    """A robot arm that executes what an `Arm` has already checked.
+
+    Calls block until the robot has done what they ask, in the robot's own time: a simulation
+    returns as soon as it is computed, a real arm when it is over. Everything the arm measures
+    while homed reaches the connected listener as blocks, in time order, none longer than
+    `BLOCK_DURATION`; a back end with threads delivers them one at a time.
+    """
+
+    @property
+    def robot(self) -> Robot:
+        """The arm behind."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Now, on the robot's clock [s]."""
+        ...
+
+    @property
+    def homing_id(self) -> str:
+        """Name of the homing that positions count from; empty where the robot knows none."""
+        ...
+
+    def connect(self, listener: Listener) -> None:
+        """Deliver all blocks from now on to `listener`, the only one."""
+        ...
+
+    def operating_state(self) -> OperatingState:
+        """State as the robot reports it."""
+        ...
+
+    def state_command(self, command: StateCommand) -> None:
+        """Carry out a state command; returns once the robot reports the new state.
+
+        Raises
+        ------
+        CommandRefused
+            If the robot does not get there; the message says why.
+        """
+        ...
+
+    def servo_jp(self, position: Array) -> None:
+        """Stream set-points (n, n_joints) [rad or m] at `SERVO_RATE`; ends with the last one.
+
+        At most `BLOCK_DURATION` long; checked against state and limits by the arm.
+        """
+        ...
+
+    def wait(self, duration: float) -> None:
+        """Let `duration` [s] pass with the brakes on; the arm holds its position."""
+        ...

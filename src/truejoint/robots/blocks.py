@@ -1,0 +1,78 @@
+"""What an arm reports while it works, a stretch of time in one piece."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
+"""What a state message says of every channel, where the arm measures it."""
+
+
+@dataclass(frozen=True, eq=False)
+class StateBlock:
+    """Consecutive state messages of an arm; every array is (n, n_channels) unless said.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps on the robot's clock [s], strictly increasing.
+    name : tuple of str
+        The channels (`Robot.channels`); an unused channel is zero.
+    measured, setpoint : ndarray
+        Positions [rad or m].
+    velocity : ndarray
+        [rad/s or m/s].
+    effort : ndarray
+        Torque command at the motor capstan [Nm]; (n, 0) where the robot measures none.
+    motor : ndarray
+        Motor-shaft angle [rad].
+    motor_velocity : ndarray
+        [rad/s].
+    extra : mapping of str to ndarray, shape (n,)
+        Whatever else is read with the state, by its column in a recording: ``cable/drive``,
+        ``tension/pitch``, a simulation's ``truth_load/jaw``.
+    """
+
+    t: Array
+    name: tuple[str, ...]
+    measured: Array
+    velocity: Array
+    effort: Array
+    setpoint: Array
+    motor: Array
+    motor_velocity: Array
+    extra: Mapping[str, Array] = field(default_factory=dict)
+
+    def rows(self, selection: slice | NDArray[np.bool_]) -> StateBlock:
+        """Copy of some rows, which keeps no other row alive."""
+        return StateBlock(
+            name=self.name,
+            extra={name: values[selection].copy() for name, values in self.extra.items()},
+            **{name: getattr(self, name)[selection].copy() for name in ("t", *QUANTITIES)},
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class TruthBlock:
+    """Consecutive readings of temporary joint encoders, with stamps of their own.
+
+    Attributes
+    ----------
+    t : ndarray, shape (m,)
+        Time stamps on the robot's clock [s], strictly increasing.
+    name : tuple of str
+        The joints that carry an encoder.
+    position : ndarray, shape (m, len(name))
+        [rad or m].
+    """
+
+    t: Array
+    name: tuple[str, ...]
+    position: Array

@@ -1,0 +1,44 @@
+"""Joint vectors from outside, checked before anything is computed from them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import CommandRefused
+from truejoint.robots.robot import Robot
+
+Array = NDArray[np.float64]
+
+SETPOINT_DT: Final = 1e-3
+"""Time between two set-points of a stream [s]: RAVEN's servo period (peng2024 IV-A)."""
+
+
+def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:
+    """Joint vector (n_joints,) as floats; raises CommandRefused on wrong shape or NaN."""
+    vector: Array = checked_rows(robot, np.asarray(value, dtype=float)[None], command)[0]
+    return vector
+
+
+def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:
+    """Joint vectors (n, n_joints) as floats; raises CommandRefused on wrong shape or NaN."""
+    rows = np.ascontiguousarray(value, dtype=float)
+    if rows.ndim != 2 or rows.shape[1] != len(robot.joints):
+        raise CommandRefused(
+            f"{command} refused: got shape {rows.shape[1:]} per sample, want "
+            f"{len(robot.joints)} values, one for each of {', '.join(robot.joint_names)}"
+        )
+    if not np.isfinite(rows).all():
+        row, column = np.argwhere(~np.isfinite(rows))[0]
+        raise CommandRefused(
+            f"{command} refused: {robot.joints[column].name} is {rows[row, column]}"
+            f"{at_sample(row, rows)}; send finite values in rad and m"
+        )
+    return rows
+
+
+def at_sample(row: int, rows: Array) -> str:
+    """Where in a stream; nothing for a single command."""
+    return f" at sample {row} of {len(rows)}" if len(rows) > 1 else ""

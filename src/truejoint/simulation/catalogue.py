@@ -1,0 +1,64 @@
+"""Every digital twin by the name of its robot."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from pkgutil import resolve_name
+from typing import Final
+
+from truejoint.errors import RobotError
+from truejoint.robots import get_robot
+from truejoint.simulation.twin import Twin
+
+# Imported when first asked for: each brings the compiler and its kernels.
+_TWINS: Final = {
+    "raven2": "truejoint.simulation.raven2.twin:Raven2Twin",
+    "forceps": "truejoint.simulation.forceps.twin:ForcepsTwin",
+}
+
+
+def twin_names() -> tuple[str, ...]:
+    """Robots that `make_twin` knows."""
+    return tuple(_TWINS)
+
+
+def make_twin(
+    robot: str = "raven2",
+    arm: str = "",
+    *,
+    parameters: str | Path | None = None,
+    seed: int = 0,
+    load: float = 0.0,
+) -> Twin:
+    """Digital twin of a robot, as it was just switched on.
+
+    Parameters
+    ----------
+    robot, arm : str
+        As in `truejoint.robots.get_robot`; the robot is one of `twin_names`.
+    parameters : path-like, optional
+        TOML file that states what differs from the nominal specimen.
+    seed : int
+        Of everything random.
+    load : float
+        Mass hung on the tool [kg].
+
+    Raises
+    ------
+    RobotError
+        If there is no such arm or no twin of it.
+    TruejointError
+        If the file, the seed or the load is refused.
+
+    Examples
+    --------
+    >>> make_twin("forceps", seed=1).robot.joint_names
+    ('jaw',)
+    """
+    target = get_robot(robot, arm)
+    if target.name not in _TWINS:
+        raise RobotError(
+            f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}"
+        )
+    kind: type[Twin] = resolve_name(_TWINS[target.name])
+    return kind(kind.PARAMETERS.load(parameters), arm=target.arm, seed=seed, load=load)

@@ -1,0 +1,221 @@
+"""Parameters of the virtual forceps: a commented TOML file in, a checked frozen value out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import TruejointError
+from truejoint.robots.forceps_mechanism import ForcepsMechanism
+from truejoint.simulation.parameter_file import Bounds, Parameters
+
+DT: Final = 1e-4  # [s] of the integrator
+
+
+@dataclass(frozen=True)
+class _MechanismSection:
+    """Range of Table 1's values; the mechanism itself belongs to the robot."""
+
+    gear_ratio: Annotated[float, Bounds(1.0, 1000.0)]
+    spring_stiffness: Annotated[float, Bounds(10.0, 1e4)]
+    wheel_radius: Annotated[float, Bounds(1e-3, 0.1)]
+    jaw_radius: Annotated[float, Bounds(1e-3, 0.02)]
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Pretension ``F_pre`` [N], gear torsion [Nm/rad] and run-out of the winding wheel [m, rad]."""
+
+    pretension: Annotated[float, Bounds(0.5, 100.0)]
+    gear_stiffness: Annotated[float, Bounds(1.0, 1e5)]
+    wheel_eccentricity: Annotated[float, Bounds(0.0, 1e-3)]
+    wheel_phase: Annotated[float, Bounds(-math.pi, math.pi)]
+
+
+@dataclass(frozen=True)
+class Cable:
+    """One cable of (4) or (5): ``K`` [N/m], ``B`` [N s/m], ``m`` [kg], and what is not linear.
+
+    `stiffening` is the relative growth of the stiffness per relative growth of the tension;
+    `elastic_share` and `hysteresis_distance` [m] are alpha and D of a Bouc-Wen element.
+    """
+
+    stiffness: Annotated[float, Bounds(500.0, 1e5)]
+    damping: Annotated[float, Bounds(0.0, 30.0)]
+    mass: Annotated[float, Bounds(0.0, 0.01)]
+    stiffening: Annotated[float, Bounds(0.0, 0.7)]
+    elastic_share: Annotated[float, Bounds(0.7, 1.0)]
+    hysteresis_distance: Annotated[float, Bounds(5e-6, 1e-3)]
+
+
+@dataclass(frozen=True)
+class Jaw:
+    """Jaw: ``J_e`` [kg m2], arm of the load [m], pulley eccentricity [m, rad], stops [rad]."""
+
+    inertia: Annotated[float, Bounds(1e-7, 1e-4)]
+    load_arm: Annotated[float, Bounds(1e-3, 0.1)]
+    eccentricity: Annotated[float, Bounds(0.0, 1e-3)]
+    eccentricity_phase: Annotated[float, Bounds(-math.pi, math.pi)]
+    stop_lower: Annotated[float, Bounds(-math.pi / 2, -0.01)]
+    stop_upper: Annotated[float, Bounds(0.01, math.pi / 2)]
+    stop_stiffness: Annotated[float, Bounds(0.1, 100.0)]
+    stop_damping: Annotated[float, Bounds(0.0, 1e-3)]
+
+
+@dataclass(frozen=True)
+class Slider:
+    """Slide block on the reset cable; `mass` is ``m_g2`` [kg]."""
+
+    mass: Annotated[float, Bounds(5e-3, 1.0)]
+
+
+@dataclass(frozen=True)
+class JawFriction:
+    """Friction of the jaw in Nm and rad; `tension_share` multiplies both tensions times ``r``."""
+
+    constant: Annotated[float, Bounds(0.0, 0.05)]
+    tension_share: Annotated[float, Bounds(0.0, 0.5)]
+    viscous: Annotated[float, Bounds(0.0, 1e-3)]
+    presliding: Annotated[float, Bounds(1e-4, 0.02)]
+    stribeck_ratio: Annotated[float, Bounds(1.0, 2.0)]
+    stribeck_velocity: Annotated[float, Bounds(1e-3, 10.0)]
+    bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
+
+
+@dataclass(frozen=True)
+class SliderFriction:
+    """Friction of slide rail and guide pulleys in N and m; `tension_share` multiplies ``F_wr``."""
+
+    constant: Annotated[float, Bounds(0.0, 5.0)]
+    tension_share: Annotated[float, Bounds(0.0, 0.5)]
+    viscous: Annotated[float, Bounds(0.0, 50.0)]
+    presliding: Annotated[float, Bounds(1e-6, 1e-3)]
+    stribeck_ratio: Annotated[float, Bounds(1.0, 2.0)]
+    stribeck_velocity: Annotated[float, Bounds(1e-5, 0.1)]
+    bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
+
+
+@dataclass(frozen=True)
+class MotorLoop:
+    """Position loop of the motor: second order [Hz] with limits [rad/s, rad/s2] at the shaft."""
+
+    bandwidth: Annotated[float, Bounds(1.0, 200.0)]
+    damping_ratio: Annotated[float, Bounds(0.2, 3.0)]
+    max_speed: Annotated[float, Bounds(1.0, 5000.0)]
+    max_acceleration: Annotated[float, Bounds(10.0, 1e6)]
+
+
+@dataclass(frozen=True)
+class MotorEncoder:
+    """Encoder on the motor shaft: `counts` a turn, `noise` [rad] before quantisation."""
+
+    counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
+    noise: Annotated[float, Bounds(0.0, 1.0)]
+
+
+@dataclass(frozen=True)
+class LinearEncoder:
+    """Optical encoder on a cable: `resolution` and `noise` [m]; left out if not `installed`."""
+
+    installed: Annotated[bool, None]
+    resolution: Annotated[float, Bounds(1e-9, 1e-3)]
+    noise: Annotated[float, Bounds(0.0, 1e-3)]
+
+
+@dataclass(frozen=True)
+class ReferenceEncoder:
+    """Absolute encoder at the jaw: `counts` a turn, `noise` and harmonic errors [rad]."""
+
+    counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
+    noise: Annotated[float, Bounds(0.0, 0.1)]
+    first_harmonic: Annotated[float, Bounds(0.0, 0.1)]
+    first_phase: Annotated[float, Bounds(-math.pi, math.pi)]
+    second_harmonic: Annotated[float, Bounds(0.0, 0.1)]
+    second_phase: Annotated[float, Bounds(-math.pi, math.pi)]
+
+
+@dataclass(frozen=True)
+class Homing:
+    """How far the zeros of both cable encoders vary from homing to homing [m]."""
+
+    registration_sd: Annotated[float, Bounds(0.0, 1e-3)]
+
+
+@dataclass(frozen=True)
+class ForcepsParameters(Parameters):
+    """Everything that the virtual forceps is made of; one attribute per section of the file."""
+
+    NOMINAL: ClassVar[str] = "forceps/nominal.toml"
+    BOUNDS: ClassVar[Mapping[str, type]] = {"mechanism": _MechanismSection}
+
+    mechanism: ForcepsMechanism
+    assembly: Assembly
+    drive_cable: Cable
+    reset_cable: Cable
+    jaw: Jaw
+    jaw_friction: JawFriction
+    slider: Slider
+    slider_friction: SliderFriction
+    motor_loop: MotorLoop
+    motor_encoder: MotorEncoder
+    drive_encoder: LinearEncoder
+    reset_encoder: LinearEncoder
+    reference_encoder: ReferenceEncoder
+    homing: Homing
+
+    def check(self, source: str) -> None:
+        """Refuse what the fixed step cannot resolve: its fastest mode may turn one rad a step."""
+        stop = self.jaw.stop_stiffness / self.jaw.inertia
+        fastest = math.hypot(
+            2.0 * math.pi * float(eigenfrequencies(self, stuck=True)[1]), math.sqrt(stop)
+        )
+        if not fastest * DT <= 1.0:
+            limit = 1.0 / (2.0 * math.pi * DT)
+            raise TruejointError(
+                f"{source}: the fastest mode has {fastest / (2 * math.pi):.0f} Hz, more than the "
+                f"{limit:.0f} Hz that a step of {DT:g} s resolves; raise jaw.inertia, "
+                "slider.mass or a presliding distance, or lower a stiffness"
+            )
+
+
+def friction_at_pretension(parameters: ForcepsParameters) -> tuple[float, float]:
+    """Coulomb friction of the jaw [Nm] and of the slider [N] with both cables at ``F_pre``."""
+    pretension = parameters.assembly.pretension
+    jaw, slider = parameters.jaw_friction, parameters.slider_friction
+    tensions = 2.0 * pretension * parameters.mechanism.jaw_radius
+    return (
+        jaw.constant + jaw.tension_share * tensions,
+        slider.constant + slider.tension_share * pretension,
+    )
+
+
+def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[np.float64]:
+    """Undamped eigenfrequencies (2,) [Hz] of jaw and slider about the initial position.
+
+    Parameters
+    ----------
+    parameters : ForcepsParameters
+    stuck : bool
+        Whether friction holds both, so that the bristles' stiffness adds to the cables'.
+        False gives those of the model (12) of yan2020.
+    """
+    r = parameters.mechanism.jaw_radius
+    reset = parameters.reset_cable.stiffness
+    stiffness = np.array(
+        [
+            [(parameters.drive_cable.stiffness + reset) * r**2, -reset * r],
+            [-reset * r, reset + parameters.mechanism.spring_stiffness],
+        ]
+    )
+    if stuck:
+        jaw, slider = friction_at_pretension(parameters)
+        stiffness[0, 0] += jaw / parameters.jaw_friction.presliding
+        stiffness[1, 1] += slider / parameters.slider_friction.presliding
+    scale = 1.0 / np.sqrt([parameters.jaw.inertia, parameters.slider.mass])
+    values = np.linalg.eigvalsh(stiffness * np.outer(scale, scale))
+    return np.asarray(np.sqrt(values) / (2.0 * math.pi), dtype=np.float64)

@@ -1,0 +1,382 @@
+"""Compiled dynamics of the forceps: equations (1)-(8) of yan2020 and what they leave out.
+
+State, in this order: jaw angle [rad] and its speed, displacement ``x2`` of the reset cable's end
+[m] and its speed, bristle deflections of jaw [rad] and slider [m], and the Bouc-Wen states [1] of
+drive and reset cable. The motor loop runs beside it: nothing acts back on the motor, but the gear
+behind it twists.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.simulation.forceps.constants import (
+    CableConstants,
+    FrictionConstants,
+    PlantConstants,
+)
+
+Array = NDArray[np.float64]
+
+N_STATES = 8
+N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[float, float]:
+    """Tension above the pretension [N] of a cable at rest, and its slope [N/m].
+
+    The elastic part's stiffness grows linearly with its tension, so that its law is exponential;
+    the rest is a Bouc-Wen element of state `yielded`. Below zero tension the caller cuts it off.
+    """
+    growth = math.exp(min(cable.growth * stretch, 20.0))
+    force = cable.elastic * (growth - 1.0) + cable.hysteretic * yielded
+    return force, cable.elastic * cable.growth * growth
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def drive_stretch(
+    distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
+) -> tuple[float, float, float]:
+    """Stretch of the drive cable [m], tension [N] and share of motion that stretches it.
+
+    The gear's torsion (`compliance` [m/N] at the cable) is in series with the cable and takes up a
+    few per cent of `distance`; damping and mass forces, a thousand times smaller than the tension,
+    do not twist it. One Newton step from the linear solution leaves less than 1e-7 of the stretch.
+    """
+    stretch = distance / (1.0 + compliance * cable.stiffness)
+    force, slope = cable_force(stretch, yielded, cable)
+    stretch -= (stretch + compliance * force - distance) / (1.0 + compliance * slope)
+    force, slope = cable_force(stretch, yielded, cable)
+    if force < -pretension:  # slack: the gear is unloaded and the cable follows freely
+        return distance + compliance * pretension, 0.0, 1.0
+    return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
+    """Rate [1/s] of a Bouc-Wen state with n = 1 and beta = gamma = 1/2; it stays in [-1, 1]."""
+    return (speed - 0.5 * (abs(speed) * yielded + speed * abs(yielded))) / distance
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def friction_force(
+    speed: float, bristle: float, level: float, f: FrictionConstants, max_rate: float
+) -> tuple[float, float]:
+    """LuGre friction [N or Nm] at Coulomb level `level`, and the rate of its bristle.
+
+    The bristle relaxes at most at `max_rate` [1/s], which only binds in a fast run-away where the
+    fixed step could not follow it.
+    """
+    ratio = speed / f.stribeck_velocity
+    peak = 1.0
+    if abs(ratio) < 6.0:
+        peak += f.stribeck_excess * math.exp(-ratio * ratio)
+    limit = f.presliding * peak
+    rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
+    force = level / f.presliding * bristle + f.bristle_damping * rate + f.viscous * speed
+    return force, rate
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def stop_torque(angle: float, speed: float, c: PlantConstants) -> float:
+    """Torque [Nm] of the mechanical stops, which push and never pull."""
+    if angle > c.stop_upper:
+        return min(0.0, -c.stop_stiffness * (angle - c.stop_upper) - c.stop_damping * speed)
+    if angle < c.stop_lower:
+        return max(0.0, -c.stop_stiffness * (angle - c.stop_lower) - c.stop_damping * speed)
+    return 0.0
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
+    """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
+    return force * c.load_arm * math.cos(angle - line_angle)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def accelerations(
+    drive_pull: float,
+    reset_pull: float,
+    share: float,
+    wheel_acceleration: float,
+    bend: float,
+    slope: float,
+    torque: float,
+    force: float,
+    c: PlantConstants,
+) -> tuple[float, float, float, float]:
+    """Solve (6) and (8) for the accelerations of jaw and slider; also both tensions [N].
+
+    The cables' mass in (4) and (5) couples the two. Where it would make a cable push, the cable is
+    slack and they are solved again without it.
+
+    Parameters
+    ----------
+    drive_pull, reset_pull : float
+        Tensions but for the mass terms [N], zero where slack.
+    share : float
+        Share of the drive cable's motion that its gear leaves to it.
+    wheel_acceleration, bend : float
+        Accelerations [m/s2] of the drive cable at the wheel, and at both ends through the bending
+        of the eccentric pulley's path.
+    slope : float
+        By how much the eccentric pulley lengthens the arm of the drive cable [m].
+    torque, force : float
+        On the jaw [Nm] and on the slider [N] from all but the cables.
+    """
+    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    jaw_acceleration, slider_acceleration = 0.0, 0.0
+    drive_tension, reset_tension = drive_pull, reset_pull
+    for _ in range(3):
+        drive_mass = share * c.drive.mass if drive_pull > 0.0 else 0.0
+        reset_mass = c.reset.mass if reset_pull > 0.0 else 0.0
+        drive_free = drive_pull + drive_mass * (wheel_acceleration - bend)
+        reset_free = reset_pull - reset_mass * bend
+        m11 = c.inertia + arm_drive * arm_drive * drive_mass + arm_reset * arm_reset * reset_mass
+        m12 = -arm_reset * reset_mass
+        m22 = c.slider_mass + reset_mass
+        b1 = arm_drive * drive_free - arm_reset * reset_free + torque
+        b2 = reset_free + force
+        determinant = m11 * m22 - m12 * m12
+        jaw_acceleration = (m22 * b1 - m12 * b2) / determinant
+        slider_acceleration = (m11 * b2 - m12 * b1) / determinant
+        drive_tension = drive_free - drive_mass * arm_drive * jaw_acceleration
+        reset_tension = reset_free + reset_mass * (
+            arm_reset * jaw_acceleration - slider_acceleration
+        )
+        if drive_tension >= 0.0 and reset_tension >= 0.0:
+            break
+        drive_pull = 0.0 if drive_tension < 0.0 else drive_pull
+        reset_pull = 0.0 if reset_tension < 0.0 else reset_pull
+    return jaw_acceleration, slider_acceleration, drive_tension, reset_tension
+
+
+@njit(cache=True, error_model="numpy")
+def plant_rates(
+    state: Array,
+    wheel: Array,
+    force: float,
+    line_angle: float,
+    c: PlantConstants,
+    max_rate: float,
+    rates: Array,
+) -> tuple[float, float, float]:
+    """Right-hand side of the plant: fills `rates` (8,), returns both tensions [N] and ``x1`` [m].
+
+    Parameters
+    ----------
+    state, rates : ndarray, shape (8,)
+        In the order that the module states.
+    wheel : ndarray, shape (3,)
+        Displacement [m] of the drive cable on a rigid gear, its speed and its acceleration.
+    force, line_angle : float
+        Force at the jaw's tip [N], and the jaw angle [rad] at which it is perpendicular.
+    c : PlantConstants
+    max_rate : float
+        See `friction_force` [1/s].
+    """
+    angle, speed, slider, slider_speed = state[0], state[1], state[2], state[3]
+    # (7), with an eccentric pulley: y1 = r theta + D, y2 = r theta - D, and D' lengthens an arm.
+    centre = c.jaw_eccentricity * math.cos(angle + c.jaw_phase)
+    slope = -c.jaw_eccentricity * math.sin(angle + c.jaw_phase)
+    offset = centre - c.jaw_eccentricity * math.cos(c.jaw_phase)
+    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    bend = -centre * speed * speed  # what of the second derivative of D is no angular acceleration
+
+    # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
+    distance = wheel[0] - c.jaw_radius * angle - offset
+    stretch, drive_pull, share = drive_stretch(
+        distance, state[6], c.drive, c.gear_compliance, c.pretension
+    )
+    drive_rate = share * (wheel[1] - arm_drive * speed)
+    reset_stretch = c.jaw_radius * angle - offset - slider
+    reset_rate = arm_reset * speed - slider_speed
+    reset_pull = c.pretension + cable_force(reset_stretch, state[7], c.reset)[0]
+    if drive_pull > 0.0:
+        drive_pull = max(drive_pull + c.drive.damping * drive_rate, 0.0)
+    if reset_pull > 0.0:
+        reset_pull += c.reset.damping * reset_rate
+    reset_pull = max(reset_pull, 0.0)
+
+    level = c.jaw_friction.constant + c.jaw_friction.tension_share * c.jaw_radius * (
+        drive_pull + reset_pull
+    )
+    jaw_drag, rates[4] = friction_force(speed, state[4], level, c.jaw_friction, max_rate)
+    level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
+    drag, rates[5] = friction_force(slider_speed, state[5], level, c.slider_friction, max_rate)
+    free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
+    free_torque += stop_torque(angle, speed, c)
+    free_force = -c.spring_stiffness * slider - drag - c.pretension
+
+    rates[1], rates[3], drive_tension, reset_tension = accelerations(
+        drive_pull, reset_pull, share, wheel[2], bend, slope, free_torque, free_force, c
+    )
+    rates[0] = speed
+    rates[2] = slider_speed
+    rates[6] = bouc_wen_rate(drive_rate, state[6], c.drive.hysteresis_distance)
+    rates[7] = bouc_wen_rate(reset_rate, state[7], c.reset.hysteresis_distance)
+    return drive_tension, reset_tension, stretch + c.jaw_radius * angle + offset
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstants) -> float:
+    """Acceleration [rad/s2] of the motor's position loop, within its limits."""
+    wanted = c.motor_frequency * (
+        c.motor_frequency * (goal - angle) - 2.0 * c.motor_damping * speed
+    )
+    limited = min(max(wanted, -c.motor_max_acceleration), c.motor_max_acceleration)
+    if abs(speed) >= c.motor_max_speed and limited * speed > 0.0:
+        return 0.0
+    return limited
+
+
+@njit(cache=True, error_model="numpy")
+def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> None:
+    """One Runge-Kutta step of the motor (angle, speed) with goals at start, middle and end."""
+    angle, speed = motor[0], motor[1]
+    half = 0.5 * dt
+    a1 = motor_acceleration(angle, speed, goal[0], c)
+    s2 = speed + half * a1
+    a2 = motor_acceleration(angle + half * speed, s2, goal[1], c)
+    s3 = speed + half * a2
+    a3 = motor_acceleration(angle + half * s2, s3, goal[1], c)
+    s4 = speed + dt * a3
+    a4 = motor_acceleration(angle + dt * s3, s4, goal[2], c)
+    motor[0] += dt / 6.0 * (speed + 2.0 * s2 + 2.0 * s3 + s4)
+    motor[1] += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
+    motor[1] = min(max(motor[1], -c.motor_max_speed), c.motor_max_speed)
+
+
+@njit(cache=True, error_model="numpy")
+def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> None:
+    """Fill `wheel` (3,): cable wound on an eccentric wheel [m], its speed and acceleration; (3)."""
+    angle = motor[0] * c.wheel_per_motor
+    speed = motor[1] * c.wheel_per_motor
+    acceleration = motor_acceleration(motor[0], motor[1], goal, c) * c.wheel_per_motor
+    sine = c.wheel_eccentricity * math.sin(angle + c.wheel_phase)
+    radius = c.wheel_radius + c.wheel_eccentricity * math.cos(angle + c.wheel_phase)
+    wheel[0] = c.wheel_radius * angle + sine - c.wheel_eccentricity * math.sin(c.wheel_phase)
+    wheel[1] = radius * speed
+    wheel[2] = radius * acceleration - sine * speed * speed
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
+    """Linear interpolation of `samples`, `quarter` after integration step number `n`.
+
+    The end value stays; counting in whole steps makes it the same however a motion is cut.
+    """
+    index = min(n // per_sample, samples.size - 2)
+    part = (n - index * per_sample + quarter) / per_sample
+    if part >= 1.0:
+        return float(samples[index + 1])
+    return float(samples[index] + part * (samples[index + 1] - samples[index]))
+
+
+@njit(cache=True, error_model="numpy")
+def advance_plant(
+    state: Array,
+    k: Array,
+    trial: Array,
+    wheels: Array,
+    forces: Array,
+    line_angle: float,
+    dt: float,
+    c: PlantConstants,
+) -> None:
+    """Rest of a Runge-Kutta step of fourth order whose first rates stand in ``k[0]``.
+
+    Parameters
+    ----------
+    state, trial : ndarray, shape (8,)
+        Advanced in place; work space.
+    k : ndarray, shape (4, 8)
+        Rates of the four stages.
+    wheels, forces : ndarray, shape (3, 3) and (3,)
+        Drive cable and force at the tip at start, middle and end of the step.
+    """
+    for stage in range(1, 4):
+        part = 1.0 if stage == 3 else 0.5
+        at = 2 if stage == 3 else 1
+        for i in range(N_STATES):
+            trial[i] = state[i] + part * dt * k[stage - 1, i]
+        plant_rates(trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, k[stage])
+    for i in range(N_STATES):
+        state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    state: Array,
+    motor: Array,
+    goal: Array,
+    force: Array,
+    line_angle: float,
+    c: PlantConstants,
+    per_sample: int,
+    log_every: int,
+) -> Array:
+    """Run the forceps on by fixed Runge-Kutta steps of fourth order.
+
+    Parameters
+    ----------
+    state, motor : ndarray, shape (8,) and (2,)
+        Plant, and the motor's angle and speed; advanced in place.
+    goal : ndarray, shape (n,)
+        Motor angle wanted [rad] every `SETPOINT_DT`, from now on; linear in between.
+    force : ndarray, shape (n,)
+        Force at the jaw's tip [N] on the same grid, positive where it opens the jaw.
+    line_angle : float
+        Jaw angle at which that force is perpendicular to the jaw [rad].
+    c : PlantConstants
+    per_sample : int
+        Integration steps in one `SETPOINT_DT`.
+    log_every : int
+        Steps between two logged rows.
+
+    Returns
+    -------
+    ndarray, shape (m, 7)
+        Motor angle [rad], ``x1`` [m], ``x2`` [m], jaw angle [rad], external torque [Nm], tension
+        of drive and of reset cable [N]; the first row is before the first step.
+    """
+    dt = SETPOINT_DT / per_sample
+    n_steps = (goal.size - 1) * per_sample
+    log = np.empty((n_steps // log_every + 1, N_LOGGED))
+    trial, k = np.empty(N_STATES), np.empty((4, N_STATES))
+    wheels, forces, goals = np.empty((3, 3)), np.empty(3), np.empty(5)
+    for n in range(n_steps + 1):
+        for i in range(5):
+            goals[i] = _between(goal, n, 0.25 * i, per_sample)
+        for i in range(3):
+            forces[i] = _between(force, n, 0.5 * i, per_sample)
+        wheel_motion(motor, goals[0], c, wheels[0])
+        drive_tension, reset_tension, x1 = plant_rates(
+            state, wheels[0], forces[0], line_angle, c, 1.0 / dt, k[0]
+        )
+        if n % log_every == 0:
+            row = log[n // log_every]
+            row[0], row[1], row[2], row[3] = motor[0], x1, state[2], state[0]
+            row[4] = external_torque(forces[0], state[0], line_angle, c)
+            row[5], row[6] = drive_tension, reset_tension
+        if n == n_steps:
+            break
+        for half in range(2):  # the plant needs the motor in the middle of the step, too
+            advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * dt, c)
+            wheel_motion(motor, goals[2 * half + 2], c, wheels[half + 1])
+        advance_plant(state, k, trial, wheels, forces, line_angle, dt, c)
+    return log
+
+
+def settled(c: PlantConstants, per_sample: int, duration: float) -> tuple[Array, Array]:
+    """State (8,) and motor (2,) at zero after `duration` [s], pretension and friction settled."""
+    state, motor = np.zeros(N_STATES), np.zeros(2)
+    still = np.zeros(round(duration / SETPOINT_DT) + 1)
+    advance(state, motor, still, still, 0.0, c, per_sample, per_sample)
+    return state, motor

@@ -1,0 +1,104 @@
+"""What the forceps' sensors read: noise, harmonic error, zero and quantisation (yan2020, IV-A)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import TruejointError
+from truejoint.simulation.forceps.parameters import ForcepsParameters, ReferenceEncoder
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ZeroShift:
+    """By how much one homing set the zeros wrong; it is added to what a sensor reads.
+
+    Attributes
+    ----------
+    motor : float
+        [rad] at the motor shaft.
+    drive, reset : float
+        [m] at the encoders of the drive and of the reset cable.
+    """
+
+    motor: float = 0.0
+    drive: float = 0.0
+    reset: float = 0.0
+
+    @classmethod
+    def drawn(cls, deviation: float, seed: int | Sequence[int]) -> ZeroShift:
+        """Zeros of one homing of the cables' encoders, normal with `deviation` [m].
+
+        The motor shares the drive cable's limit switch and keeps its zero here.
+        """
+        if not (math.isfinite(deviation) and deviation >= 0.0):
+            raise TruejointError(f"a homing deviation of {deviation} m; it must be 0 or more")
+        drive, reset = np.random.default_rng(seed).normal(0.0, deviation, 2)
+        return cls(0.0, float(drive), float(reset))
+
+
+def quantised(values: Array, resolution: float) -> Array:
+    """`values` (n,) rounded to multiples of `resolution`, both in one unit."""
+    return np.asarray(np.round(values / resolution) * resolution)
+
+
+def reference_error(angle: Array | float, encoder: ReferenceEncoder) -> Array:
+    """Harmonic error [rad] of the reference encoder at jaw angles `angle` [rad]; zero at zero.
+
+    Once per turn from a magnet off centre, twice from a magnet or chip that is tilted.
+    """
+    first, second = encoder.first_phase, encoder.second_phase
+    return np.asarray(
+        encoder.first_harmonic * (np.sin(angle + first) - math.sin(first))
+        + encoder.second_harmonic * (np.sin(2.0 * np.asarray(angle) + second) - math.sin(second))
+    )
+
+
+class Sensors:
+    """The forceps' four encoders.
+
+    Each has its own stream of noise, so that changing one leaves the others alone, and the
+    readings do not depend on how a motion is cut.
+
+    Parameters
+    ----------
+    parameters : ForcepsParameters
+    seed : int
+        Of all four.
+    """
+
+    def __init__(self, parameters: ForcepsParameters, seed: int) -> None:
+        p = parameters
+        turn = 2.0 * math.pi
+        self._jaw = p.reference_encoder
+        self._noise = [
+            (np.random.default_rng(stream), noise, resolution)
+            for stream, (noise, resolution) in zip(
+                np.random.SeedSequence(seed).spawn(4),
+                (
+                    (p.motor_encoder.noise, turn / p.motor_encoder.counts),
+                    (p.drive_encoder.noise, p.drive_encoder.resolution),
+                    (p.reset_encoder.noise, p.reset_encoder.resolution),
+                    (self._jaw.noise, turn / self._jaw.counts),
+                ),
+                strict=True,
+            )
+        ]
+
+    def read(self, exact: Array, zero: ZeroShift) -> Array:
+        """Read motor [rad], drive, reset [m] and jaw [rad], (4, n), at the exact values (4, n)."""
+        shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], self._jaw))
+        return np.stack(
+            [
+                quantised(values + off + rng.normal(0.0, noise, values.size), resolution)
+                for values, off, (rng, noise, resolution) in zip(
+                    exact, shift, self._noise, strict=True
+                )
+            ]
+        )

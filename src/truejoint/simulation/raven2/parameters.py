@@ -1,0 +1,139 @@
+"""Parameters of the RAVEN-II twin; nominal.toml says what each means and comes from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar
+
+from truejoint.simulation.parameter_file import Bounds, Parameters
+
+Numbers = tuple[float, ...]
+"""One value per positioning joint (shoulder, elbow, insertion) or per tool joint."""
+
+
+@dataclass(frozen=True)
+class Motor:
+    """Inertia (3,) [kg m^2] at the motor shafts of the positioning joints."""
+
+    inertia: Annotated[Numbers, Bounds(1e-6, 1e-2, 3)]
+
+
+@dataclass(frozen=True)
+class MotorFriction:
+    """Friction of motors and gearboxes, as torque at the capstan."""
+
+    coulomb: Annotated[Numbers, Bounds(0.0, 0.3, 3)]
+    viscous: Annotated[Numbers, Bounds(0.0, 0.05, 3)]
+    presliding: Annotated[Numbers, Bounds(0.02, 5.0, 3)]
+    gear_loss: Annotated[float, Bounds(0.0, 0.5)]
+    capstan_ripple: Annotated[float, Bounds(0.0, 0.5)]
+    gear_ripple: Annotated[float, Bounds(0.0, 0.5)]
+    gear_ripple_cycles: Annotated[float, Bounds(1.0, 100.0)]
+    wander: Annotated[float, Bounds(0.0, 0.2)]
+    wander_time: Annotated[float, Bounds(1.0, 1e5)]
+    warm_up: Annotated[float, Bounds(0.0, 1.0)]
+    warm_up_time: Annotated[float, Bounds(10.0, 1e5)]
+
+
+@dataclass(frozen=True)
+class JointFriction:
+    """Friction behind the capstan, at the joint; this is what makes hysteresis."""
+
+    coulomb: Annotated[Numbers, Bounds(0.0, 50.0, 3)]
+    load_share: Annotated[Numbers, Bounds(0.0, 0.5, 3)]
+    presliding: Annotated[Numbers, Bounds(1e-5, 0.05, 3)]
+
+
+@dataclass(frozen=True)
+class Cable:
+    """Stiffness (3,) [Nm/rad, Nm/rad, N/m] between capstan and joint, at the joint."""
+
+    stiffness: Annotated[Numbers, Bounds(20.0, 1e7, 3)]
+
+
+@dataclass(frozen=True)
+class Pulleys:
+    """Real against nominal transmission: scale, coupling and run-out."""
+
+    scale: Annotated[Numbers, Bounds(-0.2, 0.2, 3)]
+    coupling_shoulder_elbow: Annotated[float, Bounds(-0.3, 0.3)]
+    coupling_shoulder_insertion: Annotated[float, Bounds(-0.02, 0.02)]
+    coupling_elbow_insertion: Annotated[float, Bounds(-0.02, 0.02)]
+    capstan_run_out: Annotated[Numbers, Bounds(0.0, 1e-3, 3)]
+    capstan_phase: Annotated[Numbers, Bounds(-7.0, 7.0, 3)]
+    joint_run_out: Annotated[Numbers, Bounds(0.0, 2e-3, 3)]
+    joint_phase: Annotated[Numbers, Bounds(-7.0, 7.0, 3)]
+
+
+@dataclass(frozen=True)
+class Wrap:
+    """Change of cable length where runs leave their pulleys at an angle."""
+
+    free_run: Annotated[Numbers, Bounds(0.01, 2.0, 3)]
+    sideways_shoulder: Annotated[Numbers, Bounds(-0.05, 0.05, 3)]
+    sideways_elbow: Annotated[Numbers, Bounds(-0.05, 0.05, 3)]
+    sideways_insertion: Annotated[Numbers, Bounds(-0.5, 0.5, 3)]
+    aligned: Annotated[Numbers, Bounds(-3.2, 3.2, 3)]
+
+
+@dataclass(frozen=True)
+class Creep:
+    """Lengthening of the cables over hours of work."""
+
+    final: Annotated[Numbers, Bounds(-0.1, 0.1, 3)]
+    travel: Annotated[Numbers, Bounds(0.1, 1e6, 3)]
+    load_gain: Annotated[float, Bounds(0.0, 20.0)]
+    idle_time: Annotated[float, Bounds(1e3, 1e12)]
+
+
+@dataclass(frozen=True)
+class Mass:
+    """Mass [kg] that the robot's own link masses leave out."""
+
+    instrument: Annotated[float, Bounds(0.0, 2.0)]
+
+
+@dataclass(frozen=True)
+class Homing:
+    """How registration at the hard stops errs."""
+
+    registration_sd: Annotated[Numbers, Bounds(0.0, 0.1, 3)]
+    registration_bias: Annotated[Numbers, Bounds(-0.1, 0.1, 3)]
+
+
+@dataclass(frozen=True)
+class ExternalEncoders:
+    """Clock of the temporary joint encoders."""
+
+    rate: Annotated[float, Bounds(1.0, 1000.0)]
+    jitter: Annotated[float, Bounds(0.0, 0.01)]
+    stamp_delay: Annotated[float, Bounds(0.0, 0.1)]
+
+
+@dataclass(frozen=True)
+class Tool:
+    """Motors of roll, wrist and jaws."""
+
+    inertia: Annotated[Numbers, Bounds(1e-7, 1e-3, 4)]
+    coulomb: Annotated[Numbers, Bounds(0.0, 0.1, 4)]
+    viscous: Annotated[Numbers, Bounds(0.0, 0.05, 4)]
+    presliding: Annotated[Numbers, Bounds(0.02, 5.0, 4)]
+
+
+@dataclass(frozen=True)
+class Raven2Parameters(Parameters):
+    """Everything that makes the twin of a RAVEN-II arm err; one attribute per section."""
+
+    NOMINAL: ClassVar[str] = "raven2/nominal.toml"
+
+    motor: Motor
+    motor_friction: MotorFriction
+    joint_friction: JointFriction
+    cable: Cable
+    pulleys: Pulleys
+    wrap: Wrap
+    creep: Creep
+    mass: Mass
+    homing: Homing
+    external_encoders: ExternalEncoders
+    tool: Tool

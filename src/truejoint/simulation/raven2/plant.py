@@ -1,0 +1,233 @@
+"""Constants of the twin's equations, from its parameters and from what the robot is."""
+
+from __future__ import annotations
+
+from typing import Literal, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import TruejointError
+from truejoint.robots import Robot
+from truejoint.robots.raven2 import (
+    ENCODER_COUNTS_PER_REV,
+    GRAVITY,
+    JOINT_ENCODERS,
+    Drive,
+    Raven2Kinematics,
+    drives,
+    links,
+)
+from truejoint.simulation.raven2 import kernel
+from truejoint.simulation.raven2.parameters import Raven2Parameters
+
+Array = NDArray[np.float64]
+
+POSITIONING = 3
+
+
+def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
+    """Constants of the equations of one arm.
+
+    Raises
+    ------
+    TruejointError
+        If a motor is too light for its friction, cable or gains at the fixed step.
+    """
+    p = parameters
+    side = cast("Literal['left', 'right']", robot.arm)
+    arm_drives = drives(side)
+    ratio = np.array([drive.transmission_ratio for drive in arm_drives])
+    gear = np.array([drive.gear_ratio for drive in arm_drives])
+    radius = np.array([drive.capstan_radius for drive in arm_drives])
+    assert robot.transmission is not None  # noqa: S101 - for the type checker; RAVEN-II has one
+    matrix = robot.transmission.matrix
+    nominal = matrix[:POSITIONING, :POSITIONING] / ratio[:POSITIONING, None]
+    coupling = np.array(
+        [
+            nominal[1, 0] + p.pulleys.coupling_shoulder_elbow,
+            nominal[2, 0] + p.pulleys.coupling_shoulder_insertion,
+            nominal[2, 1] + p.pulleys.coupling_elbow_insertion,
+        ]
+    )
+    real = np.array([[1, 0, 0], [coupling[0], 1, 0], [coupling[1], coupling[2], 1]], dtype=float)
+    hard_stop = np.array([drive.hard_stop for drive in arm_drives[:POSITIONING]])
+    inertia = np.array(p.motor.inertia + p.tool.inertia)
+    viscous = np.array(p.motor_friction.viscous + p.tool.viscous) / gear
+    # Viscous friction is taken at the end of the step, so that it never overshoots.
+    keep = 1.0 / (1.0 + kernel.DT * viscous / inertia)
+    _check_step(p, arm_drives, inertia)
+    truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
+    return kernel.Plant(
+        motor_from_joint=np.ascontiguousarray(matrix),
+        joint_from_motor=np.ascontiguousarray(np.linalg.inv(matrix)),
+        per_ratio=1.0 / ratio,
+        per_gear=1.0 / gear,
+        push=kernel.DT * keep / inertia,
+        keep=keep,
+        coulomb=np.array(p.motor_friction.coulomb + p.tool.coulomb) / gear,
+        bend=kernel.DT / np.array(p.motor_friction.presliding + p.tool.presliding),
+        gains=np.array([[drive.kp, drive.kd, drive.ki] for drive in arm_drives]),
+        effort_limit=np.array([drive.max_effort for drive in arm_drives]),
+        effort_step=np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives]),
+        channel=np.array([robot.channels.index(name) for name in robot.joint_names]),
+        friction=np.column_stack(
+            [p.joint_friction.coulomb, p.joint_friction.load_share, p.joint_friction.presliding]
+        ),
+        stiffness=np.array(p.cable.stiffness),
+        scale=1.0 + np.array(p.pulleys.scale),
+        anchor=np.column_stack([nominal @ hard_stop, real @ truth_stop]),
+        coupling=coupling,
+        per_arm=(gear / (radius * ratio))[:POSITIONING],
+        run_out=_run_out(p),
+        sideways=np.column_stack(
+            [p.wrap.sideways_shoulder, p.wrap.sideways_elbow, p.wrap.sideways_insertion]
+        ),
+        sideways_zero=_sideways_zero(p),
+        per_run=0.5 / np.array(p.wrap.free_run),
+        stops=_stops(robot, truth_stop),
+        gravity=gravity_potential(robot, p.mass.instrument),
+        creep=np.column_stack([p.creep.final, p.creep.travel]),
+        truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
+        constants=_constants(p),
+    )
+
+
+def _check_step(p: Raven2Parameters, arm_drives: tuple[Drive, ...], inertia: Array) -> None:
+    """Refuse what the step of 1 ms cannot resolve: a mode may turn one radian in a step."""
+    coulomb = p.motor_friction.coulomb + p.tool.coulomb
+    presliding = p.motor_friction.presliding + p.tool.presliding
+    cable = (*p.cable.stiffness, 0.0, 0.0, 0.0, 0.0)
+    for k, drive in enumerate(arm_drives):
+        # Stuck, the motor turns against bristles, cable and its own controller.
+        stiff = (coulomb[k] / presliding[k] + drive.kp) / drive.gear_ratio
+        stiff += cable[k] / drive.transmission_ratio**2
+        damped = drive.kd / drive.gear_ratio
+        needed = max(kernel.DT**2 * stiff, kernel.DT * damped)
+        if not needed <= inertia[k]:
+            raise TruejointError(
+                f"the {drive.joint}'s motor is too light for a step of 1 ms: raise its inertia "
+                f"from {inertia[k]:.3g} to {needed:.3g} kg m2, or lower its friction or its "
+                "cable's stiffness"
+            )
+
+
+def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> kernel.State:
+    """State of a cold robot at rest in `pose` (3,), its encoders not registered."""
+    motor = np.zeros(7)
+    motor[:POSITIONING] = (plant.motor_from_joint[:POSITIONING, :POSITIONING] @ pose).ravel()
+    slow = np.zeros(kernel.N_SLOW)
+    slow[kernel.LOAD] = load
+    count = kernel.TURN / ENCODER_COUNTS_PER_REV
+    state = kernel.State(
+        motor=motor,
+        speed=np.zeros(7),
+        bristle=np.zeros(7),
+        joint=pose.copy(),
+        before=pose.copy(),
+        drive=pose.copy(),
+        lag=np.zeros(POSITIONING),
+        carried=np.zeros(POSITIONING),
+        encoder_zero=np.zeros(7),
+        counts=np.floor(motor / count),
+        command=motor.copy(),
+        integral=np.zeros(7),
+        creep=np.zeros(POSITIONING),
+        walk=np.zeros(POSITIONING),
+        odometer=np.zeros(POSITIONING),
+        wave=np.zeros((POSITIONING + 2, 2)),
+        slow=slow,
+        ticks=np.zeros(2, dtype=np.int64),
+        random=np.array([seed], dtype=np.uint64),
+    )
+    wander = plant.constants[kernel.WANDER]
+    for k in range(POSITIONING):
+        state.walk[k] = wander * kernel.normal(state.random)
+    return state
+
+
+def gravity_potential(robot: Robot, instrument: float) -> Array:
+    """Coefficients (2, 12) [J] of `kernel.gravity_load`: the links, and 1 kg at the tool.
+
+    Found from the robot's own link frames: 24 poses give 12 coefficients, exactly.
+    """
+    kinematics = cast("Raven2Kinematics", robot.kinematics)
+    arm_links = links(cast("Literal['left', 'right']", robot.arm))
+    poses = np.tile(robot.home, (24, 1))
+    steps = np.arange(24)
+    poses[:, :POSITIONING] = np.column_stack(
+        [np.cos(steps), 2.0 * np.sin(1.7 * steps), 0.3 + 0.1 * np.cos(2.3 * steps)]
+    )
+    frames = kinematics.link_frames(poses)
+    masses = [link.mass for link in arm_links]
+    # The carriage holds the instrument, whose weight the published link leaves out.
+    masses[2] += instrument
+    height = np.zeros((24, 2))
+    for k, (mass, link) in enumerate(zip(masses, arm_links, strict=True)):
+        place = frames[:, k, :3, 3] + frames[:, k, :3, :3] @ np.array(link.centre_of_mass)
+        height[:, 0] -= mass * (place @ np.array(GRAVITY))
+    height[:, 1] = -(kinematics.forward(poses)[:, :3, 3] @ np.array(GRAVITY))
+    q1, q2, d = poses[:, :POSITIONING].T
+    one = np.ones_like(d)
+    basis = np.column_stack(
+        [
+            shoulder * elbow * insertion
+            for shoulder in (np.cos(q1), np.sin(q1))
+            for elbow in (one, np.cos(q2), np.sin(q2))
+            for insertion in (one, d)
+        ]
+    )
+    coefficients: Array = np.linalg.lstsq(basis, height, rcond=None)[0].T
+    return np.ascontiguousarray(coefficients).reshape(2, 12)
+
+
+def _run_out(p: Raven2Parameters) -> Array:
+    """Parts of the run-out [m] on cos and sin of the capstan's and of the joint's angle (3, 4)."""
+    capstan, joint = np.array(p.pulleys.capstan_run_out), np.array(p.pulleys.joint_run_out)
+    c_phase, j_phase = np.array(p.pulleys.capstan_phase), np.array(p.pulleys.joint_phase)
+    return np.column_stack(
+        [
+            capstan * np.sin(c_phase),
+            capstan * np.cos(c_phase),
+            joint * np.sin(j_phase),
+            joint * np.cos(j_phase),
+        ]
+    )
+
+
+def _sideways_zero(p: Raven2Parameters) -> Array:
+    wrap = p.wrap
+    rates = np.column_stack([wrap.sideways_shoulder, wrap.sideways_elbow, wrap.sideways_insertion])
+    return np.asarray(rates @ np.array(wrap.aligned))
+
+
+def _stops(robot: Robot, registered: Array) -> Array:
+    """Hard stops (3, 2): one where homing looks for it, the other 5 % beyond the soft limit."""
+    margin = 0.05 * (robot.upper - robot.lower)[:POSITIONING]
+    stops = np.column_stack(
+        [robot.lower[:POSITIONING] - margin, robot.upper[:POSITIONING] + margin]
+    )
+    stops[0, 0] = registered[0]
+    stops[1:, 1] = registered[1:]
+    return stops
+
+
+def _constants(p: Raven2Parameters) -> Array:
+    friction, encoders = p.motor_friction, p.external_encoders
+    values = {
+        kernel.GEAR_LOSS: friction.gear_loss,
+        kernel.CAPSTAN_RIPPLE: friction.capstan_ripple,
+        kernel.GEAR_RIPPLE: friction.gear_ripple,
+        kernel.RIPPLE_CYCLES: friction.gear_ripple_cycles,
+        kernel.WANDER: friction.wander,
+        kernel.WANDER_TIME: friction.wander_time,
+        kernel.WARM_UP: friction.warm_up,
+        kernel.WARM_UP_TIME: friction.warm_up_time,
+        kernel.LOAD_GAIN: p.creep.load_gain,
+        kernel.IDLE_TIME: p.creep.idle_time,
+        kernel.TRUTH_PERIOD: 1.0 / encoders.rate,
+        kernel.TRUTH_JITTER: encoders.jitter,
+        kernel.STAMP_DELAY: encoders.stamp_delay,
+        kernel.COUNTS: float(ENCODER_COUNTS_PER_REV),
+    }
+    return np.array([values[i] for i in range(kernel.N_CONSTANTS)])

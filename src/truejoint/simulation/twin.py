@@ -1,0 +1,142 @@
+"""What every digital twin offers, and the few rules that they share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from truejoint.errors import TruejointError
+from truejoint.robots import Robot
+from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
+from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.simulation.parameter_file import Parameters
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class TwinOutput(StateBlock):
+    """What a robot reported over a stretch of time, and what no robot knows.
+
+    Attributes
+    ----------
+    truth : TruthBlock
+        Readings of the temporary joint encoders, on their own clock.
+    joint : ndarray, shape (n, n_positioning)
+        Where the positioning joints really are [rad or m].
+    """
+
+    truth: TruthBlock
+    joint: Array
+
+    def joined(self, later: TwinOutput) -> TwinOutput:
+        """Put a `later` stretch of time after this one."""
+        parts = (self, later)
+        return TwinOutput(
+            name=self.name,
+            extra={n: np.concatenate([part.extra[n] for part in parts]) for n in self.extra},
+            truth=TruthBlock(
+                np.concatenate([part.truth.t for part in parts]),
+                self.truth.name,
+                np.concatenate([part.truth.position for part in parts]),
+            ),
+            **{
+                name: np.concatenate([getattr(part, name) for part in parts])
+                for name in ("t", *QUANTITIES, "joint")
+            },
+        )
+
+
+class Twin(Protocol):
+    """A virtual robot; its time passes only while `home`, `run` or `idle` run.
+
+    The same seed and the same calls give the same numbers, bit for bit, and however a motion is
+    cut into calls of `run`, it is the same motion. Inside, a twin integrates as finely as it
+    needs. What else may act on it (a force at the tip over time, a grip) is an attribute of its
+    own, set between calls, and what only a simulation can report goes into `StateBlock.extra`;
+    so a twin with more joints, motors, sensors or loads needs nothing else from the arm.
+
+    A class of twins is made as ``kind(parameters, arm=..., seed=..., load=...)``, with
+    ``parameters`` of its `PARAMETERS`; `truejoint.simulation.catalogue` lists them.
+    """
+
+    PARAMETERS: ClassVar[type[Parameters]]
+
+    load: float
+    """Mass that hangs on the tool [kg]; may be changed between calls."""
+
+    def __init__(
+        self, parameters: Any = None, *, arm: str = "", seed: int = 0, load: float = 0.0
+    ) -> None: ...
+
+    @property
+    def robot(self) -> Robot:
+        """The arm that this is the twin of."""
+        ...
+
+    @property
+    def seed(self) -> int:
+        """Of everything random."""
+        ...
+
+    @property
+    def time(self) -> float:
+        """Time since the robot was switched on [s]."""
+        ...
+
+    @property
+    def homing_count(self) -> int:
+        """How often the robot has been homed."""
+        ...
+
+    def home(self) -> TwinOutput:
+        """Register the encoders anew and go to the home pose; only the last rows mean something."""
+        ...
+
+    def run(self, setpoint: ArrayLike) -> TwinOutput:
+        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
+        ...
+
+    def idle(self, duration: float) -> None:
+        """Let `duration` [s] pass with the brakes on; no rows."""
+        ...
+
+
+def glide(start: Array, end: Array, duration: float) -> Array:
+    """Set-points (n, n_joints) from `start` to `end` (n_joints,) in `duration` [s], half a cosine.
+
+    This is how a homed robot leaves its stops (uw-biorobotics/raven2:src/raven/homing.cpp).
+    """
+    steps = round(duration / SETPOINT_DT)
+    blend = 0.5 * (1.0 - np.cos(np.pi * np.arange(1, steps + 1) / steps))
+    return np.asarray(start + blend[:, None] * (end - start))
+
+
+def hold(position: Array, duration: float) -> Array:
+    """Set-points (n, n_joints) that stay at `position` (n_joints,) for `duration` [s]."""
+    return np.tile(position, (round(duration / SETPOINT_DT), 1))
+
+
+def checked_seed(seed: int) -> int:
+    """Return `seed`; raises TruejointError unless it is a whole number of 63 bits."""
+    if isinstance(seed, bool) or not 0 <= seed < 2**63:
+        raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
+    return seed
+
+
+def checked_load(mass: float, most: float) -> float:
+    """Return `mass` [kg]; raises TruejointError unless it lies in [0, `most`]."""
+    if not 0.0 <= mass <= most:  # also false for NaN
+        raise TruejointError(f"load is {mass} kg; it must lie in [0, {most:g}] kg")
+    return float(mass)
+
+
+def checked_ticks(duration: float) -> int:
+    """Periods in `duration` [s], rounded; raises TruejointError if negative or not finite."""
+    if not (math.isfinite(duration) and duration >= 0.0):
+        raise TruejointError(f"duration is {duration}; give a finite number of seconds >= 0")
+    return round(duration / SETPOINT_DT)

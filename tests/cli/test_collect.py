@@ -1,0 +1,65 @@
+"""Tests of `truejoint collect` beyond those that all commands share."""
+
+import pytest
+
+from truejoint.crtk import SimulatedBackend
+from truejoint.recordings import read_parquet
+
+
+@pytest.fixture
+def motion(call, tmp_path):
+    path = tmp_path / "jaw.csv"
+    made = call("trajectory", "random", "--robot", "forceps", "--minutes", "0.5", "-o", path)
+    assert made.code == 0
+    return path
+
+
+def test_a_forceps_is_collected_and_calibrated(call, motion, tmp_path):
+    mine = tmp_path / "mine.toml"
+    mine.write_text("[drive_encoder]\ninstalled = false\n")
+    arguments = ("--robot", "forceps", "--twin", mine, "--load-grams", 20, "-o", tmp_path)
+    assert call("collect", motion, *arguments, "--state-rate-hz", 200).code == 0
+    recording = read_parquet(tmp_path / "jaw.parquet")
+    assert recording.robot.name == "forceps"
+    assert recording.joints_of("cable") == ("reset",)
+    assert recording.provenance.load == 0.02
+    assert recording.provenance.homing_id == "seed 0, homing 1"
+    fitted = call("calibrate", tmp_path / "jaw.parquet", "-e", "linear", "-o", tmp_path / "m.st")
+    assert fitted.code == 0, fitted.err
+
+
+def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatch):
+    arguments = ("collect", motion, "--robot", "forceps", "-o", tmp_path, "--force")
+    assert call(*arguments).code == 0
+    whole = (tmp_path / "jaw.parquet").read_bytes()
+    run, blocks = SimulatedBackend.servo_jp, []
+
+    def stop_at_the_third(self, position):
+        blocks.append(position)
+        if len(blocks) == 3:
+            raise KeyboardInterrupt
+        run(self, position)
+
+    monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_at_the_third)
+    stopped = call(*arguments)
+    assert stopped.code != 0
+    assert "jaw.stopped.parquet" in stopped.err
+    assert (tmp_path / "jaw.parquet").read_bytes() == whole
+    fragment = read_parquet(tmp_path / "jaw.stopped.parquet")
+    assert fragment.provenance.notes == "stopped by KeyboardInterrupt"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (("--robot", "kflex"), "no digital twin of 'kflex'"),
+        (("--robot", "raven2"), "jaw"),
+        (("--robot", "forceps", "--load-grams", "3000"), "load is 3.0 kg"),
+        (("--robot", "forceps", "--seed", "-1"), "seed is -1"),
+        (("--robot", "forceps", "--state-rate-hz", "nan"), "rate nan Hz"),
+    ],
+)
+def test_what_cannot_be_collected_is_refused_in_one_line(call, motion, tmp_path, arguments, says):
+    refused = call("collect", motion, *arguments, "-o", tmp_path / "new")
+    assert refused.code == 2
+    assert says in refused.err.splitlines()[-1]

@@ -1,0 +1,185 @@
+"""Tests of truejoint.crtk.backends.simulated."""
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import Arm, Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
+from truejoint.errors import CommandRefused, RobotError
+from truejoint.recordings import Recorder
+from truejoint.robots import get_robot
+from truejoint.simulation import Twin, TwinOutput
+from truejoint.simulation.parameter_file import Parameters
+from truejoint.simulation.raven2 import Raven2Twin
+
+
+@pytest.fixture
+def backend() -> SimulatedBackend:
+    return SimulatedBackend(Raven2Twin(arm="left", seed=1))
+
+
+def record(arm):
+    states: list[StateBlock] = []
+    truths: list[TruthBlock] = []
+    arm.subscribe(lambda b: (states if isinstance(b, StateBlock) else truths).append(b))
+    return states, truths
+
+
+def test_arm_reports_only_what_means_something(backend):
+    typed: Backend = backend  # the type checker sees that it fits
+    arm = simulated_arm("RAVEN2", "gold", seed=1)
+    states, truths = record(arm)
+    assert typed.robot.title == arm.robot.title == "raven2 (left arm)"
+    arm.enable()
+    arm.home()
+    # Rows before the registration of the encoders are not positions.
+    assert [len(block.t) for block in states] == [1]
+    assert truths == []
+    assert arm.measured_js().position[:3] == pytest.approx(arm.robot.home[:3], abs=0.02)
+    assert arm.setpoint_js().position == pytest.approx(arm.robot.home)
+
+
+def test_streams_agree_with_the_twin_itself(backend):
+    arm = simulated_arm(seed=1)
+    twin = backend.twin
+    arm.enable()
+    arm.home()
+    twin.home()
+    states, truths = record(arm)
+    path = arm.robot.home + np.linspace(0, 0.02, 500)[:, None] * np.array([1, 1, 0.1, 0, 0, 0, 0])
+    arm.servo_jp_stream(path)
+    output = twin.run(path)
+    assert len(states) == len(truths) == 1
+    for name in ("t", "measured", "velocity", "effort", "setpoint", "motor", "motor_velocity"):
+        assert np.array_equal(getattr(states[0], name), getattr(output, name))
+    assert np.array_equal(truths[0].t, output.truth.t)
+    assert np.array_equal(truths[0].position, output.truth.position)
+    assert arm.time == twin.time
+
+
+def test_time_goes_on_over_blocks_moves_and_brakes():
+    arm = simulated_arm(seed=2)
+    arm.enable()
+    arm.home()
+    states, truths = record(arm)
+    arm.move_jp(arm.robot.home + 0.01)
+    arm.pause()
+    arm.wait(3600.0)
+    arm.resume()
+    arm.wait(0.5)
+    for t in (np.concatenate([b.t for b in states]), np.concatenate([b.t for b in truths])):
+        assert (np.diff(t) > 0.0).all()
+        assert np.diff(t).max() == pytest.approx(3600.0, abs=0.05)
+
+
+def test_homing_again_registers_anew():
+    arm = simulated_arm(seed=3)
+    arm.enable()
+    errors = []
+    for _ in range(2):
+        arm.home()
+        _, truths = record(arm)
+        arm.wait(0.2)
+        errors.append(truths[-1].position[-1] - arm.measured_js().position[:3])
+    assert np.abs(errors[0] - errors[1]).max() > 1e-4
+
+
+def test_each_arm_has_its_own_random_numbers():
+    positions = []
+    for seed in (4, 4, 5):
+        arm = simulated_arm(seed=seed)
+        arm.enable()
+        arm.home()
+        arm.wait(0.1)
+        positions.append(arm.measured_js().position)
+    assert np.array_equal(positions[0], positions[1])
+    assert not np.array_equal(positions[0], positions[2])
+
+
+def test_load_reaches_the_twin():
+    efforts = []
+    for load in (0.0, 0.5):
+        arm = simulated_arm(seed=6, load=load)
+        arm.enable()
+        arm.home()
+        arm.wait(0.5)
+        efforts.append(arm.measured_js().effort[:3])
+    assert np.abs(efforts[0] - efforts[1]).max() > 1e-3
+
+
+def test_the_forceps_stands_behind_the_same_arm():
+    arm = simulated_arm("forceps", seed=2)
+    states, truths = record(arm)
+    arm.enable()
+    arm.home()
+    arm.move_jp([np.radians(20.0)])
+    assert arm.homing_id == "seed 2, homing 1"
+    state = arm.measured_js()
+    assert state.position == pytest.approx(arm.setpoint_js().position, abs=1e-3)
+    assert state.velocity == pytest.approx([0.0], abs=0.02)
+    assert state.effort.size == 0  # the paper's forceps measures none
+    assert set(states[-1].extra) >= {"cable/drive", "cable/reset", "truth_load/jaw"}
+    assert truths[-1].position[-1] == pytest.approx(state.position, abs=np.radians(3.0))
+    with pytest.raises(CommandRefused, match="outside its range"):
+        arm.servo_jp([2.0])
+
+
+class RigidWrist:
+    """A third twin, of another robot: coupled motors, two tensions and a load on the grip."""
+
+    PARAMETERS = Parameters
+
+    def __init__(self, parameters=None, *, arm="", seed=0, load=0.0):
+        self.robot = get_robot("dvrk_psm", arm)
+        self.seed, self.load, self.ticks, self.homing_count = seed, load, 0, 0
+        self._coupling = np.eye(len(self.robot.joints)) + np.eye(len(self.robot.joints), k=-1)
+
+    @property
+    def time(self):
+        return self.ticks * 1e-3
+
+    def home(self):
+        self.homing_count += 1
+        return self.run(self.robot.home[None])
+
+    def run(self, setpoint):
+        rows = np.asarray(setpoint, dtype=float)
+        t = self.time + 1e-3 * np.arange(1, len(rows) + 1)
+        self.ticks += len(rows)
+        still, grip = np.zeros_like(rows), np.full(len(rows), 9.81 * self.load)
+        return TwinOutput(
+            t, self.robot.channels, rows, still, still, rows, rows @ self._coupling.T, still,
+            {"tension/wrist_pitch": grip + 8.0, "tension/wrist_yaw": 8.0 - grip,
+             "truth_load/grip": 0.01 * grip},
+            truth=TruthBlock(t, self.robot.positioning, rows[:, : len(self.robot.positioning)]),
+            joint=rows[:, : len(self.robot.positioning)],
+        )  # fmt: skip
+
+    def idle(self, duration):
+        self.ticks += round(duration * 1e3)
+
+
+def test_another_twin_needs_nothing_of_the_back_end():
+    twin: Twin = RigidWrist(load=0.5)
+    arm = Arm(SimulatedBackend(twin))
+    arm.enable()
+    arm.home()
+    with Recorder(arm, state_rate=100.0) as recorder:
+        arm.wait(0.5)
+        twin.load = 0.0
+        arm.wait(0.5)
+    recording = recorder.recording()
+    assert recording.provenance.homing_id == "seed 0, homing 1"
+    assert recording.units["tension/wrist_pitch"] == "N"
+    assert recording.units["truth_load/grip"] == "Nm"
+    assert recording.column("tension/wrist_pitch")[[0, -1]] == pytest.approx([12.905, 8.0])
+    assert recording.joints_of("truth") == arm.robot.positioning
+    assert recording.joints_of("effort") == arm.robot.channels
+
+
+def test_refusals():
+    with pytest.raises(RobotError, match="no digital twin of 'dvrk_psm'; there is one of"):
+        simulated_arm("dvrk_psm")
+    with pytest.raises(RobotError, match="arm"):
+        simulated_arm("raven2", "middle")
+    with pytest.raises(CommandRefused, match="'resume' refused"):
+        simulated_arm().resume()

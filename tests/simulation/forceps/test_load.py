@@ -1,0 +1,76 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import TruejointError
+from truejoint.simulation.forceps.load import LoadTest
+
+T = np.arange(36_001) / 1000
+
+
+def test_it_moves_at_the_papers_speed_to_the_papers_angle():
+    angles = LoadTest(0.1).angles(T)
+    speed = np.gradient(angles, T)
+    assert math.degrees(speed[(T > 2.1) & (T < 17.9)].mean()) == pytest.approx(1.875)
+    assert angles[0] == 0.0
+    assert math.degrees(angles[-1]) == pytest.approx(30.0)
+    np.testing.assert_array_equal(angles[T >= 18.001], angles[-1])
+
+
+@pytest.mark.parametrize(("direction", "sign"), [("opposing", -1.0), ("along", 1.0)])
+@pytest.mark.parametrize("angle", [30.0, -30.0])
+def test_the_weight_hangs_on_the_side_asked_for(direction, sign, angle):
+    force = LoadTest(0.2, direction, math.radians(angle)).force(T, seed=1)
+    np.testing.assert_allclose(force[T >= 26.5], sign * math.copysign(0.2 * 9.81, angle))
+    assert not force[T <= 24.0].any()
+
+
+@given(mass=st.floats(0.0, 2.0), seed=st.integers(0, 2**32 - 1))
+def test_the_line_pulls_and_never_pushes(mass, seed):
+    force = LoadTest(mass, "along").force(T[::10], seed)
+    assert force.min() >= 0.0
+    assert force.max() <= 2.0 * mass * 9.81 + 1e-12
+
+
+def test_the_hand_wobbles_differently_under_each_seed_only_while_it_holds():
+    test = LoadTest(0.1)
+    one, two, again = test.force(T, 1), test.force(T, 2), test.force(T, 1)
+    np.testing.assert_array_equal(one, again)
+    held = (T > 24.0) & (T < 26.5)
+    assert np.abs(one - two)[held].max() > 0.1 * 0.1 * 9.81
+    np.testing.assert_allclose(one[~held], two[~held], rtol=1e-12)
+    assert (np.diff(np.abs(one[held])) < 0).any()
+
+
+def test_the_phases_are_those_of_the_paper_in_order():
+    phases = LoadTest(0.1).phases
+    assert list(phases) == ["I", "II", "III", "IV"]
+    assert phases["I"] == (2.0, 18.0)
+    edges = [edge for phase in phases.values() for edge in phase]
+    assert edges == sorted(edges)
+    assert phases["IV"][1] == 36.0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"mass": -0.1}, "kg"),
+        ({"mass": math.nan}, "kg"),
+        ({"mass": 50.0}, "kg"),
+        ({"mass": 0.1, "direction": "up"}, "opposing"),
+        ({"mass": 0.1, "loaded_from": 5.0}, "times"),
+        ({"mass": 0.1, "end": 25.0}, "times"),
+        ({"mass": 0.1, "speed": 0.0}, "speed"),
+        ({"mass": 0.1, "speed": math.nan}, "speed"),
+        ({"mass": 0.1, "angle": math.inf}, "speed"),
+        ({"mass": 0.1, "end": math.inf}, "times"),
+        ({"mass": 0.1, "end": math.nan}, "times"),
+    ],
+)
+def test_an_impossible_test_is_refused(arguments, says):
+    with pytest.raises(TruejointError, match=says) as caught:
+        LoadTest(**arguments)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,121 @@
+import math
+
+import numpy as np
+import pytest
+
+from truejoint.errors import TruejointError
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import eigenfrequencies, friction_at_pretension
+from truejoint.simulation.forceps.specimens import SPECIMENS, population, prior, specimen
+from truejoint.simulation.forceps.twin import simulate_load_test
+
+POPULATION = population(150, seed=11)
+
+
+def yielding(parameters, mass, direction="opposing"):
+    """By how much the weight turns the jaw [deg], from before the hand to the end."""
+    test = LoadTest(mass, direction, loaded_from=20.0, loaded_to=22.0, end=24.0)
+    run = simulate_load_test(parameters, test, seed=1, log_rate=50.0)
+    before = run.jaw[run.t < test.loaded_from][-1]
+    return math.degrees(run.jaw[-1] - before)
+
+
+@pytest.mark.parametrize(
+    ("name", "jaw", "slider"), [("nominal", 1.56, 0.20), ("A", 6.64, 0.26), ("B", 7.35, 0.414)]
+)
+def test_their_friction_is_the_documented_one(name, jaw, slider):
+    torque, force = friction_at_pretension(specimen(name))
+    assert 1e3 * torque == pytest.approx(jaw, abs=0.005)
+    assert force == pytest.approx(slider, abs=0.001)
+
+
+def test_an_unknown_specimen_is_refused_with_the_known_ones():
+    with pytest.raises(TruejointError, match="nominal, A, B"):
+        specimen("C")
+    assert len({repr(specimen(name)) for name in SPECIMENS}) == 3
+
+
+@pytest.mark.parametrize("name", ["A", "B"])
+@pytest.mark.parametrize("mass", [0.03, 0.05])
+def test_fifty_grams_hardly_turn_the_jaw_of_a_paper_like_specimen(name, mass):
+    assert abs(yielding(specimen(name), mass)) < 0.5
+
+
+def test_two_hundred_and_fifty_grams_turn_it():
+    assert -7.0 < yielding(specimen("A"), 0.25) < -2.4
+    assert -7.0 < yielding(specimen("nominal"), 0.25) < -2.4
+    assert -7.0 < yielding(specimen("B"), 0.25) < -0.5
+
+
+def test_a_weight_along_the_motion_turns_it_further_than_one_against():
+    for mass in (0.05, 0.1):
+        along, against = yielding(specimen("A"), mass, "along"), yielding(specimen("A"), mass)
+        assert along > 1.0
+        assert along > 4 * abs(against)
+
+
+def test_the_same_seed_draws_the_same_population_and_more_of_it():
+    assert population(150, seed=11) == POPULATION
+    assert population(5, seed=11) == POPULATION[:5]
+    assert population(5, seed=12) != POPULATION[:5]
+    assert len(set(map(repr, POPULATION))) == 150
+
+
+@pytest.mark.parametrize("count", [0, -1, 100_001])
+def test_a_population_has_a_size(count):
+    with pytest.raises(TruejointError, match=str(count)):
+        population(count)
+
+
+@pytest.mark.parametrize(
+    ("what", "value", "low", "high"),
+    [
+        ("drive stiffness", lambda p: p.drive_cable.stiffness, 9e3, 17.1e3),
+        ("reset stiffness", lambda p: p.reset_cable.stiffness, 9e3, 17.1e3),
+        ("cable damping", lambda p: p.drive_cable.damping, 0.3, 3.0),
+        ("stiffening", lambda p: p.reset_cable.stiffening, 0.1, 0.5),
+        ("elastic share", lambda p: p.drive_cable.elastic_share, 0.75, 0.97),
+        ("yield", lambda p: p.drive_cable.hysteresis_distance, 20e-6, 150e-6),
+        ("gear", lambda p: p.assembly.gear_stiffness, 30.0, 120.0),
+        ("pretension", lambda p: p.assembly.pretension, 5.0, 12.0),
+        ("inertia", lambda p: p.jaw.inertia, 0.3e-6, 3e-6),
+        ("slider mass", lambda p: p.slider.mass, 0.02, 0.1),
+        ("jaw friction", lambda p: friction_at_pretension(p)[0], 0.3e-3, 8e-3),
+        ("slider friction", lambda p: friction_at_pretension(p)[1], 0.05, 0.5),
+        ("slider presliding", lambda p: p.slider_friction.presliding, 3e-6, 30e-6),
+        ("jaw presliding", lambda p: p.jaw_friction.presliding, 0.349e-3, 2.62e-3),
+        ("stribeck", lambda p: p.jaw_friction.stribeck_ratio, 1.0, 1.05),
+        ("arm", lambda p: p.jaw.load_arm, 8e-3, 14e-3),
+        ("jaw eccentricity", lambda p: p.jaw.eccentricity, 0.0, 0.2e-3),
+        ("wheel eccentricity", lambda p: p.assembly.wheel_eccentricity, 0.0, 0.05e-3),
+        ("jaw phase", lambda p: p.jaw.eccentricity_phase, -math.pi, math.pi),
+        ("first harmonic", lambda p: math.degrees(p.reference_encoder.first_harmonic), 0.0, 0.9001),
+        ("second", lambda p: math.degrees(p.reference_encoder.second_harmonic), 0.0, 0.3501),
+    ],
+)
+def test_the_population_fills_its_documented_range_and_stays_inside(what, value, low, high):
+    values = np.array([value(p) for p in POPULATION])
+    assert low <= values.min() < values.max() <= high, what
+    assert np.ptp(values) > 0.75 * (high - low), what
+
+
+def test_what_the_cables_share_is_one_draw():
+    for p in POPULATION[:20]:
+        assert p.drive_cable.stiffening == p.reset_cable.stiffening
+        assert p.drive_cable.stiffness == pytest.approx(p.reset_cable.stiffness, rel=0.11)
+        assert p.drive_cable.stiffness != p.reset_cable.stiffness
+
+
+def test_logarithmic_draws_have_their_median_at_the_geometric_mean():
+    spread = prior()["jaw_friction"]
+    rng = np.random.default_rng(0)
+    drawn = [spread.draw(rng) for _ in range(2000)]
+    assert np.median(drawn) == pytest.approx(math.sqrt(0.3e-3 * 8e-3), rel=0.1)
+
+
+def test_every_mode_of_the_population_is_slow_enough_for_the_step():
+    found = np.array(
+        [[eigenfrequencies(p, stuck=stuck) for stuck in (False, True)] for p in POPULATION]
+    )
+    assert 25.0 < found[:, 0].min() < found[:, 0].max() < 300.0
+    assert found[:, 1].max() < 1500.0

@@ -1,0 +1,207 @@
+import math
+from dataclasses import fields
+
+import numpy as np
+import pytest
+
+from truejoint.errors import TruejointError
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import (
+    ForcepsTwin,
+    simulate_forceps,
+    simulate_load_test,
+)
+
+NOMINAL = specimen()
+T = np.arange(4001) / 1000
+MOTION = np.radians(20.0) * np.sin(2.0 * T) * np.minimum(T, 1.0)
+
+
+def arrays(run):
+    return {f.name: getattr(run, f.name) for f in fields(run) if f.name not in NOT_ARRAYS}
+
+
+NOT_ARRAYS = ("parameters", "seed", "zero_shift", "load")
+
+
+def test_a_run_is_a_table_at_the_log_rate_that_starts_at_zero():
+    run = simulate_forceps(NOMINAL, MOTION)
+    assert run.log_rate == pytest.approx(200.0)
+    assert {a.shape for a in arrays(run).values()} == {(801,)}
+    assert run.t[-1] == pytest.approx(4.0)
+    for name in ("motor_exact", "drive_exact", "reset_exact", "jaw"):
+        assert arrays(run)[name][0] == 0.0
+    np.testing.assert_allclose(run.setpoint, MOTION[::5], atol=1e-12)
+    np.testing.assert_allclose([run.drive_tension[0], run.reset_tension[0]], 8.0, rtol=0.01)
+
+
+def test_the_jaw_lags_the_motor_by_stretch_and_friction_only():
+    run = simulate_forceps(NOMINAL, MOTION)
+    rigid = NOMINAL.mechanism.jaw_from_motor(run.motor_exact)
+    assert 0.2 < math.degrees(np.abs(rigid - run.jaw).max()) < 4.0
+    drive = NOMINAL.mechanism.drive_from_motor(run.motor_exact)
+    assert np.abs(drive - run.drive_exact).max() < 30e-6  # gear torsion and run-out
+    np.testing.assert_allclose(run.motor, run.motor_exact, atol=math.pi / 4000 * 1.001)
+
+
+def test_the_same_seed_gives_the_same_run_and_the_plant_needs_none():
+    one, two, other = (simulate_forceps(NOMINAL, MOTION, seed=s) for s in (1, 1, 2))
+    for name, values in arrays(one).items():
+        np.testing.assert_array_equal(values, arrays(two)[name], err_msg=name)
+    np.testing.assert_array_equal(one.jaw, other.jaw)
+    assert not np.array_equal(one.reference, other.reference)
+
+
+@pytest.mark.parametrize("rate", [50.0, 1000.0])
+def test_the_log_rate_changes_which_rows_are_kept_and_nothing_else(rate):
+    run, base = simulate_forceps(NOMINAL, MOTION, log_rate=rate), simulate_forceps(NOMINAL, MOTION)
+    slow, fast = (run, base) if rate < 200 else (base, run)
+    every = round(fast.log_rate / slow.log_rate)
+    np.testing.assert_array_equal(slow.jaw, fast.jaw[::every])
+    np.testing.assert_allclose(slow.t, fast.t[::every], atol=1e-12)
+
+
+def test_a_setpoint_that_starts_elsewhere_is_approached_from_rest():
+    run = simulate_forceps(NOMINAL, np.full(3001, 0.3))
+    assert run.motor[0] == 0.0
+    assert np.abs(np.diff(run.motor_exact)).max() * 200 <= 400.0
+    assert run.jaw[-1] == pytest.approx(0.3, abs=math.radians(2.5))
+
+
+def test_a_zero_shift_is_seen_by_the_sensors_and_not_by_the_jaw():
+    shift = ZeroShift(reset=50e-6)
+    run, base = (
+        simulate_forceps(NOMINAL, MOTION, zero_shift=shift),
+        simulate_forceps(NOMINAL, MOTION),
+    )
+    np.testing.assert_array_equal(run.jaw, base.jaw)
+    assert (run.reset - base.reset).mean() == pytest.approx(50e-6, abs=0.1e-6)
+    assert run.zero_shift == shift
+
+
+def test_a_load_test_carries_its_torque_and_its_test():
+    test = LoadTest(0.1, "opposing", start=0.2, speed=math.radians(30), loaded_from=2.0,
+                    loaded_to=2.5, end=4.5)  # fmt: skip
+    run = simulate_load_test(NOMINAL, test, seed=4)
+    assert run.load == test
+    late = run.t >= test.phases["IV"][0]
+    wanted = -0.1 * 9.81 * NOMINAL.jaw.load_arm * np.cos(run.jaw - test.angle)
+    # The plant's angle counts from where the pulley's run-out lets it rest, 0.02 deg off.
+    np.testing.assert_allclose(run.external_torque[late], wanted[late], rtol=1e-3)
+    assert not run.external_torque[run.t <= 2.0].any()
+    other = simulate_load_test(NOMINAL, test, seed=5)
+    assert not np.array_equal(run.external_torque, other.external_torque)
+
+
+@pytest.mark.parametrize(
+    ("setpoint", "options", "says"),
+    [
+        (np.zeros(1), {}, "setpoint"),
+        (np.zeros((10, 2)), {}, "setpoint"),
+        (np.r_[0.0, math.nan, 0.0], {}, r"setpoint\[1\]"),
+        (np.full(10, 2.0), {}, "114.6 deg"),
+        (np.zeros(10), {"tip_force": np.zeros(9)}, "tip_force"),
+        (np.zeros(3), {"tip_force": np.array([0.0, math.inf, 0.0])}, r"tip_force\[1\]"),
+        (np.zeros(10), {"log_rate": 300.0}, "log rate"),
+        (np.zeros(10), {"log_rate": 0.0}, "log rate"),
+        (np.zeros(10), {"log_rate": -200.0}, "log rate"),
+        (np.zeros(10), {"log_rate": math.nan}, "log rate"),
+        (np.zeros(10), {"log_rate": 20_000.0}, "log rate"),
+        (np.zeros(100), {"tip_force": np.full(100, 1e300)}, "diverged"),
+    ],
+)
+def test_bad_input_is_refused_in_one_line(setpoint, options, says):
+    with pytest.raises(TruejointError, match=says) as caught:
+        simulate_forceps(NOMINAL, setpoint, **options)
+    assert "\n" not in str(caught.value)
+
+
+def columns(output):
+    flat = {**vars(output), **output.extra, "truth": output.truth.position}
+    return {name: values for name, values in flat.items() if isinstance(values, np.ndarray)}
+
+
+def test_the_twin_and_a_run_are_the_same_forceps():
+    run = simulate_forceps(NOMINAL, MOTION, seed=3, log_rate=1000.0)
+    twin = ForcepsTwin(NOMINAL)
+    output = twin.run(MOTION[1:, None])
+    np.testing.assert_array_equal(output.joint[:, 0], run.jaw[1:])
+    np.testing.assert_array_equal(output.motor[:, 0], run.motor[1:])
+    np.testing.assert_allclose(output.t, run.t[1:], atol=1e-12)
+    assert twin.time == pytest.approx(4.0)
+    np.testing.assert_array_equal(output.setpoint[:, 0], MOTION[1:])
+    assert output.effort.shape == (4000, 0)
+
+
+def test_a_motion_is_the_same_however_it_is_cut():
+    whole, cut = ForcepsTwin(NOMINAL, seed=5), ForcepsTwin(NOMINAL, seed=5)
+    for twin in (whole, cut):
+        twin.tip_force = np.sin
+    one = whole.run(MOTION[:, None])
+    pieces = [cut.run(piece[:, None]) for piece in np.split(MOTION, [1, 1, 700, 701, 3000])]
+    for name, values in columns(one).items():
+        joined = np.concatenate([columns(piece)[name] for piece in pieces])
+        np.testing.assert_array_equal(joined, values, err_msg=name)
+
+
+def test_homing_zeroes_the_cables_where_the_jaw_stands_and_errs():
+    parameters = NOMINAL.with_values({"homing.registration_sd": 20e-6})
+    zeros = []
+    for seed in (1, 1, 2):
+        twin = ForcepsTwin(parameters, seed=seed)
+        twin.run(MOTION[:, None])
+        homed = twin.home()
+        assert twin.homing_count == 1
+        zeros.append(homed.extra["cable/reset"][-100:].mean())
+        assert homed.measured[-1, 0] == pytest.approx(0.0, abs=1e-3)
+        # The truth stays on the jaw: friction left it off its first zero.
+        assert 1e-6 < abs(homed.joint[-1, 0]) < math.radians(1.0)
+    assert zeros[0] == zeros[1] != zeros[2]
+    assert all(1e-7 < abs(zero) < 80e-6 for zero in zeros)
+
+
+def test_a_weight_shuts_the_jaw_and_stretches_the_drive_cable():
+    twin = ForcepsTwin(NOMINAL, load=0.1)
+    out = twin.run(np.zeros((2000, 1)))
+    torque = -0.1 * 9.81 * NOMINAL.jaw.load_arm
+    assert out.extra["truth_load/jaw"][-1] == pytest.approx(torque, rel=3e-3)
+    assert math.degrees(out.joint[-1, 0]) < -0.5
+    twin.load = 0.0
+    assert twin.run(np.zeros((2000, 1))).joint[-1, 0] > out.joint[-1, 0]
+
+
+def test_a_load_test_is_the_same_behind_the_twin():
+    test = LoadTest(0.1, start=0.1, speed=math.radians(60), loaded_from=1.0, loaded_to=1.2, end=2.0)
+    run = simulate_load_test(NOMINAL, test, seed=4, log_rate=1000.0)
+    twin = ForcepsTwin(NOMINAL, seed=4)
+    twin.tip_force, twin.line_angle = lambda t: test.force(t, 4), test.angle
+    out = twin.run(test.angles(run.t)[1:, None])
+    np.testing.assert_allclose(out.joint[:, 0], run.jaw[1:], atol=1e-9)
+    np.testing.assert_allclose(out.extra["truth_load/jaw"], run.external_torque[1:], atol=1e-9)
+    twin.tip_force = lambda t: np.zeros(3)
+    with pytest.raises(TruejointError, match=r"tip_force gave shape \(3,\) for times \(6,\)"):
+        twin.run(np.zeros((5, 1)))
+
+
+def test_time_passes_at_rest():
+    twin = ForcepsTwin(NOMINAL)
+    twin.idle(3600.0)
+    assert twin.run(np.zeros((5, 1))).t == pytest.approx(3600.0 + np.arange(1, 6) * 1e-3)
+
+
+@pytest.mark.parametrize(
+    ("call", "says"),
+    [
+        (lambda: ForcepsTwin(seed=-1), "seed is -1"),
+        (lambda: ForcepsTwin(load=math.nan), "load is nan kg"),
+        (lambda: ForcepsTwin(arm="left"), "no arm called"),
+        (lambda: ForcepsTwin().run(np.zeros((3, 2))), "got shape"),
+        (lambda: ForcepsTwin().run(np.full((3, 1), 1.4)), "80.2 deg"),
+        (lambda: ForcepsTwin().idle(-1.0), "duration is -1"),
+    ],
+)
+def test_a_bad_call_of_the_twin_is_refused(call, says):
+    with pytest.raises(TruejointError, match=says):
+        call()
