@@ -170,7 +170,7 @@ def _detect_text(source: Path, head: str) -> str:
     if head.startswith("%") and davinci_grasper.HEADER_MARK in head:
         return "davinci_grasper_umn"
     line = first_line(source, "#")[1]
-    fields = [field.strip('"') for field in split_fields(line, ",")]
+    fields = split_fields(line, ",")
     if not all(is_number(field) for field in fields):
         names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
         if "t" in names:

@@ -68,7 +68,7 @@ def read(
     mapping = load_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
     delimiter = (mapping.delimiter if mapping else "") or _delimiter(line)
-    fields = [field.strip('"') for field in split_fields(line, delimiter)]
+    fields = split_fields(line, delimiter)
     header = None if all(is_number(field) for field in fields) else fields
     if mapping is None:
         mapping = _map_of_header(path, header)
