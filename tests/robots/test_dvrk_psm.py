@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truejoint.robots import dvrk_psm, get_robot
+from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
 
 
@@ -26,7 +26,7 @@ def test_straight_tool_hangs_below_the_remote_centre(chain: SerialChain) -> None
 def test_wrist_meets_the_remote_centre_where_the_lengths_cancel(
     chain: SerialChain, yaw: float
 ) -> None:
-    insertion = -dvrk_psm.REMOTE_CENTRE_OFFSET - dvrk_psm.SHAFT_LENGTH
+    insertion = -chain.axes[2].d - chain.axes[3].d
     frames = chain.link_frames([yaw, 0.4, insertion, 0.2, 0.5, -0.1, 0])
     np.testing.assert_allclose(frames[4, :3, 3], 0, atol=1e-15)
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from truejoint.robots import davinci_grasper, get_robot
+from truejoint.recordings.readers import davinci_grasper
+from truejoint.robots import get_robot
 
 
 @pytest.mark.parametrize(("part", "variable"), [("part1", "data_1"), ("part2", "data_2")])

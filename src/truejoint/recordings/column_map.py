@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.files import read_bounded
-
-_MAX_BYTES: Final = 1 << 20
+from truejoint.toml_file import read_toml
 
 SI_UNITS: Final[Mapping[str, tuple[str, float]]] = {
     "s": ("s", 1.0),
@@ -72,7 +69,8 @@ class ColumnMap:
     columns : mapping of str to MappedColumn
         ``t`` and ``<quantity>/<joint>``.
     robot, arm : str
-        As in `truejoint.robots.get_robot`; empty where the caller states them.
+        As in `truejoint.robots.get_robot`, a robot file beside the map's own file; empty where the
+        caller states them.
     delimiter : str
         Between two numbers; empty to find out, blank for any white space.
     comment : str
@@ -113,12 +111,10 @@ def load_column_map(source: str | os.PathLike[str] | Mapping[str, Any] | ColumnM
     if isinstance(source, Mapping):
         return _parse(source, "column map")
     path = Path(source)
-    data, _ = read_bounded(path, _MAX_BYTES)
-    try:
-        values = tomllib.loads(data.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RecordingError(f"{path}: is not TOML ({str(error).splitlines()[0]})") from None
-    return _parse(values, str(path))
+    mapping = _parse(read_toml(path, RecordingError), str(path))
+    if not mapping.robot.endswith(".toml"):
+        return mapping
+    return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
 def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:

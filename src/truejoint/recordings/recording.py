@@ -248,10 +248,6 @@ def since_first(t: Array) -> tuple[Array, float]:
     return (t - first, first) if first > _EPOCH else (t, float("nan"))
 
 
-# RAVEN reports the torque at the motor's capstan, for its prismatic joint too.
-_EFFORT_AT_MOTOR: Final = ("raven2",)
-
-
 def default_unit(column: str, robot: Robot) -> str:
     """Give the SI unit that a column has unless another is stated; ``"1"`` if none is known."""
     quantity, _, channel = column.partition("/")
@@ -263,7 +259,7 @@ def default_unit(column: str, robot: Robot) -> str:
         if quantity == "velocity":
             return unit + "/s"
         if quantity == "effort":
-            at_joint = known and robot.name not in _EFFORT_AT_MOTOR
+            at_joint = known and robot.effort == "joint"
             return robot.joint(channel).effort_unit if at_joint else "Nm"
     return _UNITS.get(quantity, "1")
 

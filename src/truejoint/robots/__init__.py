@@ -1,6 +1,14 @@
 """What a robot is: joints, units, limits, transmission and kinematics."""
 
-from truejoint.robots.catalogue import get_robot, robot_names
+from truejoint.robots.catalogue import adopt_robot, get_robot, robot_names
 from truejoint.robots.robot import Joint, Kinematics, Robot, Transmission
 
-__all__ = ["Joint", "Kinematics", "Robot", "Transmission", "get_robot", "robot_names"]
+__all__ = [
+    "Joint",
+    "Kinematics",
+    "Robot",
+    "Transmission",
+    "adopt_robot",
+    "get_robot",
+    "robot_names",
+]

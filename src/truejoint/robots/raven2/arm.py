@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Final, Literal
 
 import numpy as np
@@ -46,6 +47,7 @@ JOINTS: Final = (
 )
 
 
+@cache
 def build(arm: str) -> Robot:
     """Build the RAVEN-II arm ``"left"`` (gold) or ``"right"`` (green)."""
     side: Literal["left", "right"] = "right" if arm == "right" else "left"
@@ -57,6 +59,7 @@ def build(arm: str) -> Robot:
         POSITIONING,
         Transmission(_motor_from_joint(side)),
         kinematics(side),
+        effort="motor",
     )
 
 
