@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
+from truejoint.plugins import load_plugin, plugins
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
@@ -68,7 +69,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         Format("kflex_tendon_sheath", "K-FLEX bending joint", kflex.read),
     )
 }
-"""Every layout by name."""
+"""Every layout of truejoint's own by name."""
 
 PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
 """What a caller may state about any file, and that replaces what the file says."""
@@ -85,7 +86,7 @@ def read_recording(
     ----------
     path : path-like
     format : str, optional
-        One of `FORMATS`; found out from the content by default.
+        One of `format_names`; found out from the content by default, if it is truejoint's own.
     **context
         What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
         formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
@@ -109,9 +110,7 @@ def read_recording(
     if not source.exists():
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
     name = format or detect_format(source, mapped="column_map" in context)
-    if name not in FORMATS:
-        raise RecordingError(f"no format called {name!r}; choose from {', '.join(FORMATS)}")
-    entry = FORMATS[name]
+    entry = _get_format(name)
     about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]
     if wrong:
@@ -130,6 +129,20 @@ def read_recording(
     if not about:
         return recording
     return replace(recording, provenance=replace(recording.provenance, **about))
+
+
+def format_names() -> tuple[str, ...]:
+    """Names that `read_recording` knows: truejoint's own and those of other packages."""
+    return (*FORMATS, *plugins("truejoint.formats", tuple(FORMATS)))
+
+
+def _get_format(name: str) -> Format:
+    if name in FORMATS:
+        return FORMATS[name]
+    if name not in format_names():
+        raise RecordingError(f"no format called {name!r}; choose from {', '.join(format_names())}")
+    entry: Format = load_plugin(plugins("truejoint.formats", tuple(FORMATS))[name], Format)
+    return entry
 
 
 def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
@@ -190,4 +203,6 @@ def _detect_text(source: Path, head: str) -> str:
 
 
 def _unknown(source: Path, found: str) -> RecordingError:
-    return RecordingError(f"{source}: format not recognised ({found}); known: {', '.join(FORMATS)}")
+    return RecordingError(
+        f"{source}: format not recognised ({found}); known: {', '.join(format_names())}"
+    )
