@@ -20,7 +20,7 @@ from truejoint.recordings.readers import (
     dvrk_berkeley,
     kflex,
     kuka,
-    plain_csv,
+    mapped,
     raven_csv,
 )
 from truejoint.recordings.recording import Recording
@@ -54,7 +54,13 @@ FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         Format("parquet", "what truejoint writes", read_parquet),
-        Format("csv", "header, or column map", plain_csv.read, ("robot", "arm", "column_map")),
+        Format("csv", "header, or column map", mapped.read_csv, ("robot", "arm", "column_map")),
+        Format(
+            "arrays",
+            ".npy or .mat with a column map",
+            mapped.read_arrays,
+            ("robot", "arm", "column_map"),
+        ),
         Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
         Format(
             "raven_csv_252",
@@ -109,7 +115,7 @@ def read_recording(
     source = Path(path)
     if not source.exists():
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
-    name = format or detect_format(source, mapped="column_map" in context)
+    name = format or detect_format(source, with_map="column_map" in context)
     entry = _get_format(name)
     about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]
@@ -145,14 +151,14 @@ def _get_format(name: str) -> Format:
     return entry
 
 
-def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
+def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
     """Name of the layout that a file or folder has.
 
     Parameters
     ----------
     path : path-like
-    mapped : bool
-        A column map comes with it: text is then plain CSV, whatever its columns.
+    with_map : bool
+        A column map comes with it: text is then plain CSV, and what is not text are arrays.
 
     Raises
     ------
@@ -167,6 +173,8 @@ def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
     head = read_head(require_file(source))
     if head.startswith(PARQUET_MAGIC):
         return "parquet"
+    if with_map:
+        return "arrays" if b"\0" in head else "csv"
     if head.startswith(VERSION5_MARK):
         return "kuka_kr300_dual_encoder"
     # A version 4 MAT file starts with a number below 5000 and five rows named data_<k>.
@@ -174,8 +182,6 @@ def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
         return "bros_dual_encoder"
     if b"\0" in head:
         raise _unknown(source, "not text and of no known binary layout")
-    if mapped:
-        return "csv"
     return _detect_text(source, head.decode("utf-8-sig", errors="replace"))
 
 

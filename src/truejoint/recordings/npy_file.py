@@ -6,12 +6,15 @@ import io
 import math
 import warnings
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.files import read_bounded
+
+NPY_MAGIC: Final = b"\x93NUMPY"
 
 
 def read_npy(path: Path) -> tuple[NDArray[np.float64], str]:

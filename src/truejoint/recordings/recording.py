@@ -248,6 +248,11 @@ def since_first(t: Array) -> tuple[Array, float]:
     return (t - first, first) if first > _EPOCH else (t, float("nan"))
 
 
+def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:
+    """Rows (n,) of stamps `t` (n,) [s] that are not repeated by the next: a clock that stood."""
+    return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
+
+
 def default_unit(column: str, robot: Robot) -> str:
     """Give the SI unit that a column has unless another is stated; ``"1"`` if none is known."""
     quantity, _, channel = column.partition("/")
