@@ -1,5 +1,6 @@
 """dVRK PSM against its geometry and against recorded wrist positions."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -38,9 +39,9 @@ def test_jaw_does_not_move_the_tool(chain: SerialChain) -> None:
 @pytest.mark.parametrize("motion", ["random", "peg_transfer"])
 @pytest.mark.parametrize("kind", ["des", "act"])
 def test_wrist_is_where_the_recording_says(
-    chain: SerialChain, data_folder: Path, motion: str, kind: str
+    chain: SerialChain, dataset_folder: Callable[[str], Path], motion: str, kind: str
 ) -> None:
-    folder = data_folder / "dvrk_psm_berkeley" / motion
+    folder = dataset_folder("dvrk_psm_berkeley") / motion
     joints = np.load(folder / f"q_{kind}.npy")
     recorded = np.load(folder / f"pos_{kind}.npy")
     frames = chain.link_frames(np.hstack([joints, np.zeros((len(joints), 1))]))

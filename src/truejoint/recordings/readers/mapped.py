@@ -163,7 +163,7 @@ def _recording(
 ) -> Recording:
     columns, units = _convert(path, mapping, robot, found)
     if mapping.rate:
-        columns["t"] = np.arange(next(iter(columns.values())).size) / mapping.rate
+        columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
     keep = last_of_each_stamp(columns["t"])
     if not keep.all():
         columns = {name: values[keep] for name, values in columns.items()}
