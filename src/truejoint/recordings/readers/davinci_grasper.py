@@ -77,7 +77,7 @@ def read(path: Path) -> Recording:
         sha256=table.sha256,
         session=f"{path.parent.name}/{stem}",
         rates={"state": 1000.0, "truth": 1000.0},
-        dropped={"last line cut short": table.incomplete} if table.incomplete else {},
+        dropped={"last line cut short": table.incomplete},
         notes=_conditions(stem)
         + "measured is the driver angle times a nominal ratio; the jaw's zero drifts by 1-3 deg "
         "between files",

@@ -64,7 +64,7 @@ def read(path: Path) -> Recording:
         sha256=table.sha256,
         session=session,
         rates={"state": rate, "truth": rate},
-        dropped={reason: n for reason, n in dropped.items() if n},
+        dropped=dropped,
         notes="measured is the commanded angle; wire tensions are in undocumented units",
     )
     return Recording.from_columns(columns, provenance)

@@ -34,6 +34,7 @@ from truejoint.recordings.recording import (
     default_unit,
     last_of_each_stamp,
     since_first,
+    state_rate,
 )
 from truejoint.robots import Robot, get_robot
 
@@ -178,8 +179,8 @@ def _recording(
         source=path.name,
         sha256=sha256,
         session=path.name.split(".", maxsplit=1)[0],
-        rates=_rate(columns["t"]),
-        dropped={reason: n for reason, n in dropped.items() if n},
+        rates=state_rate(columns["t"]),
+        dropped=dropped,
         start=start,
     )
     return Recording.from_columns(columns, provenance, units)
@@ -268,8 +269,3 @@ def _convert(
 def _missing(columns: Mapping[str, Array]) -> int:
     truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
     return int(np.any(truth, axis=0).sum()) if truth else 0
-
-
-def _rate(t: Array) -> dict[str, float]:
-    interval = float(np.median(np.diff(t))) if t.size > 1 else 0.0
-    return {"state": round(1.0 / interval, 3)} if interval > 0 else {}
