@@ -208,6 +208,14 @@ def test_a_mat_file_is_read_by_name_and_without_stamps_at_a_rate(
     check_rows(read_recording(tmp_path / "a.mat", column_map=mapping))
 
 
+def test_samples_lie_along_the_side_of_the_stamps(tmp_path: Path) -> None:
+    content = {"t": [0.0, 1.0, 2.0], "q": np.arange(15.0).reshape(5, 3)}
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    columns = {"t": "t", "measured/joint1": "q[4]"}
+    recording = read_recording(tmp_path / "a.mat", column_map={"robot": "bros", "columns": columns})
+    assert recording.column("measured/joint1").tolist() == [12, 13, 14]
+
+
 @pytest.mark.parametrize(
     ("column", "message"),
     [

@@ -109,19 +109,21 @@ def read_arrays(
     mapping = load_column_map(column_map)
     machine = _robot(path, mapping, robot, arm)
     if read_head(path).startswith(NPY_MAGIC):
-        rows, digest = read_npy(path)
-        rows = np.atleast_1d(rows).reshape(len(np.atleast_1d(rows)), -1)
-        use = _positions(path, mapping, None, rows.shape[1])
-        columns = {name: rows[:, k] for name, k in use.items()}
+        array, digest = read_npy(path)
+        table = array.reshape(len(array) if array.ndim else 1, -1)
+        use = _positions(path, mapping, None, table.shape[1])
+        columns = {name: table[:, k] for name, k in use.items()}
     else:
         data, digest = read_bounded(path)
         variables = read_mat(data, str(path))
-        columns = {k: _signal(path, variables, str(v.column)) for k, v in mapping.columns.items()}
+        names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
+        rows = _signal(path, variables, names["t"]).size if "t" in names else 0
+        columns = {k: _signal(path, variables, name, rows) for k, name in names.items()}
     return _recording(path, mapping, machine, columns, digest, {})
 
 
-def _signal(path: Path, variables: Mapping[str, MatValue], name: str) -> Array:
-    """One signal of a MATLAB file; its samples lie along the longer side of the array."""
+def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int = 0) -> Array:
+    """One signal of a MATLAB file, along the side of `rows` samples, else the longer one."""
     variable = name.partition("[")[0]
     first, _, field = variable.partition(".")
     value = variables.get(first)
@@ -134,7 +136,8 @@ def _signal(path: Path, variables: Mapping[str, MatValue], name: str) -> Array:
             for inner in (found if isinstance(found, dict) else ("",))
         ]
         raise RecordingError(f"{path}: no signal {name!r}; the file has {', '.join(known)[:300]}")
-    signals = value if value.shape[1] > value.shape[0] else value.T
+    along = value.shape[1] == rows if rows in value.shape else value.shape[1] > value.shape[0]
+    signals = value if along else value.T
     names = [variable] if len(signals) == 1 else [f"{variable}[{k}]" for k in range(len(signals))]
     if name not in names:
         raise RecordingError(
