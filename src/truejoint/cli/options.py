@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-RobotName = Annotated[str, typer.Option("--robot", help="Robot model.")]
+RobotName = Annotated[str, typer.Option("--robot", help="Robot model, or a robot file (.toml).")]
 Arm = Annotated[str, typer.Option("--arm", help="Which arm; default: the robot's first.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]

@@ -15,6 +15,7 @@ from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.files import require_file, write_atomically
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording
+from truejoint.robots import adopt_robot
 
 METADATA_KEY: Final = b"truejoint"
 VERSION: Final = 1
@@ -47,6 +48,7 @@ def write_parquet(
         "version": VERSION,
         "units": dict(recording.units),
         "provenance": recording.provenance.to_dict(),
+        "robot": recording.robot.to_dict(),
     }
     arrays = [pa.array(recording.table[name].to_numpy()) for name in recording.table.columns]
     schema = pa.schema(
@@ -106,9 +108,11 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
         raise RecordingError(f"{source}: {error}") from None
     columns = {name: np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in names}
     try:
+        if "robot" in header:
+            adopt_robot(header["robot"], source.name)
         return Recording.from_columns(columns, provenance, header["units"])
     except (RecordingError, RobotError) as error:
-        raise RecordingError(f"{source}: {error}") from None
+        raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
 
 
 def _check_size(source: Path, file: Any) -> None:
@@ -150,6 +154,8 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
     units, provenance = header.get("units"), header.get("provenance")
     if not isinstance(units, dict) or not all(isinstance(u, str) for u in units.values()):
         raise damaged
-    if not isinstance(provenance, dict) or set(units) != set(schema.names) - {"t"}:
+    if not isinstance(header.get("robot", {}), dict) or not isinstance(provenance, dict):
+        raise damaged
+    if set(units) != set(schema.names) - {"t"}:
         raise damaged
     return header
