@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 DEMO := demo
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench clean
+.PHONY: help demo test lint bench lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -24,6 +24,13 @@ lint: $(VENV)/.installed-dev ## Check style, types and which package imports whi
 
 bench: $(VENV)/.installed-bench ## Measure accuracy and speed (an hour); tables go to bench/
 	$(BIN)/python -m benchmarks
+
+LOCK := uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11 \
+	pyproject.toml --group build
+lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fits stays)
+	$(LOCK) --extra plots -o requirements.txt
+	$(LOCK) --all-extras --group dev -o requirements-dev.txt
+	$(LOCK) --all-extras --group dev --group bench -o requirements-bench.txt
 
 clean: ## Remove the virtual environment and everything made
 	rm -rf $(VENV) $(DEMO) bench .pytest_cache .mypy_cache .ruff_cache .hypothesis

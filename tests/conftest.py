@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,9 @@ from tests.synthetic import build_recording
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
+from truejoint.errors import RecordingError
 from truejoint.recordings import Recording
+from truejoint.recordings.datasets import locate
 from truejoint.robots import get_robot
 
 # No example is a timing assertion: a first one compiles, and machines are busy.
@@ -100,3 +103,14 @@ def build_fixture() -> Build:
 @pytest.fixture(scope="session")
 def recording() -> Recording:
     return build_recording()
+@pytest.fixture
+def dataset_folder() -> Callable[[str], Path]:
+    """Folder of a public data set, or a skip that says why."""
+
+    def find(name: str) -> Path:
+        try:
+            return locate(name)
+        except RecordingError as error:
+            pytest.skip(str(error))
+
+    return find

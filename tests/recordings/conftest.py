@@ -11,7 +11,6 @@ from hypothesis import settings
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import Provenance, Recording
-from truejoint.recordings.datasets import locate
 
 # How long a test takes on a busy machine says nothing.
 settings.register_profile("untimed", deadline=None)
@@ -79,16 +78,3 @@ def write_raven(tmp_path: Path) -> Callable[..., Path]:
         return path
 
     return write
-
-
-@pytest.fixture
-def dataset_folder() -> Callable[[str], Path]:
-    """Folder of a public data set, or a skip that says why."""
-
-    def find(name: str) -> Path:
-        try:
-            return locate(name)
-        except RecordingError as error:
-            pytest.skip(str(error))
-
-    return find

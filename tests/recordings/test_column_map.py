@@ -50,5 +50,5 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path: Path, text: str) -> None:
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="no such file"):
+    with pytest.raises(RecordingError, match="No such file"):
         load_column_map(tmp_path / "map.toml")

@@ -89,8 +89,35 @@ def test_dimensions_that_the_data_do_not_fill_take_no_memory() -> None:
     whole = save({"abc": np.arange(12.0).reshape(3, 4)}, do_compression=False)
     at = whole.index(struct.pack("<2i", 3, 4))
     data = whole[:at] + struct.pack("<2i", 2**31 - 1, 2**31 - 1) + whole[at + 8 :]
-    with pytest.raises(RecordingError, match="holds 12 numbers"):
+    with pytest.raises(RecordingError, match="144 bytes cannot hold an array of shape"):
         read_mat(data, "f.mat")
+
+
+def nested(depth: int, body: bytes = b"") -> bytes:
+    """A struct of one field that holds a struct of one field, and so on; `body` is in the last."""
+    for _ in range(depth):
+        flags = struct.pack("<4I", 6, 8, 2, 0)
+        shape = struct.pack("<2I2i", 5, 8, 1, 1)
+        name = struct.pack("<2H4s", 1, 1, b"a")
+        fields = struct.pack("<2Hi", 5, 4, 8) + struct.pack("<2I8s", 1, 8, b"x")
+        inner = struct.pack("<2I", 14, len(body)) + body
+        body = flags + shape + name + fields + inner
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    return header + struct.pack("<2I", 14, len(body)) + body
+
+
+def test_structs_in_structs_come_to_an_end() -> None:
+    assert read_mat(nested(900), "f.mat") == {"a": {}}
+    with pytest.raises(RecordingError, match="holds more than 1000 others"):
+        read_mat(nested(1200), "f.mat")
+
+
+def test_many_empty_arrays_take_no_memory() -> None:
+    many = 5000
+    cell = struct.pack("<4I", 6, 8, 1, 0) + struct.pack("<2I2i", 5, 8, 1, many)
+    cell += struct.pack("<2H4s", 1, 1, b"c") + struct.pack("<2I", 14, 0) * many
+    with pytest.raises(RecordingError, match="holds more than 1000 others"):
+        read_mat(nested(1, cell), "f.mat")
 
 
 def test_version_7_3_is_named() -> None:

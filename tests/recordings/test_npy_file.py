@@ -50,6 +50,18 @@ def test_a_header_that_promises_more_is_refused(tmp_path: Path) -> None:
         read_npy(path)
 
 
+@pytest.mark.parametrize("shape", [(-1, -8), (1,) * 65, (2, 4, 1, 1, 1)])
+def test_a_shape_that_no_table_has_is_refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
+    path = tmp_path / "a.npy"
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(
+        file, {"descr": "<f8", "fortran_order": False, "shape": shape}
+    )
+    path.write_bytes(file.getvalue() + b"\0" * 64)
+    with pytest.raises(RecordingError, match="does not announce an array of real numbers"):
+        read_npy(path)
+
+
 @given(data=st.binary(min_size=1, max_size=200), keep=st.integers(0, 128))
 def test_damage_is_refused_in_one_line(
     tmp_path_factory: pytest.TempPathFactory, refusal: Refusal, data: bytes, keep: int

@@ -91,6 +91,41 @@ def test_only_named_columns_may_miss(tmp_path: Path) -> None:
         read_numbers(path, TextLayout(3), (0, 1))
 
 
+@pytest.mark.parametrize("fault", ["1,2,3,4", "1,2"])
+def test_a_fault_is_found_although_the_last_line_is_cut_short(tmp_path: Path, fault: str) -> None:
+    path = write(tmp_path / "t.csv", f"1,2,3\n{fault}\n6,7,8\n9,")
+    with pytest.raises(RecordingError, match="line 2 has"):
+        read_numbers(path, TextLayout(3), (0, 1, 2))
+
+
+def test_the_line_of_a_fault_counts_from_the_start_of_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("truejoint.recordings.numeric_text._PIECE_BYTES", 10)
+    rows = ["% a note", "t,a,b", *["1,2,3"] * 50]
+    path = write(tmp_path / "t.csv", "\n".join(rows) + "\n")
+    layout = TextLayout(3, comment="%", skip=2)
+    assert len(read_numbers(path, layout, (0,)).values) == 50
+    rows[40] = "1,2,x"
+    write(path, "\n".join(rows) + "\n")
+    with pytest.raises(RecordingError, match="line 41, column 2 is 'x'"):
+        read_numbers(path, layout, (0, 2))
+
+
+def test_unusual_but_right_numbers_are_read(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.csv", '"1","2.5"\r\n+3, 4 \r\n\f5,1e999 # note\r\n')
+    values = read_numbers(path, TextLayout(2, comment="#"), (0, 1)).values
+    assert np.array_equal(values, [[1, 2.5], [3, 4], [5, np.inf]])
+
+
+def test_a_form_feed_in_a_comment_is_no_line_end(tmp_path: Path) -> None:
+    path = write(tmp_path / "t.csv", "# page\fbreak\x1c\nt,a\n1,2\n3,4\n")
+    number, header = first_line(path, "#")
+    assert (number, header) == (2, "t,a")
+    table = read_numbers(path, TextLayout(2, comment="#", skip=number), (0, 1))
+    assert np.array_equal(table.values, [[1, 2], [3, 4]])
+
+
 def test_a_surplus_column_is_seen_in_a_long_file(tmp_path: Path) -> None:
     rows = ["1,2,3"] * 1000
     rows[700] = "1,2,3,4"

@@ -12,8 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from truejoint.errors import RecordingError
-from truejoint.recordings import Provenance, Recording, read_parquet, write_parquet
+from truejoint.errors import RecordingError, RobotError
+from truejoint.recordings import (
+    Provenance,
+    Recording,
+    read_parquet,
+    read_recording,
+    write_parquet,
+)
+from truejoint.robots import catalogue, get_robot
 
 Refusal = Callable[[Callable[[], object]], str]
 
@@ -144,3 +151,46 @@ def test_more_values_than_are_read_are_refused(
     monkeypatch.setattr("truejoint.recordings.parquet.MAX_VALUES", 100)
     with pytest.raises(RecordingError, match="50 rows of 5 columns"):
         read_parquet(path)
+
+
+TOOL = """
+name = "parquet_tool"
+joints = [{ name = "jaw", upper = 1.0 }]
+"""
+
+
+def test_a_robot_of_a_file_comes_with_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue, "_described", {})
+    (tmp_path / "tool.toml").write_text(TOOL)
+    (tmp_path / "run.csv").write_text("t,measured/jaw\n0,0.1\n1,0.2\n")
+    (tmp_path / "map.toml").write_text(
+        'robot = "tool.toml"\ncolumns = { t = "t", "measured/jaw" = "measured/jaw" }\n'
+    )
+    recording = read_recording(tmp_path / "run.csv", column_map=tmp_path / "map.toml")
+    write_parquet(recording, tmp_path / "run.parquet")
+    catalogue._described.clear()
+    again = read_parquet(tmp_path / "run.parquet")
+    assert again.robot.joint("jaw").upper == 1.0
+    (tmp_path / "tool.toml").write_text(TOOL.replace("1.0", "2.0"))
+    assert get_robot(tmp_path / "tool.toml").joint("jaw").upper == 2.0
+    assert read_parquet(tmp_path / "run.parquet").robot.joint("jaw").upper == 2.0
+    (tmp_path / "other.toml").write_text(TOOL.replace("jaw", "hook"))
+    with pytest.raises(RobotError, match=r"another robot called 'parquet_tool' than .*tool\.toml"):
+        get_robot(tmp_path / "other.toml")
+
+
+@pytest.mark.parametrize("robot", [{"name": "parquet_tool"}, 3, []])
+def test_a_damaged_robot_is_refused_in_one_line(
+    tmp_path: Path, recording: Recording, refusal: Refusal, robot: object
+) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    table = pq.read_table(path)
+    header = json.loads(table.schema.metadata[b"truejoint"]) | {"robot": robot}
+    pq.write_table(table.replace_schema_metadata({b"truejoint": json.dumps(header).encode()}), path)
+    message = refusal(lambda: read_parquet(path))
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    assert message.count(path.name) == 1

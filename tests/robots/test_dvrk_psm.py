@@ -1,11 +1,12 @@
 """dVRK PSM against its geometry and against recorded wrist positions."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from truejoint.robots import dvrk_psm, get_robot
+from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
 
 
@@ -26,7 +27,7 @@ def test_straight_tool_hangs_below_the_remote_centre(chain: SerialChain) -> None
 def test_wrist_meets_the_remote_centre_where_the_lengths_cancel(
     chain: SerialChain, yaw: float
 ) -> None:
-    insertion = -dvrk_psm.REMOTE_CENTRE_OFFSET - dvrk_psm.SHAFT_LENGTH
+    insertion = -chain.axes[2].d - chain.axes[3].d
     frames = chain.link_frames([yaw, 0.4, insertion, 0.2, 0.5, -0.1, 0])
     np.testing.assert_allclose(frames[4, :3, 3], 0, atol=1e-15)
 
@@ -38,9 +39,9 @@ def test_jaw_does_not_move_the_tool(chain: SerialChain) -> None:
 @pytest.mark.parametrize("motion", ["random", "peg_transfer"])
 @pytest.mark.parametrize("kind", ["des", "act"])
 def test_wrist_is_where_the_recording_says(
-    chain: SerialChain, data_folder: Path, motion: str, kind: str
+    chain: SerialChain, dataset_folder: Callable[[str], Path], motion: str, kind: str
 ) -> None:
-    folder = data_folder / "dvrk_psm_berkeley" / motion
+    folder = dataset_folder("dvrk_psm_berkeley") / motion
     joints = np.load(folder / f"q_{kind}.npy")
     recorded = np.load(folder / f"pos_{kind}.npy")
     frames = chain.link_frames(np.hstack([joints, np.zeros((len(joints), 1))]))

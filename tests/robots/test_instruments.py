@@ -1,17 +1,21 @@
 """Numbers of the single-instrument robots that have any."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from truejoint.robots import davinci_grasper, get_robot
+from truejoint.recordings.readers import davinci_grasper
+from truejoint.robots import get_robot
 
 
 @pytest.mark.parametrize(("part", "variable"), [("part1", "data_1"), ("part2", "data_2")])
-def test_bros_ratios_are_those_of_its_encoders(data_folder: Path, part: str, variable: str) -> None:
-    rows = loadmat(data_folder / "bros_dual_encoder" / f"transmission_data_{part}.mat")[variable]
+def test_bros_ratios_are_those_of_its_encoders(
+    dataset_folder: Callable[[str], Path], part: str, variable: str
+) -> None:
+    rows = loadmat(dataset_folder("bros_dual_encoder") / f"transmission_data_{part}.mat")[variable]
     transmission = get_robot("bros").transmission
     assert transmission is not None
     joint = transmission.joint_from_motor(rows[[1, 3]].T)

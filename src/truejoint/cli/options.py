@@ -10,7 +10,10 @@ import typer
 from truejoint.cli import complete
 
 RobotName = Annotated[
-    str, typer.Option("--robot", help="Robot model.", autocompletion=complete.robots)
+    str,
+    typer.Option(
+        "--robot", help="Robot model, or a robot file (.toml).", autocompletion=complete.robots
+    ),
 ]
 Arm = Annotated[str, typer.Option("--arm", help="Which arm; default: the robot's first.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
 from truejoint.evaluation.report.plot import COLOURS
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
+from truejoint.extras import require
 from truejoint.units import display_unit
 
 
@@ -39,8 +37,8 @@ def plot_corrected(
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds
     count = len(evaluation.joints)
-    figure = Figure(figsize=(4.2 * count, 4.4), layout="constrained")
-    FigureCanvasAgg(figure)
+    drawing = require("matplotlib.figure", "plots", "a figure")
+    figure = drawing.Figure(figsize=(4.2 * count, 4.4), layout="constrained")
     axes = figure.subplots(
         2, count, sharex="col", squeeze=False, gridspec_kw={"height_ratios": [1.6, 1.0]}
     )

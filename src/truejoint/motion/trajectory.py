@@ -13,6 +13,7 @@ import numpy as np
 from truejoint.crtk import TimeLaw, time_law
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
+from truejoint.extras import require
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 
@@ -115,9 +116,8 @@ class Trajectory:
 
     def plot_3d(self, path: str | Path) -> None:
         """Draw it to ``.png`` (matplotlib) or self-contained ``.html`` (plotly), deg and mm."""
-        from truejoint.motion.plotting import plot_3d  # noqa: PLC0415 - plotting needs this module
-
-        plot_3d([self], Path(path))
+        plotting = require("truejoint.motion.plotting", "plots", "a drawing")
+        plotting.plot_3d([self], Path(path))
 
     def densified(self, spacing: float) -> Trajectory:
         """Path through the same corners with points between them.

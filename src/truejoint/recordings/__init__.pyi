@@ -5,6 +5,7 @@ from .column_map import load_column_map as load_column_map
 from .formats import FORMATS as FORMATS
 from .formats import Format as Format
 from .formats import detect_format as detect_format
+from .formats import format_names as format_names
 from .formats import read_recording as read_recording
 from .parquet import read_parquet as read_parquet
 from .parquet import write_parquet as write_parquet

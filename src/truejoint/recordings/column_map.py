@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import os
-import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.files import read_bounded
-
-_MAX_BYTES: Final = 1 << 20
+from truejoint.toml_file import read_toml
 
 SI_UNITS: Final[Mapping[str, tuple[str, float]]] = {
     "s": ("s", 1.0),
@@ -77,11 +74,14 @@ class ColumnMap:
     columns : mapping of str to MappedColumn
         ``t`` and ``<quantity>/<joint>``.
     robot, arm : str
-        As in `truejoint.robots.get_robot`; empty where the caller states them.
+        As in `truejoint.robots.get_robot`, a robot file beside the map's own file; empty where the
+        caller states them.
     delimiter : str
         Between two numbers; empty to find out, blank for any white space.
     comment : str
         A line that begins with it is passed over.
+    rate : float
+        Of a file without time stamps [Hz]; 0 where ``t`` is among the columns.
 
     Examples
     --------
@@ -94,17 +94,21 @@ class ColumnMap:
     arm: str = ""
     delimiter: str = ""
     comment: str = "#"
+    rate: float = 0.0
 
 
-def load_column_map(source: str | os.PathLike[str] | Mapping[str, Any] | ColumnMap) -> ColumnMap:
+MapSource = str | os.PathLike[str] | Mapping[str, Any] | ColumnMap
+
+
+def load_column_map(source: MapSource) -> ColumnMap:
     """Column map of a TOML file, or of a mapping of the same shape.
 
     Parameters
     ----------
     source : path-like or mapping or ColumnMap
-        Keys ``robot``, ``arm``, ``delimiter``, ``comment`` (all optional) and the table
-        ``columns``: name in the recording to the name or position of the file's column, or to a
-        table with ``column``, ``unit`` and ``scale``.
+        Keys ``robot``, ``arm``, ``delimiter``, ``comment``, ``rate_hz`` (all optional) and the
+        table ``columns``: name in the recording to the name or position of the file's column, or
+        to a table with ``column``, ``unit`` and ``scale``.
 
     Raises
     ------
@@ -123,22 +127,26 @@ def load_column_map(source: str | os.PathLike[str] | Mapping[str, Any] | ColumnM
     if isinstance(source, Mapping):
         return _parse(source, "column map")
     path = Path(source)
-    data, _ = read_bounded(path, _MAX_BYTES)
-    try:
-        values = tomllib.loads(data.decode("utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
-        raise RecordingError(f"{path}: is not TOML ({str(error).splitlines()[0]})") from None
-    return _parse(values, str(path))
+    mapping = _parse(read_toml(path, RecordingError), str(path))
+    if not mapping.robot.endswith(".toml"):
+        return mapping
+    return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
 def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
-    known = ("robot", "arm", "delimiter", "comment", "columns")
+    known = (*_TEXTS, "rate_hz", "columns")
     unknown = [key for key in values if key not in known]
     if unknown:
         raise RecordingError(f"{name}: key {unknown[0]!r} is not known; use {', '.join(known)}")
     columns = values.get("columns")
-    if not isinstance(columns, Mapping) or "t" not in columns:
-        raise RecordingError(f"{name}: needs a table 'columns' that says which column is 't'")
+    rate = values.get("rate_hz", 0.0)
+    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 <= rate <= 1e9:
+        raise RecordingError(f"{name}: rate_hz is {rate!r:.40}; want a number above 0")
+    if not isinstance(columns, Mapping) or ("t" in columns) == (rate > 0):
+        raise RecordingError(
+            f"{name}: needs a table 'columns' that says which column is 't', or rate_hz where the "
+            "file has no time stamps"
+        )
     texts = {key: values.get(key, default) for key, default in _TEXTS.items()}
     for key, text in texts.items():
         if not isinstance(text, str) or (key == "comment" and len(text) > 1):
@@ -147,7 +155,8 @@ def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
         raise RecordingError(
             f"{name}: delimiter is {texts['delimiter']!r}; want comma, semicolon, tab or blank"
         )
-    return ColumnMap({str(k): _column(f"{name}: {k!r}", v) for k, v in columns.items()}, **texts)
+    mapped = {str(k): _column(f"{name}: {k!r}", v) for k, v in columns.items()}
+    return ColumnMap(mapped, **texts, rate=float(rate))
 
 
 _DELIMITERS: Final = ("", ",", ";", "\t", " ")

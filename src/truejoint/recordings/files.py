@@ -29,21 +29,11 @@ class BoundedFile(io.RawIOBase):
     """A file that hashes what is read from it and refuses to go on past `limit` bytes.
 
     A gzip file is unpacked as it is read, so a small file that unpacks to an endless one costs
-    no memory. With `lines` it refuses a line longer than `MAX_LINE_BYTES` too. `counted` tells how
-    often the byte `count` was read.
+    no memory. With `lines` it refuses a line longer than `MAX_LINE_BYTES` too.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        limit: int = MAX_UNPACKED_BYTES,
-        *,
-        lines: bool = False,
-        count: bytes = b"",
-    ) -> None:
+    def __init__(self, path: Path, limit: int = MAX_UNPACKED_BYTES, *, lines: bool = False) -> None:
         super().__init__()
-        self.counted = 0
-        self._count = count
         self._path = path
         self._limit = limit
         self._lines = lines
@@ -80,8 +70,6 @@ class BoundedFile(io.RawIOBase):
                 raise RecordingError(
                     f"{self._path}: has a line longer than {MAX_LINE_BYTES} bytes; is it text?"
                 )
-        if self._count:
-            self.counted += data.count(self._count)
         self._hash.update(data)
         buffer[: len(data)] = data
         return len(data)

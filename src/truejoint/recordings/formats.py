@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint.errors import RecordingError, unknown
+from truejoint.errors import RecordingError
+from truejoint.plugins import load_plugin, plugins
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
@@ -19,7 +20,7 @@ from truejoint.recordings.readers import (
     dvrk_berkeley,
     kflex,
     kuka,
-    plain_csv,
+    mapped,
     raven_csv,
 )
 from truejoint.recordings.recording import Recording
@@ -58,7 +59,13 @@ FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         Format("parquet", "what truejoint writes", read_parquet),
-        Format("csv", "header, or column map", plain_csv.read, ("robot", "arm", "column_map")),
+        Format("csv", "header, or column map", mapped.read_csv, ("robot", "arm", "column_map")),
+        Format(
+            "arrays",
+            ".npy or .mat with a column map",
+            mapped.read_arrays,
+            ("robot", "arm", "column_map"),
+        ),
         Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
         Format(
             "raven_csv_252",
@@ -73,7 +80,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         Format("kflex_tendon_sheath", "K-FLEX bending joint", kflex.read),
     )
 }
-"""Every layout by name."""
+"""Every layout of truejoint's own by name."""
 
 PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
 """What a caller may state about any file, and that replaces what the file says."""
@@ -90,7 +97,7 @@ def read_recording(
     ----------
     path : path-like
     format : str, optional
-        One of `FORMATS`; found out from the content by default.
+        One of `format_names`; found out from the content by default, if it is truejoint's own.
     **context
         What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
         formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
@@ -120,10 +127,8 @@ def read_recording(
     source = Path(path)
     if not source.exists():
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
-    name = format or detect_format(source, mapped="column_map" in context)
-    if name not in FORMATS:
-        raise RecordingError(unknown("format", name, FORMATS))
-    entry = FORMATS[name]
+    name = format or detect_format(source, with_map="column_map" in context)
+    entry = _get_format(name)
     about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]
     if wrong:
@@ -144,14 +149,28 @@ def read_recording(
     return replace(recording, provenance=replace(recording.provenance, **about))
 
 
-def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
+def format_names() -> tuple[str, ...]:
+    """Names that `read_recording` knows: truejoint's own and those of other packages."""
+    return (*FORMATS, *plugins("truejoint.formats", tuple(FORMATS)))
+
+
+def _get_format(name: str) -> Format:
+    if name in FORMATS:
+        return FORMATS[name]
+    if name not in format_names():
+        raise RecordingError(f"no format called {name!r}; choose from {', '.join(format_names())}")
+    entry: Format = load_plugin(plugins("truejoint.formats", tuple(FORMATS))[name], Format)
+    return entry
+
+
+def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
     """Name of the layout that a file or folder has.
 
     Parameters
     ----------
     path : path-like
-    mapped : bool
-        A column map comes with it: text is then plain CSV, whatever its columns.
+    with_map : bool
+        A column map comes with it: text is then plain CSV, and what is not text are arrays.
 
     Raises
     ------
@@ -172,6 +191,8 @@ def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
     head = read_head(require_file(source))
     if head.startswith(PARQUET_MAGIC):
         return "parquet"
+    if with_map:
+        return "arrays" if b"\0" in head else "csv"
     if head.startswith(VERSION5_MARK):
         return "kuka_kr300_dual_encoder"
     # A version 4 MAT file starts with a number below 5000 and five rows named data_<k>.
@@ -179,8 +200,6 @@ def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
         return "bros_dual_encoder"
     if b"\0" in head:
         raise _unknown(source, "not text and of no known binary layout")
-    if mapped:
-        return "csv"
     return _detect_text(source, head.decode("utf-8-sig", errors="replace"))
 
 
@@ -188,7 +207,7 @@ def _detect_text(source: Path, head: str) -> str:
     if head.startswith("%") and davinci_grasper.HEADER_MARK in head:
         return "davinci_grasper_umn"
     line = first_line(source, "#")[1]
-    fields = [field.strip('"') for field in split_fields(line, ",")]
+    fields = split_fields(line, ",")
     if not all(is_number(field) for field in fields):
         names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
         if "t" in names:
@@ -208,4 +227,6 @@ def _detect_text(source: Path, head: str) -> str:
 
 
 def _unknown(source: Path, found: str) -> RecordingError:
-    return RecordingError(f"{source}: format not recognised ({found}); known: {', '.join(FORMATS)}")
+    return RecordingError(
+        f"{source}: format not recognised ({found}); known: {', '.join(format_names())}"
+    )

@@ -3,30 +3,26 @@
 from __future__ import annotations
 
 import io
-import math
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import pandas as pd
+import pyarrow as pa
 from numpy.typing import NDArray
+from pyarrow import csv
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.files import BoundedFile, read_head, require_file
+from truejoint.recordings.files import MAX_LINE_BYTES, BoundedFile, read_head, require_file
 
 Array = NDArray[np.float64]
 
 MAX_VALUES: Final = 250_000_000
 """Most numbers kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns."""
-_ROWS_AT_ONCE: Final = 50_000
-# From 3.1 on pandas reads numbers to the last bit unasked, and warns if asked to.
-_EXACT: Final[dict[str, Any]] = (
-    {}
-    if tuple(map(int, pd.__version__.split(".")[:2])) >= (3, 1)
-    else {"float_precision": "round_trip"}
-)
+_PIECE_BYTES: Final = 1 << 22
+_MISSING: Final = frozenset(csv.ConvertOptions().null_values)
 
 
 @dataclass(frozen=True)
@@ -38,7 +34,7 @@ class TextLayout:
     delimiter : str
         Between two numbers: comma, semicolon or tab; a blank means any white space.
     comment : str
-        A line that begins with it is passed over; empty for none.
+        One character; what follows it in a line is passed over; empty for none.
     skip : int
         Lines to pass over at the start, the header among them.
     columns : int
@@ -100,18 +96,28 @@ def read_numbers(
     # The last column tells a short line from a whole one.
     wanted = sorted({*use, layout.columns - 1})
     strict = [column for column in wanted if column not in may_miss]
+    pieces: list[Array] = []
+    left = most = MAX_VALUES // len(wanted)
     incomplete = 0
-    try:
-        values, digest = _parse(path, layout, wanted, strict)
-    except _BrokenLineError as broken:
-        rows, cut_short = _scan(path, layout)
-        if not cut_short or rows < 2:
-            raise _explain(path, layout, wanted, strict, str(broken)) from None
-        incomplete = 1
-        try:
-            values, digest = _parse(path, layout, wanted, strict, rows - 1)
-        except _BrokenLineError as again:
-            raise _explain(path, layout, wanted, strict, str(again)) from None
+    raw = BoundedFile(require_file(path), lines=True)
+    with raw, io.BufferedReader(raw, _PIECE_BYTES) as file:
+        for piece in _pieces(file, layout):
+            try:
+                values = _parse(piece, layout, wanted, strict)
+            except pa.ArrowInvalid:
+                rows = len(pieces) and most > left
+                values, incomplete = _parse_by_line(path, piece, layout, wanted, strict, bool(rows))
+            left -= len(values)
+            if left < 0:
+                raise RecordingError(
+                    f"{path}: more than {most} rows of {len(wanted)} columns, the most that is "
+                    "read; cut the recording into parts"
+                )
+            pieces.append(values)
+        digest = raw.sha256()
+    if left == most:
+        raise RecordingError(f"{path}: holds no rows of numbers")
+    values = np.concatenate(pieces)
     return NumericTable(values[:, [wanted.index(c) for c in use]], digest, incomplete)
 
 
@@ -133,7 +139,7 @@ def first_line(path: Path, comment: str = "") -> tuple[int, str]:
     head = read_head(path)
     if b"\0" in head:
         raise RecordingError(f"{path}: is not a text file; name its format")
-    for number, line in enumerate(head.decode("utf-8-sig", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(_lines(head), start=1):
         text = line.strip()
         if text and not (comment and text.startswith(comment)):
             return number, text
@@ -141,10 +147,9 @@ def first_line(path: Path, comment: str = "") -> tuple[int, str]:
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
-    """Fields of a line, stripped; the delimiter blank is any white space."""
-    if delimiter == " ":
-        return line.split()
-    return [field.strip() for field in line.split(delimiter)]
+    """Fields of a line, stripped and without quotes; the delimiter blank is any white space."""
+    fields = line.split(None if delimiter == " " else delimiter)
+    return [field.strip().strip('"') for field in fields]
 
 
 def is_number(text: str) -> bool:
@@ -153,140 +158,100 @@ def is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return True
+    return "_" not in text  # which Python, not a measurement, puts into numbers
 
 
-class _BrokenLineError(Exception):
-    """Some line does not hold what the layout says; which one is found by `_explain`."""
+@dataclass(frozen=True)
+class _Piece:
+    """Whole lines of a file: the first is line `number`, `skip` of them are no rows."""
+
+    text: bytes
+    number: int
+    skip: int
+    last: bool
 
 
-def _parse(
-    path: Path, layout: TextLayout, wanted: list[int], strict: list[int], rows: int | None = None
-) -> tuple[Array, str]:
-    """Columns `wanted` of the first `rows` rows, and the hash of the whole file."""
-    pieces: list[Array] = []
-    left = most = MAX_VALUES // len(wanted)
-    checked = [wanted.index(column) for column in strict]
-    delimiter = b"" if layout.delimiter == " " else layout.delimiter.encode()
-    raw = BoundedFile(require_file(path), lines=True, count=delimiter)
-    with raw, io.BufferedReader(raw) as file:
-        try:
-            for piece in _pieces(file, layout, wanted, rows):
-                left -= len(piece)
-                if left < 0:
-                    raise RecordingError(
-                        f"{path}: more than {most} rows of {len(wanted)} columns, the most that "
-                        "is read; cut the recording into parts"
-                    )
-                values = piece[wanted].to_numpy(dtype=np.float64)
-                if np.isnan(values[:, checked]).any():
-                    raise _BrokenLineError("a field is missing")
-                pieces.append(values)
-        except (pd.errors.EmptyDataError, StopIteration):
-            raise RecordingError(f"{path}: holds no rows of numbers") from None
-        except RecordingError:
-            raise
-        except (ValueError, OverflowError) as error:
-            raise _BrokenLineError(str(error)) from None
-        if not any(len(piece) for piece in pieces):
-            raise RecordingError(f"{path}: holds no rows of numbers")
-        digest = raw.sha256()
-    values = np.concatenate(pieces)
-    # The parser passes over surplus fields; the number of delimiters gives them away.
-    expected = len(values) * (layout.columns - 1) + _delimiters_aside(path, layout, delimiter)
-    if (not delimiter or raw.counted != expected) and rows is None:
-        broken = _broken_line(path, layout, wanted, strict)
-        if broken is not None:
-            raise broken
-    return values, digest
+def _pieces(file: io.BufferedReader[BoundedFile], layout: TextLayout) -> Iterator[_Piece]:
+    comment = layout.comment.encode()
+    note = re.compile(re.escape(comment) + rb"[^\r\n]*")
+    number, skip = 1, layout.skip
+    while text := file.read(_PIECE_BYTES) + file.readline():
+        lines = text.count(b"\n")
+        if comment and comment in text:
+            text = note.sub(b"", text)
+        if layout.delimiter == " ":
+            parts = re.split(rb"\r\n|\r|\n", text)
+            text = b"\n".join(b" ".join(line.split()) for line in parts)
+        yield _Piece(text, number, skip, not file.peek(1))
+        number, skip = number + lines, max(0, skip - lines)
 
 
-def _pieces(
-    file: io.BufferedReader[BoundedFile], layout: TextLayout, wanted: list[int], rows: int | None
-) -> Iterator[pd.DataFrame]:
-    """Read columns `wanted` piece by piece."""
-    yield from pd.read_csv(
-        file,
-        header=None,
-        skiprows=layout.skip,
-        names=list(range(layout.columns)),
-        usecols=wanted,
-        nrows=rows,
-        index_col=False,
-        sep=layout.delimiter if layout.delimiter in {",", ";", "\t"} else r"\s+",
-        comment=layout.comment or None,
-        dtype=np.float64,
-        skipinitialspace=True,
-        **_EXACT,
-        chunksize=_ROWS_AT_ONCE,
-        encoding="utf-8-sig",
-        encoding_errors="replace",
+def _lines(text: bytes) -> io.TextIOWrapper:
+    return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8-sig", errors="replace")
+
+
+def _parse(piece: _Piece, layout: TextLayout, wanted: list[int], strict: list[int]) -> Array:
+    """Columns `wanted` of a piece; raises ArrowInvalid when it does not fit the layout."""
+    names = [str(column) for column in range(layout.columns)]
+    use = [names[column] for column in wanted]
+    table = csv.read_csv(
+        pa.BufferReader(piece.text),
+        csv.ReadOptions(
+            column_names=names,
+            use_threads=False,
+            skip_rows=piece.skip,
+            block_size=2 * MAX_LINE_BYTES,
+        ),
+        csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
+        csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
     )
+    values = np.column_stack([table[name].to_numpy() for name in use])
+    if np.isnan(values[:, [wanted.index(column) for column in strict]]).any():
+        raise pa.ArrowInvalid("a field is missing")
+    return values
 
 
-def _delimiters_aside(path: Path, layout: TextLayout, delimiter: bytes) -> int:
-    """Count the delimiters in the lines at the start of the file that are no rows."""
-    count = 0
-    for number, line in enumerate(read_head(path).splitlines(), start=1):
-        comment = layout.comment and line.strip().startswith(layout.comment.encode())
-        if delimiter and (number <= layout.skip or comment):
-            count += line.count(delimiter)
-    return count
+def _parse_by_line(
+    path: Path,
+    piece: _Piece,
+    layout: TextLayout,
+    wanted: list[int],
+    strict: list[int],
+    after_rows: bool,
+) -> tuple[Array, int]:
+    """Columns `wanted` of a piece, and whether its last line was cut short; slow, names the fault.
+
+    It also reads what is right but unusual, such as numbers in quotes.
+    """
+    rows: list[list[float]] = []
+    fault = None
+    for number, line in enumerate(_lines(piece.text), start=piece.number):
+        if number < piece.number + piece.skip or not line.strip():
+            continue
+        if fault is not None:
+            raise fault
+        fields = split_fields(line.strip("\r\n "), layout.delimiter)
+        try:
+            rows.append(_numbers(fields, layout, wanted, strict))
+        except RecordingError as error:
+            fault = RecordingError(f"{path}: line {number}{error}; repair or remove the line")
+            short = (len(fields), all(map(is_number, fields))) < (layout.columns, True)
+            cut_short = piece.last and short and not line.endswith("\n")
+    if fault is not None and not (cut_short and (rows or after_rows)):
+        raise fault
+    return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), int(fault is not None)
 
 
-def _text_lines(path: Path) -> io.TextIOWrapper:
-    raw = BoundedFile(path, lines=True)
-    return io.TextIOWrapper(io.BufferedReader(raw), encoding="utf-8-sig", errors="replace")
-
-
-def _rows_of(lines: io.TextIOWrapper, layout: TextLayout) -> Iterator[tuple[int, str]]:
-    """Line number and text of every line that must hold numbers."""
-    for number, line in enumerate(lines, start=1):
-        text = line.strip()
-        commented = bool(layout.comment) and text.startswith(layout.comment)
-        if number > layout.skip and text and not commented:
-            yield number, line
-
-
-def _scan(path: Path, layout: TextLayout) -> tuple[int, bool]:
-    """Count the rows, and tell whether the last lacks something and its line end."""
-    rows, last = 0, "\n"
-    with _text_lines(path) as lines:
-        for _, line in _rows_of(lines, layout):
-            rows += 1
-            last = line
-    fields = split_fields(last.strip("\r\n "), layout.delimiter)
-    short = len(fields) < layout.columns or not all(is_number(field) for field in fields)
-    return rows, short and not last.endswith("\n")
-
-
-def _explain(
-    path: Path, layout: TextLayout, wanted: list[int], strict: list[int], reason: str
-) -> RecordingError:
-    """Find the first line that breaks the layout; slow, and only run when one does."""
-    found = _broken_line(path, layout, wanted, strict)
-    if found is not None:
-        return found
-    return RecordingError(f"{path}: cannot be read as numbers ({reason.splitlines()[0][:120]})")
-
-
-def _broken_line(
-    path: Path, layout: TextLayout, wanted: list[int], strict: list[int]
-) -> RecordingError | None:
-    with _text_lines(path) as lines:
-        for number, line in _rows_of(lines, layout):
-            fields = split_fields(line.strip("\r\n "), layout.delimiter)
-            if len(fields) != layout.columns:
-                return RecordingError(
-                    f"{path}: line {number} has {len(fields)} columns, expected {layout.columns}; "
-                    "repair or remove the line"
-                )
-            for column in wanted:
-                field = fields[column]
-                missing = not field or (is_number(field) and math.isnan(float(field)))
-                if (missing and column in strict) or not (missing or is_number(field)):
-                    return RecordingError(
-                        f"{path}: line {number}, column {column} is {field[:40]!r}, not a number; "
-                        "repair or remove the line"
-                    )
-    return None
+def _numbers(
+    fields: list[str], layout: TextLayout, wanted: list[int], strict: list[int]
+) -> list[float]:
+    if len(fields) != layout.columns:
+        raise RecordingError(f" has {len(fields)} columns, expected {layout.columns}")
+    numbers = []
+    for column in wanted:
+        field = fields[column]
+        value = float(field) if is_number(field) else np.nan
+        if np.isnan(value) and (column in strict or field not in _MISSING):
+            raise RecordingError(f", column {column} is {field[:40]!r}, not a number")
+        numbers.append(value)
+    return numbers

@@ -16,6 +16,7 @@ from truejoint.files import write_atomically
 from truejoint.recordings.files import require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording, as_recording
+from truejoint.robots import adopt_robot
 
 METADATA_KEY: Final = b"truejoint"
 VERSION: Final = 1
@@ -54,6 +55,7 @@ def write_parquet(
         "version": VERSION,
         "units": dict(recording.units),
         "provenance": recording.provenance.to_dict(),
+        "robot": recording.robot.to_dict(),
     }
     arrays = [pa.array(recording.table[name].to_numpy()) for name in recording.table.columns]
     schema = pa.schema(
@@ -119,9 +121,11 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
         raise RecordingError(f"{source}: {error}") from None
     columns = {name: np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in names}
     try:
+        if "robot" in header:
+            adopt_robot(header["robot"], source.name)
         return Recording.from_columns(columns, provenance, header["units"])
     except (RecordingError, RobotError) as error:
-        raise RecordingError(f"{source}: {error}") from None
+        raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
 
 
 def _check_size(source: Path, file: Any) -> None:
@@ -163,6 +167,8 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
     units, provenance = header.get("units"), header.get("provenance")
     if not isinstance(units, dict) or not all(isinstance(u, str) for u in units.values()):
         raise damaged
-    if not isinstance(provenance, dict) or set(units) != set(schema.names) - {"t"}:
+    if not isinstance(header.get("robot", {}), dict) or not isinstance(provenance, dict):
+        raise damaged
+    if set(units) != set(schema.names) - {"t"}:
         raise damaged
     return header

@@ -72,6 +72,10 @@ class Provenance:
     command: str = ""
     notes: str = ""
 
+    def __post_init__(self) -> None:
+        # A reason for which nothing was dropped need not be told.
+        object.__setattr__(self, "dropped", {k: n for k, n in self.dropped.items() if n})
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
         values = {f.name: getattr(self, f.name) for f in fields(self)}
@@ -311,6 +315,17 @@ def since_first(t: Array) -> tuple[Array, float]:
     """
     first = float(t[0])
     return (t - first, first) if first > _EPOCH else (t, float("nan"))
+
+
+def state_rate(t: Array) -> dict[str, float]:
+    """Give the usual rate [Hz] of stamps `t` (n,) [s] for `Provenance.rates`, if they have one."""
+    interval = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    return {"state": round(1.0 / interval, 3)} if interval > 0 else {}
+
+
+def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:
+    """Rows (n,) of stamps `t` (n,) [s] that are not repeated by the next: a clock that stood."""
+    return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
 
 
 def default_unit(column: str, robot: Robot) -> str:

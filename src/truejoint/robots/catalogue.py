@@ -1,60 +1,50 @@
-"""Every robot by name."""
+"""Every robot by name: truejoint's own, those of other packages, those of files."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from functools import cache
-from importlib import import_module
-from typing import TYPE_CHECKING, Final, Protocol, cast
+from importlib.resources import as_file, files
+from pathlib import Path
+from types import FunctionType
+from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RobotError, unknown
+from truejoint.plugins import load_plugin, plugins
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
 
-
-class _RobotModule(Protocol):
-    """What the module of a robot offers to the catalogue."""
-
-    ARMS: Mapping[str, str]
-    """Arm by every name it goes by, in lower case; the empty name is the default."""
-
-    def build(self, arm: str) -> Robot:
-        """Build the robot's arm, one of the values of `ARMS`."""
-
-
-# A robot's module is the one of its name, imported when the robot is first asked for: the
-# compiler behind the kinematics takes longer to import than the rest of the package.
-_ROBOTS: Final = (
+_MODELS: Final = files(__package__) / "models"
+_OWN: Final = (
     "raven2",
-    "dvrk_psm",
-    "davinci_grasper",
-    "bros",
-    "kuka_kr300",
-    "kflex",
-    "forceps",
+    *sorted(file.name.removesuffix(".toml") for file in _MODELS.iterdir()),
 )
+
+# Robots that a file described to this process, and what they were first seen in.
+_described: dict[tuple[str, str], tuple[str, Robot]] = {}
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names that `get_robot` knows.
+    """Names that `get_robot` knows without a file.
 
     Examples
     --------
     >>> "raven2" in robot_names()
     True
     """
-    return _ROBOTS
+    return (*_OWN, *plugins("truejoint.robots", _OWN))
 
 
-@cache
-def get_robot(name: str, arm: str = "") -> Robot:
-    """Robot arm by name; the same object each time.
+def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
+    """Robot arm by name, or of a robot file; the same object each time.
 
     Parameters
     ----------
-    name : str
-        One of `robot_names`, in any case.
+    name : str or path-like
+        One of `robot_names`, in any case, or the path of a TOML file, see docs/robots.md. The
+        robot of a file is known by its name from then on.
     arm : str
         Name of the arm in any case; empty for the robot's default. The arms of ``raven2`` are
         ``left`` (or ``gold``, the default) and ``right`` (or ``green``), those of ``dvrk_psm``
@@ -63,25 +53,90 @@ def get_robot(name: str, arm: str = "") -> Robot:
     Raises
     ------
     RobotError
-        If there is no such robot or arm; the message names those that exist.
+        If there is no such robot or arm, the message then names those that exist, or the file
+        breaks a rule.
 
     Examples
     --------
-    >>> get_robot("dvrk_psm", "psm2").joint_names[:3]
-    ('outer_yaw', 'outer_pitch', 'outer_insertion')
+    >>> get_robot("raven2", "gold").title
+    'raven2 (left arm)'
     """
-    known = name.strip().lower()
-    if known not in _ROBOTS:
-        raise RobotError(unknown("robot", name, _ROBOTS))
-    module = cast("_RobotModule", import_module(f"truejoint.robots.{known}"))
-    wanted = arm.strip().lower()
-    if wanted not in module.ARMS:
-        names = ", ".join(n for n in module.ARMS if n) or "none: leave the arm empty"
-        raise RobotError(f"{known} has no arm called {arm!r}; its arms: {names}")
-    return _build(known, module.ARMS[wanted])
+    text = os.fspath(name).strip()
+    if text.lower().endswith(".toml"):
+        from truejoint.robots.description import read_robot  # noqa: PLC0415  # as above
+
+        return _describe(read_robot(Path(text), arm), text)
+    known, wanted = text.lower(), arm.strip().lower()
+    if (known, wanted) in _described:
+        return _described[known, wanted][1]
+    return _build(known, wanted)
+
+
+def adopt_robot(values: Mapping[str, Any], source: str) -> None:
+    """Make known the robot that a file carries, by `Robot.to_dict`, unless it is known already.
+
+    Raises
+    ------
+    RobotError
+        If the description breaks a rule, or a robot of that name has other joints or channels.
+    """
+    from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
+
+    robot = Robot.from_dict(values, source)
+    _, known = _described.get(_key(robot), ("", None))
+    if _key(robot)[0] not in robot_names() and (known is None or _layout(known) != _layout(robot)):
+        _describe(robot, source)
+
+
+def _describe(robot: Robot, source: str) -> Robot:
+    """Make a robot known by its name; the known one if there is one just like it."""
+    before, known = _described.get(_key(robot), (source, robot))
+    same = before == source or _layout(known) == _layout(robot)
+    if _key(robot)[0] in robot_names():
+        before, known = "truejoint or a package", get_robot(*_key(robot))
+        same = known.to_dict() == robot.to_dict()
+    if not same:
+        raise RobotError(
+            f"{source}: describes another robot called {robot.name!r} than {before}; "
+            "give one of them another name"
+        )
+    if known.to_dict() != robot.to_dict():
+        known = robot
+    _described[_key(robot)] = (source, known)
+    return known
+
+
+def _key(robot: Robot) -> tuple[str, str]:
+    return robot.name.lower(), robot.arm
+
+
+def _layout(robot: Robot) -> tuple[object, ...]:
+    """Give what recordings of a robot depend on."""
+    return robot.channels, [(joint.name, joint.kind) for joint in robot.joints], robot.effort
 
 
 @cache
 def _build(name: str, arm: str) -> Robot:
-    module = cast("_RobotModule", import_module(f"truejoint.robots.{name}"))
-    return module.build(arm)
+    from truejoint.robots.description import read_robot  # noqa: PLC0415  # as above
+    from truejoint.robots.robot import Robot  # noqa: PLC0415
+
+    if name == "raven2":
+        from truejoint.robots import raven2  # noqa: PLC0415  # compiles its kinematics
+
+        if arm not in raven2.ARMS:
+            names = ", ".join(filter(None, raven2.ARMS))
+            raise RobotError(f"raven2 has no arm called {arm!r}; its arms: {names}")
+        return raven2.build(raven2.ARMS[arm])
+    if name in _OWN:
+        with as_file(_MODELS / f"{name}.toml") as path:
+            return read_robot(path, arm, source=name)
+    point = plugins("truejoint.robots", _OWN).get(name)
+    if point is None:
+        raise RobotError(
+            f"{unknown('robot', name, robot_names())}, or the path of a robot file (.toml)"
+        )
+    found = load_plugin(point, (Path, FunctionType))
+    robot = read_robot(found, arm) if isinstance(found, Path) else found(arm)
+    if not isinstance(robot, Robot) or robot.name != name:
+        raise RobotError(f"truejoint.robots {name!r} of {point.value}: is no robot of that name")
+    return robot

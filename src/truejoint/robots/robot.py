@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,11 @@ Effort = Literal["joint", "motor"]
 class Joint:
     """One joint; positions are in rad (revolute) or m (prismatic).
 
+    Raises
+    ------
+    RobotError
+        If its limits are upside down, its home lies outside of them or its speed is not positive.
+
     Examples
     --------
     >>> truejoint.get_robot("raven2").joint("insertion").unit
@@ -33,6 +39,20 @@ class Joint:
     upper: float = math.inf
     home: float = 0.0
     max_speed: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise RobotError(
+                f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "
+                f"upper one, {self.upper:g}; exchange them"
+            )
+        if not self.lower <= self.home <= self.upper:
+            raise RobotError(
+                f"joint {self.name!r}: home {self.home:g} {self.unit} is not within its limits "
+                f"{self.lower:g} and {self.upper:g}; state a home that is"
+            )
+        if not self.max_speed > 0:
+            raise RobotError(f"joint {self.name!r}: max_speed is {self.max_speed:g}; want above 0")
 
     @property
     def unit(self) -> str:
@@ -141,6 +161,12 @@ class Robot:
     workspace : Workspace, optional
         Where a calibration moves; None where unknown.
 
+    Raises
+    ------
+    RobotError
+        If a name stands twice, a joint has no channel, a positioning joint is none of the joints,
+        or the transmission is for another number of joints.
+
     Examples
     --------
     >>> robot = truejoint.get_robot("raven2", "right")
@@ -163,6 +189,57 @@ class Robot:
             object.__setattr__(self, "channels", self.joint_names)
         if not self.positioning:
             object.__setattr__(self, "positioning", self.joint_names)
+        for what in ("joint_names", "channels", "positioning"):
+            names = getattr(self, what)
+            twice = [name for name in names if names.count(name) > 1]
+            if twice:
+                raise RobotError(f"{self.name}: {twice[0]!r} is twice among its {what}; keep one")
+        if tuple(name for name in self.channels if name in self.joint_names) != self.joint_names:
+            raise RobotError(
+                f"{self.name}: its channels must hold every joint, in order: "
+                f"{', '.join(self.joint_names)}"
+            )
+        self.index(self.positioning)
+        n = len(self.joints)
+        if self.transmission is not None and self.transmission.matrix.shape != (n, n):
+            raise RobotError(
+                f"{self.name}: transmission of shape {self.transmission.matrix.shape} does not "
+                f"fit its {n} joints; want one row and one column for each"
+            )
+        if self.effort not in get_args(Effort):
+            raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any], source: str = "robot") -> Robot:
+        """Robot of plain data, each value checked.
+
+        Parameters
+        ----------
+        values : mapping
+            As `to_dict` gives.
+        source : str
+            What errors name.
+
+        Raises
+        ------
+        RobotError
+            Naming source, key and the rule that it breaks.
+
+        Examples
+        --------
+        >>> tool = {"name": "tool", "joints": [{"name": "jaw", "unit": "deg", "upper": 90}]}
+        >>> Robot.from_dict(tool).joint_names
+        ('jaw',)
+        """
+        from truejoint.robots.description import robot_from_dict  # noqa: PLC0415
+
+        return robot_from_dict(values, source)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
+        from truejoint.robots.description import robot_to_dict  # noqa: PLC0415
+
+        return robot_to_dict(self)
 
     @property
     def title(self) -> str:
@@ -201,7 +278,7 @@ class Robot:
                 return joint
         raise RobotError(f"{self.title}: {unknown('joint', name, self.joint_names)}")
 
-    def index(self, names: tuple[str, ...] | list[str]) -> list[int]:
+    def index(self, names: Sequence[str]) -> list[int]:
         """Positions of the joints `names` in a joint vector; raises RobotError if unknown."""
         for name in names:
             self.joint(name)

@@ -8,12 +8,10 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Final, Self, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
 from truejoint.errors import TruejointError
-
-MAX_FILE_SIZE: Final = 65_536
-"""Largest parameter file that is read [bytes]; the shipped ones have about 10 000."""
+from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
 
@@ -36,18 +34,7 @@ def read_sections(path: Path) -> Sections:
     TruejointError
         If the file cannot be read, is too large, is not TOML, or has a value outside a section.
     """
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_FILE_SIZE + 1)
-    except OSError as error:
-        raise TruejointError(f"{path}: cannot be read ({error.strerror})") from None
-    if len(data) > MAX_FILE_SIZE:
-        raise TruejointError(f"{path}: larger than {MAX_FILE_SIZE} bytes; not a parameter file")
-    try:
-        table = tomllib.loads(data.decode("utf-8"))
-    except (ValueError, RecursionError) as error:
-        reason = " ".join(str(error).split())
-        raise TruejointError(f"{path}: not a TOML file ({reason})") from None
+    table = read_toml(path, TruejointError)
     for name, values in table.items():
         if not isinstance(values, dict):
             raise TruejointError(

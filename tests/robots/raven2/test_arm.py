@@ -1,5 +1,6 @@
 """RAVEN-II transmission against a recorded robot and against the coupling written out."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.io import loadmat
 
+from truejoint.recordings.datasets import open_dataset
 from truejoint.robots import Robot, Transmission, get_robot, raven2
 
 Side = Literal["left", "right"]
@@ -24,13 +25,14 @@ def transmission_of(robot: Robot) -> Transmission:
     return robot.transmission
 
 
-def test_joints_follow_from_recorded_motor_positions(data_folder: Path) -> None:
-    recorded = loadmat(data_folder / "raven2_motor_side" / "test_joint123.mat")
-    motor = np.zeros((19415, 7))
-    motor[:, :3] = np.radians(recorded["mpos"])
-    # The insertion too is recorded in "degrees": metres times 180 / pi.
-    joint = transmission_of(get_robot("raven2", "left")).joint_from_motor(motor)[:, :3]
-    assert np.abs(joint - np.radians(recorded["jpos"])).max() < 1e-6
+def test_joints_follow_from_recorded_motor_positions(dataset_folder: Callable[[str], Path]) -> None:
+    dataset_folder("raven2_motor_side")  # or skip
+    (recording,) = open_dataset("raven2_motor_side", "test_joint123")
+    names = recording.robot.positioning
+    motor = np.zeros((len(recording), 7))
+    motor[:, :3] = recording.columns("motor", names)
+    joint = transmission_of(recording.robot).joint_from_motor(motor)[:, :3]
+    assert np.abs(joint - recording.columns("measured", names)).max() < 1e-6
 
 
 def test_channels_are_those_of_the_state_message(robot: Robot) -> None:

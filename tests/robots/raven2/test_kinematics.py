@@ -1,6 +1,6 @@
 """RAVEN-II kinematics against recorded poses, known poses and its own inverse."""
 
-import gzip
+from collections.abc import Callable
 from pathlib import Path
 from typing import Literal
 
@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truejoint.errors import RobotError
+from truejoint.recordings.datasets import open_dataset
 from truejoint.robots import get_robot, raven2
 from truejoint.robots.raven2 import Raven2Kinematics
 
@@ -58,18 +59,14 @@ def pose_away_from_singularities(kinematics: Raven2Kinematics, joint: np.ndarray
     return pose
 
 
-def test_tool_is_where_the_recording_says(data_folder: Path) -> None:
-    path = data_folder / "raven2_motor_side" / "ravenJoint_pose_recorder.txt.gz"
-    with gzip.open(path, "rt") as file:
-        rows = np.loadtxt(file)
-    assert rows.shape == (21083, 23)
-    arm = raven2.kinematics("left")
-    # Columns: t, 8 measured and 8 desired joints, measured and desired position [um]; the fourth
-    # joint channel is void, the insertion is in metres times 180 / pi.
-    used = [0, 1, 2, 4, 5, 6, 7]
-    for joints, position in ((rows[:, 1:9], rows[:, 17:20]), (rows[:, 9:17], rows[:, 20:23])):
-        tool = arm.forward(np.radians(joints[:, used]))[:, :3, 3]
-        assert np.abs(tool - 1e-6 * position).max() < 2e-6
+def test_tool_is_where_the_recording_says(dataset_folder: Callable[[str], Path]) -> None:
+    dataset_folder("raven2_motor_side")  # or skip
+    (recording,) = open_dataset("raven2_motor_side", "ravenJoint_pose_recorder")
+    kinematics, joints = recording.robot.kinematics, recording.robot.joint_names
+    assert kinematics is not None
+    for quantity, tool in (("measured", "tool"), ("setpoint", "tool_setpoint")):
+        found = kinematics.forward(recording.columns(quantity, joints))[:, :3, 3]
+        assert np.abs(found - recording.columns(tool, "xyz")).max() < 2e-6
 
 
 @pytest.mark.parametrize("side", SIDES)

@@ -90,7 +90,7 @@ def test_a_count_is_a_whole_number():
         ("[drive_cable]\nstiffness = -9000.0\n", "drive_cable.stiffness"),
         ("[drive_cable]\nstiffness = '9000'\n", "drive_cable.stiffness"),
         ("[reset_encoder]\ninstalled = 1\n", "reset_encoder.installed"),
-        ("#" * 70_000, "larger"),
+        ("#" * 1_100_000, "holds more"),
     ],
 )
 def test_a_bad_file_is_refused_in_one_line_that_names_it(tmp_path, text, says):

@@ -13,13 +13,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import jinja2
-from plotly.offline import get_plotlyjs
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation.checks import DataCheck
 from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
 from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
+from truejoint.extras import require
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
@@ -150,7 +150,7 @@ def render_report(
         sources=_sources(evaluation, training),
         command=command,
         script=_asset("report.js"),
-        plotly=get_plotlyjs(),
+        plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
         figures=script_json([_figure_values(f) for f in figures]),
     )
 

@@ -26,7 +26,7 @@ class DatasetFile:
     name : str
         Its path in a copy of the data set, whose folder is named after it.
     upstream : str
-        Its path in the upstream repository.
+        Its path in the upstream repository; ``owner/name@commit:path`` if that is another one.
     size : int
         [bytes].
     sha256 : str
@@ -96,7 +96,7 @@ class HeldOut:
 
 @dataclass(frozen=True)
 class Dataset:
-    """A public set of recordings with a joint sensor.
+    """A public set of recordings.
 
     Attributes
     ----------
@@ -104,7 +104,9 @@ class Dataset:
     robot : str
         As in `truejoint.robots.get_robot`.
     format : str
-        Reader of its recordings, one of `truejoint.recordings.FORMATS`.
+        Reader of its recordings, one of `truejoint.recordings.FORMATS`; empty where `maps` say it.
+    maps : mapping
+        Column map by name of recording, as `truejoint.recordings.load_column_map` takes it.
     repository, commit : str
         On GitHub, ``owner/name``, and the commit that the hashes are of.
     licence : str
@@ -119,7 +121,7 @@ class Dataset:
     settings : mapping
         Parameters that suit it, by estimator and name.
     splits : tuple of HeldOut
-        Recommended ways to judge on it, the first by default.
+        Recommended ways to judge on it, the first by default; none where there is no truth.
     recordings : tuple of DatasetRecording
 
     Examples
@@ -132,6 +134,7 @@ class Dataset:
     title: str
     robot: str
     format: str
+    maps: Mapping[str, Mapping[str, Any]]
     repository: str
     commit: str
     licence: str
@@ -169,7 +172,18 @@ class Dataset:
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""
-        return f"{RAW_HOST}/{self.repository}/{self.commit}/{quote(file.upstream)}"
+        repository, commit, path = self.origin(file)
+        return f"{RAW_HOST}/{repository}/{commit}/{quote(path)}"
+
+    def origin(self, file: DatasetFile) -> tuple[str, str, str]:
+        """Repository, commit and path of a file of it."""
+        place, separator, path = file.upstream.rpartition(":")
+        repository, _, commit = place.partition("@")
+        return (
+            (repository, commit, path)
+            if separator
+            else (self.repository, self.commit, file.upstream)
+        )
 
 
 def get_dataset(name: str) -> Dataset:
@@ -200,10 +214,12 @@ def _dataset(
 ) -> Dataset:
     return Dataset(
         name=name,
-        features=tuple(values.pop("features")),
+        format=values.pop("format", ""),
+        maps=values.pop("maps", {}),
+        features=tuple(values.pop("features", ())),
         fit_rate=values.pop("fit_rate", None),
         settings=values.pop("settings", {}),
-        splits=tuple(HeldOut(**split) for split in values.pop("splits")),
+        splits=tuple(HeldOut(**split) for split in values.pop("splits", ())),
         recordings=tuple(DatasetRecording(key, tuple(f)) for key, f in recordings.items()),
         **values,
     )

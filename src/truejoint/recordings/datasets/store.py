@@ -198,15 +198,17 @@ def _open_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Re
     paths = [_existing(dataset, folder, file) for file in recording.files]
     for file, path in zip(recording.files, paths, strict=True):
         if sha256_of(path) != file.sha256:
+            repository, commit, _ = dataset.origin(file)
             raise RecordingError(
-                f"{path}: is not the file of {dataset.repository} at {dataset.commit[:8]} "
+                f"{path}: is not the file of {repository} at {commit[:8]} "
                 "(its SHA-256 differs); fetch it again"
             )
     path = paths[0] if len(paths) == 1 else paths[0].parent
-    result = read_recording(path, dataset.format, session=recording.name)
-    upstream = PurePosixPath(recording.files[0].upstream)
-    upstream = upstream if len(paths) == 1 else upstream.parent
-    source = f"{dataset.repository}@{dataset.commit[:8]}:{upstream}"
+    given = {"column_map": dataset.maps[recording.name]} if recording.name in dataset.maps else {}
+    result = read_recording(path, dataset.format or None, session=recording.name, **given)
+    repository, commit, upstream = dataset.origin(recording.files[0])
+    place = PurePosixPath(upstream) if len(paths) == 1 else PurePosixPath(upstream).parent
+    source = f"{repository}@{commit[:8]}:{place}"
     return replace(result, provenance=replace(result.provenance, source=source))
 
 

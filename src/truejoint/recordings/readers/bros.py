@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.files import read_bounded
 from truejoint.recordings.mat_file import read_mat
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.robots.bros import RATIOS
+from truejoint.robots import Transmission, get_robot
 
 VARIABLE: Final = re.compile(r"data_\d+")
 
@@ -41,10 +41,11 @@ def read(path: Path) -> Recording:
             f"{path}: expected one variable data_<k> of 5 rows, found {', '.join(variables)}"
         )
     time, motor1, truth1, motor2, truth2 = values
+    ratios = np.diag(cast("Transmission", get_robot("bros").transmission).matrix)
     columns = {
         "t": time,
-        "measured/joint1": motor1 / RATIOS[0],
-        "measured/joint2": motor2 / RATIOS[1],
+        "measured/joint1": motor1 / ratios[0],
+        "measured/joint2": motor2 / ratios[1],
         "motor/joint1": motor1,
         "motor/joint2": motor2,
         "truth/joint1": truth1,

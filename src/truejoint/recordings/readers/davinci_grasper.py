@@ -12,12 +12,20 @@ from typing import Final
 
 from truejoint.recordings.numeric_text import TextLayout, read_numbers
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.robots.davinci_grasper import DRIVER_COUNT, JAW_COUNT, MOTOR_COUNT, TORQUE_COUNT
 
 COLUMNS: Final = 10
 HEADER_MARK: Final = "Front-end Maxon Encoder"
 """Stands in the header line of every file of this layout."""
 
+# MRDLab/mis-tool-characterization: README and the headers of the recordings.
+DRIVER_COUNT: Final = 2 * math.pi / 8192
+"""Turn of the instrument's driven spindle per count of its encoder [rad]."""
+JAW_COUNT: Final = 2 * math.pi / 4000
+"""Turn of the jaw per count of its encoder [rad]."""
+MOTOR_COUNT: Final = 2 * math.pi / (4096 * 35)
+"""Turn of the spindle per count of the motor's encoder, before the 35:1 gearbox [rad]."""
+TORQUE_COUNT: Final = 3.9811e-5
+"""Torque per count of either torque sensor [Nm]."""
 GEAR_RATIO: Final = 35.0
 """Turns of the motor per turn of the spindle."""
 JAW_PER_DRIVER: Final = -0.9
@@ -69,7 +77,7 @@ def read(path: Path) -> Recording:
         sha256=table.sha256,
         session=f"{path.parent.name}/{stem}",
         rates={"state": 1000.0, "truth": 1000.0},
-        dropped={"last line cut short": table.incomplete} if table.incomplete else {},
+        dropped={"last line cut short": table.incomplete},
         notes=_conditions(stem)
         + "measured is the driver angle times a nominal ratio; the jaw's zero drifts by 1-3 deg "
         "between files",

@@ -9,11 +9,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Final
 
-import numpy as np
-
 from truejoint.errors import RecordingError
 from truejoint.recordings.npy_file import read_npy
-from truejoint.recordings.recording import Array, Provenance, Recording
+from truejoint.recordings.recording import Array, Provenance, Recording, state_rate
 from truejoint.robots import get_robot
 
 FILES: Final = ("t_stamp.npy", "q_des.npy", "q_act.npy")
@@ -56,7 +54,7 @@ def read(path: Path) -> Recording:
         source=path.name,
         sha256=digests[-1],
         session=path.name,
-        rates={"state": round(1 / float(np.median(np.diff(time))), 3)} if time.size > 1 else {},
+        rates=state_rate(time),
         notes="measured is the commanded position; sha256 is that of q_act.npy",
     )
     return Recording.from_columns(columns, provenance)

@@ -18,7 +18,7 @@ from truejoint.recordings.numeric_text import (
     read_numbers,
     split_fields,
 )
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.recording import Provenance, Recording, last_of_each_stamp
 
 # Time, commanded angle, truth, tension of each wire, current of each motor.
 _TWO_WIRES: Final = (0, 1, 3, 4, 5, 6, 7)
@@ -46,7 +46,7 @@ def read(path: Path) -> Recording:
     if count not in LAYOUTS:
         raise RecordingError(f"{path}: {count} columns, expected 8 or 10; is it a K-FLEX file?")
     table = read_numbers(path, TextLayout(count), LAYOUTS[count])
-    last = np.append(np.diff(table.values[:, 0]) != 0, True)
+    last = last_of_each_stamp(table.values[:, 0])
     time, commanded, truth, *others = table.values[last].T
     columns = {"t": time, "measured/bend": np.radians(commanded), "truth/bend": np.radians(truth)}
     if count == 8:
@@ -64,7 +64,7 @@ def read(path: Path) -> Recording:
         sha256=table.sha256,
         session=session,
         rates={"state": rate, "truth": rate},
-        dropped={reason: n for reason, n in dropped.items() if n},
+        dropped=dropped,
         notes="measured is the commanded angle; wire tensions are in undocumented units",
     )
     return Recording.from_columns(columns, provenance)

@@ -14,11 +14,10 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.files import read_bounded
 from truejoint.recordings.mat_file import Array, read_mat
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.robots.kuka_kr300 import POSITIONING
 
 AXES: Final = 6
 # The file has zeros in place of the secondary encoders of the other axes.
-AXES_WITH_TRUTH: Final = len(POSITIONING)
+AXES_WITH_TRUTH: Final = 3
 
 _QUANTITIES: Final = (
     ("measured", "act_pos_mot_deg", AXES),

@@ -27,7 +27,13 @@ from truejoint.recordings.numeric_text import (
     read_numbers,
     split_fields,
 )
-from truejoint.recordings.recording import Array, Provenance, Recording, since_first
+from truejoint.recordings.recording import (
+    Array,
+    Provenance,
+    Recording,
+    since_first,
+    state_rate,
+)
 from truejoint.robots import Robot, get_robot
 
 STATE_COLUMNS: Final = 240
@@ -213,15 +219,14 @@ def _recording(
             columns[f"{quantity}/{channel}"] = table.values[keep, at] * factor
             at += 1
     columns |= {name: values[keep] for name, values in truth.items()}
-    interval = float(np.median(np.diff(time))) if time.size > 1 else math.nan
     provenance = Provenance(
         robot=robot.name,
         arm=robot.arm,
         source=path.name,
         sha256=table.sha256,
         session=path.name.split(".", maxsplit=1)[0],
-        rates={"state": round(1.0 / interval, 3)} if interval > 0 else {},
-        dropped={reason: n for reason, n in counts.items() if n},
+        rates=state_rate(time),
+        dropped=counts,
         start=start,
     )
     units = {f"effort/{channel}": "Nm" for channel in robot.channels}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cache
 from typing import Final, Literal
 
 import numpy as np
@@ -61,6 +62,7 @@ WORKSPACE: Final = Workspace(
 """Where a calibration of the positioning joints moves [rad, m]."""
 
 
+@cache
 def build(arm: str) -> Robot:
     """Build the RAVEN-II arm ``"left"`` (gold) or ``"right"`` (green)."""
     side: Literal["left", "right"] = "right" if arm == "right" else "left"

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import scipy.io
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
@@ -117,7 +118,7 @@ def test_stamps_since_1970_count_from_the_first_row(tmp_path: Path) -> None:
         ("t,truth/joint1\n0,1\n1,2\n", {"robot": "bros"}, "no 'measured/<joint>' column"),
         ("t,measured/joint1\n0,1\n", {"robot": "bros"}, "1 rows; a recording needs at least 2"),
         ("t,measured/joint1\n", {"robot": "bros"}, "holds no rows"),
-        ("t,measured/joint1\n0,1\n0,2\n", {"robot": "bros"}, "row 1 goes back or repeats"),
+        ("t,measured/joint1\n0,1\n1,2\n0,3\n", {"robot": "bros"}, "row 2 goes back or repeats"),
         ("t,measured/joint1\n0,1\n1,high\n", {"robot": "bros"}, "line 3, column 1 is 'high'"),
         ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "line 3, column 1 is 'nan'"),
         ("t,measured/joint1\n0,1\n1,inf\n", {"robot": "bros"}, "row 1 is inf"),
@@ -156,3 +157,92 @@ def test_bad_input_is_one_line(
         read_recording(path, "csv", **options)
     assert "\n" not in str(caught.value)
     assert str(path) in str(caught.value)
+
+
+def test_of_repeated_stamps_the_last_row_is_kept_and_the_others_counted(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "t,measured/joint1\n0,1\n0,2\n1,3\n2,4\n2,5\n")
+    recording = read_recording(path, robot="bros")
+    assert recording.column("measured/joint1").tolist() == [2, 3, 5]
+    assert recording.provenance.dropped == {"repeated time stamp": 2}
+
+
+ROWS = np.column_stack([np.arange(5) * 10.0, np.arange(5) ** 2, [1, 2, np.nan, 4, 5]])
+COLUMNS: dict[str, Any] = {
+    "t": {"column": 0, "unit": "ms"},
+    "measured/joint1": {"column": 1, "unit": "deg"},
+    "truth/joint1": 2,
+}
+
+
+def check_rows(recording: Recording) -> None:
+    np.testing.assert_allclose(recording.t, ROWS[:, 0] / 1e3)
+    np.testing.assert_allclose(recording.column("measured/joint1"), np.radians(ROWS[:, 1]))
+    np.testing.assert_array_equal(recording.column("truth/joint1"), ROWS[:, 2])
+    assert recording.provenance.dropped == {"truth: value missing": 1}
+    assert recording.provenance.rates == {"state": 100.0}
+
+
+def test_an_npy_file_is_read_by_position(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", ROWS)
+    mapping = {"robot": "bros", "columns": COLUMNS}
+    check_rows(read_recording(tmp_path / "a.npy", column_map=mapping))
+
+
+@pytest.mark.parametrize("version", ["4", "5"])
+def test_a_mat_file_is_read_by_name_and_without_stamps_at_a_rate(
+    tmp_path: Path, version: str
+) -> None:
+    content: dict[str, Any] = {"stamp": ROWS[:, 0], "q": ROWS[:, 1:].T}
+    if version == "5":
+        content = {"rec": content}
+    scipy.io.savemat(tmp_path / "a.mat", content, format=version)
+    prefix = "rec." if version == "5" else ""
+    columns: dict[str, Any] = {
+        "t": {"column": f"{prefix}stamp", "unit": "ms"},
+        "measured/joint1": {"column": f"{prefix}q[0]", "unit": "deg"},
+        "truth/joint1": f"{prefix}q[1]",
+    }
+    check_rows(read_recording(tmp_path / "a.mat", column_map={"robot": "bros", "columns": columns}))
+    del columns["t"]
+    mapping = {"robot": "bros", "rate_hz": 100, "columns": columns}
+    check_rows(read_recording(tmp_path / "a.mat", column_map=mapping))
+
+
+def test_samples_lie_along_the_side_of_the_stamps(tmp_path: Path) -> None:
+    content = {"t": [0.0, 1.0, 2.0], "q": np.arange(15.0).reshape(5, 3)}
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    columns = {"t": "t", "measured/joint1": "q[4]"}
+    recording = read_recording(tmp_path / "a.mat", column_map={"robot": "bros", "columns": columns})
+    assert recording.column("measured/joint1").tolist() == [12, 13, 14]
+
+
+@pytest.mark.parametrize(
+    ("column", "message"),
+    [
+        ("x", "no signal 'x'; the file has rec.q, rec.stamp, n"),
+        ("rec", "no signal 'rec'"),
+        ("n.q", "no signal 'n.q'"),
+        ("rec.q", r"holds 2 signals, which 'rec.q' does not name; write rec.q\[0\] to rec.q\[1\]"),
+        ("rec.q[2]", "holds 2 signals"),
+        ("rec.q[-1]", "holds 2 signals"),
+        ("n[0]", "holds 1 signals, which 'n.0.' does not name; write n$"),
+        ("n", "'measured/joint1' has shape"),
+    ],
+)
+def test_a_signal_that_is_not_there_is_one_line(tmp_path: Path, column: str, message: str) -> None:
+    content = {"rec": {"q": ROWS[:, 1:].T, "stamp": ROWS[:, 0]}, "n": np.arange(4.0)}
+    scipy.io.savemat(tmp_path / "a.mat", content)
+    columns = {"t": "rec.stamp", "measured/joint1": column}
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_recording(tmp_path / "a.mat", column_map={"robot": "bros", "columns": columns})
+    assert "\n" not in str(caught.value)
+    with pytest.raises(RecordingError, match="give a column map"):
+        read_recording(tmp_path / "a.mat", "arrays", robot="bros")
+
+
+@pytest.mark.parametrize("rate", [0, -1, float("nan"), True, "x"])
+def test_stamps_or_a_rate_are_needed(tmp_path: Path, rate: object) -> None:
+    np.save(tmp_path / "a.npy", ROWS)
+    mapping = {"robot": "bros", "rate_hz": rate, "columns": {"measured/joint1": 1}}
+    with pytest.raises(RecordingError, match="rate_hz"):
+        read_recording(tmp_path / "a.npy", column_map=mapping)

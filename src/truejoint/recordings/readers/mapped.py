@@ -1,11 +1,10 @@
-"""Plain CSV: a header of our column names in SI units, or any columns through a column map."""
+"""Files of other people: a CSV header of our column names, or any columns through a map."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -14,8 +13,12 @@ from truejoint.recordings.column_map import (
     SI_UNITS,
     ColumnMap,
     MappedColumn,
+    MapSource,
     load_column_map,
 )
+from truejoint.recordings.files import read_bounded, read_head
+from truejoint.recordings.mat_file import MatValue, read_mat
+from truejoint.recordings.npy_file import NPY_MAGIC, read_npy
 from truejoint.recordings.numeric_text import (
     TextLayout,
     first_line,
@@ -29,18 +32,17 @@ from truejoint.recordings.recording import (
     Provenance,
     Recording,
     default_unit,
+    last_of_each_stamp,
     since_first,
+    state_rate,
 )
 from truejoint.robots import Robot, get_robot
 
 _JOINT_QUANTITIES: Final = (*POSITION_QUANTITIES, "velocity")
 
 
-def read(
-    path: Path,
-    robot: str = "",
-    arm: str = "",
-    column_map: str | os.PathLike[str] | Mapping[str, Any] | ColumnMap | None = None,
+def read_csv(
+    path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
 ) -> Recording:
     """Read a CSV file.
 
@@ -58,7 +60,8 @@ def read(
     -------
     Recording
         Empty and ``nan`` fields are accepted for truth only. Stamps counted from 1970 are counted
-        from the first row instead, which `Provenance.start` keeps.
+        from the first row instead, which `Provenance.start` keeps. Of rows with the same stamp the
+        last is kept, the others are counted.
 
     Raises
     ------
@@ -68,30 +71,119 @@ def read(
     mapping = load_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
     delimiter = (mapping.delimiter if mapping else "") or _delimiter(line)
-    fields = [field.strip('"') for field in split_fields(line, delimiter)]
+    fields = split_fields(line, delimiter)
     header = None if all(is_number(field) for field in fields) else fields
     if mapping is None:
         mapping = _map_of_header(path, header)
+    machine = _robot(path, mapping, robot, arm)
+    use = _positions(path, mapping, header, len(fields))
+    layout = TextLayout(len(fields), delimiter, mapping.comment, number if header else 0)
+    may_miss = [use[name] for name in use if name.startswith("truth")]
+    table = read_numbers(path, layout, list(use.values()), may_miss)
+    columns = dict(zip(use, table.values.T, strict=True))
+    dropped = {"last line cut short": table.incomplete}
+    return _recording(path, mapping, machine, columns, table.sha256, dropped)
+
+
+def read_arrays(
+    path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
+) -> Recording:
+    """Read a .npy file with a row a sample, or a MATLAB file with a row or column a signal.
+
+    Parameters
+    ----------
+    path : Path
+    robot, arm : str
+        As in `truejoint.robots.get_robot`; they overrule those of the column map.
+    column_map : path-like or mapping or ColumnMap
+        See `truejoint.recordings.load_column_map`; needed. In a MATLAB file a column is called
+        ``variable`` or ``struct.field``, followed by ``[k]`` where that holds several signals.
+
+    Raises
+    ------
+    RecordingError
+        Naming file and column that is wrong.
+    """
+    if column_map is None:
+        raise RecordingError(f"{path}: what is in its columns? give a column map")
+    mapping = load_column_map(column_map)
+    machine = _robot(path, mapping, robot, arm)
+    if read_head(path).startswith(NPY_MAGIC):
+        array, digest = read_npy(path)
+        table = array.reshape(len(array) if array.ndim else 1, -1)
+        use = _positions(path, mapping, None, table.shape[1])
+        columns = {name: table[:, k] for name, k in use.items()}
+    else:
+        data, digest = read_bounded(path)
+        variables = read_mat(data, str(path))
+        names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
+        rows = _signal(path, variables, names["t"]).size if "t" in names else 0
+        columns = {k: _signal(path, variables, name, rows) for k, name in names.items()}
+    return _recording(path, mapping, machine, columns, digest, {})
+
+
+def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int = 0) -> Array:
+    """One signal of a MATLAB file, along the side of `rows` samples, else the longer one."""
+    variable = name.partition("[")[0]
+    first, _, field = variable.partition(".")
+    value = variables.get(first)
+    if field:
+        value = value.get(field) if isinstance(value, dict) else None
+    if not isinstance(value, np.ndarray) or not value.size:
+        known = [
+            f"{key}.{inner}" if inner else key
+            for key, found in variables.items()
+            for inner in (found if isinstance(found, dict) else ("",))
+        ]
+        raise RecordingError(f"{path}: no signal {name!r}; the file has {', '.join(known)[:300]}")
+    along = value.shape[1] == rows if rows in value.shape else value.shape[1] > value.shape[0]
+    signals = value if along else value.T
+    names = [variable] if len(signals) == 1 else [f"{variable}[{k}]" for k in range(len(signals))]
+    if name not in names:
+        raise RecordingError(
+            f"{path}: {variable!r} holds {len(signals)} signals, which {name!r} does not name; "
+            f"write {' to '.join(dict.fromkeys((names[0], names[-1])))}"
+        )
+    signal: Array = signals[names.index(name)]
+    return signal
+
+
+def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
     model = robot or mapping.robot
     if not model:
         raise RecordingError(f"{path}: which robot is it? state robot=..., or put it in the map")
     machine = get_robot(model, arm or mapping.arm)
     _check_names(path, mapping, machine)
-    use = _positions(path, mapping, header, len(fields))
-    layout = TextLayout(len(fields), delimiter, mapping.comment, number if header else 0)
-    may_miss = [use[name] for name in use if name.startswith("truth")]
-    table = read_numbers(path, layout, list(use.values()), may_miss)
-    columns, units = _convert(path, mapping, machine, dict(zip(use, table.values.T, strict=True)))
+    return machine
+
+
+def _recording(
+    path: Path,
+    mapping: ColumnMap,
+    robot: Robot,
+    found: dict[str, Array],
+    sha256: str,
+    dropped: dict[str, int],
+) -> Recording:
+    columns, units = _convert(path, mapping, robot, found)
+    if mapping.rate:
+        columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
+    keep = last_of_each_stamp(columns["t"])
+    if not keep.all():
+        columns = {name: values[keep] for name, values in columns.items()}
     columns["t"], start = since_first(columns["t"])
-    dropped = {"last line cut short": table.incomplete, "truth: value missing": _missing(columns)}
+    dropped |= {
+        "repeated time stamp": int((~keep).sum()),
+        "truth: value missing": _missing(columns),
+    }
     provenance = Provenance(
-        robot=machine.name,
-        arm=machine.arm,
+        robot=robot.name,
+        arm=robot.arm,
         source=path.name,
-        sha256=table.sha256,
+        sha256=sha256,
         session=path.name.split(".", maxsplit=1)[0],
-        rates=_rate(columns["t"]),
-        dropped={reason: n for reason, n in dropped.items() if n},
+        rates=state_rate(columns["t"]),
+        dropped=dropped,
         start=start,
     )
     return Recording.from_columns(columns, provenance, units)
@@ -180,8 +272,3 @@ def _convert(
 def _missing(columns: Mapping[str, Array]) -> int:
     truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
     return int(np.any(truth, axis=0).sum()) if truth else 0
-
-
-def _rate(t: Array) -> dict[str, float]:
-    interval = float(np.median(np.diff(t))) if t.size > 1 else 0.0
-    return {"state": round(1.0 / interval, 3)} if interval > 0 else {}

@@ -1,0 +1,71 @@
+"""What other installed packages add: robots, file formats and estimators, found by name."""
+
+from __future__ import annotations
+
+import logging
+from collections import defaultdict
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any, Literal
+
+from truejoint.errors import TruejointError
+
+Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators"]
+
+_log = logging.getLogger("truejoint")
+
+
+@cache
+def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
+    """Entry points of a group by name, none of them loaded yet.
+
+    Parameters
+    ----------
+    group : str
+    taken : tuple of str
+        Names of truejoint's own, which no package can have.
+
+    Returns
+    -------
+    dict
+        Without the names that two packages claim, or that are taken; a warning names them once.
+    """
+    claims: defaultdict[str, list[EntryPoint]] = defaultdict(list)
+    for point in entry_points(group=group):
+        claims[point.name].append(point)
+    usable = {}
+    for name, points in claims.items():
+        if len(points) == 1 and name not in taken:
+            usable[name] = points[0]
+            continue
+        packages = " and ".join(_package(point) for point in points)
+        used = "that of truejoint" if name in taken else "none of them"
+        _log.warning(
+            "%s %r of %s: the name is taken, %s is used; uninstall what you do not need",
+            group, name, packages, used,
+        )  # fmt: skip
+    return usable
+
+
+def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
+    """Load what an entry point names.
+
+    Raises
+    ------
+    TruejointError
+        If it cannot be imported or is none of `kinds`; the message names the package and the
+        cause.
+    """
+    where = f"{point.group} {point.name!r} of package {_package(point)}"
+    try:
+        loaded = point.load()
+    except Exception as error:  # noqa: BLE001  # code of others may raise anything
+        cause = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        raise TruejointError(f"{where} cannot be loaded ({cause}); mend or uninstall it") from None
+    if not isinstance(loaded, kinds):
+        raise TruejointError(f"{where} is a {type(loaded).__name__}, which is of no use there")
+    return loaded
+
+
+def _package(point: EntryPoint) -> str:
+    return point.dist.name if point.dist is not None else point.value

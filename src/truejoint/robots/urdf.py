@@ -1,0 +1,140 @@
+"""Kinematics from a URDF, which pytransform3d reads, as modified Denavit-Hartenberg axes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.errors import RobotError
+from truejoint.extras import require
+from truejoint.robots.chain import Axis, SerialChain
+from truejoint.robots.robot import Joint
+
+Array = NDArray[np.float64]
+
+MAX_BYTES: Final = 1 << 24
+_KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}
+_PARALLEL: Final = 1e-9
+
+
+def read_urdf(path: Path, joints: Sequence[Joint], base: str = "", tip: str = "") -> SerialChain:
+    """Kinematics of the chain from link `base` to link `tip` of a URDF.
+
+    Parameters
+    ----------
+    path : Path
+    joints : sequence of Joint
+        Of the robot, by the names that they have in the URDF; those after the tip move nothing.
+    base, tip : str
+        Links; the first and the last by default.
+
+    Raises
+    ------
+    RobotError
+        If the file is no URDF, has no such chain, or moves joints on it that are not in `joints`.
+    """
+    urdf = require("pytransform3d.urdf", "urdf", "a URDF")
+    try:
+        with path.open("rb") as file:
+            data = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise RobotError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    if len(data) > MAX_BYTES:
+        raise RobotError(f"{path}: holds more than {MAX_BYTES} bytes; is it a URDF?")
+    try:
+        _, _, found = urdf.parse_urdf(data.decode("utf-8"))
+    except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise
+        reason = " ".join(str(error).split())[:120]
+        raise RobotError(f"{path}: cannot be read as a URDF ({reason})") from None
+    try:
+        return _chain(_path(found, base, tip), joints)
+    except RobotError as error:
+        raise RobotError(f"{path}: {error}") from None
+
+
+def _path(found: Sequence[Any], base: str, tip: str) -> list[Any]:
+    """Joints of the URDF from `base` to `tip`."""
+    above = {joint.child: joint for joint in found}
+    if not tip:
+        ends = sorted(set(above) - {joint.parent for joint in found})
+        if len(ends) != 1:
+            raise RobotError(f"ends in the links {', '.join(ends) or 'none'}; name one as tip")
+        tip = ends[0]
+    chain: list[Any] = []
+    link = tip
+    while link != base and link in above:
+        chain.insert(0, above.pop(link))
+        link = chain[0].parent
+    if not chain or (base and link != base):
+        raise RobotError(f"no joints lead from link {base or link!r} to link {tip!r}")
+    return chain
+
+
+def _chain(found: Sequence[Any], joints: Sequence[Joint]) -> SerialChain:
+    names = [joint.name for joint in joints]
+    axes = [Axis(0.0, 0.0, 0.0, 0.0)]
+    rows = [np.zeros(len(names))]
+    fixed = np.eye(4)
+    for joint in found:
+        fixed = fixed @ np.asarray(joint.child2parent, dtype=float)
+        if joint.joint_type == "fixed":
+            continue
+        name, kind = joint.joint_name, _KINDS[joint.joint_type]
+        if name not in names:
+            raise RobotError(
+                f"joint {name!r} is not among the robot's joints {', '.join(names)}; "
+                "add it to the robot file, or choose another tip"
+            )
+        if joints[names.index(name)].kind != kind:
+            raise RobotError(f"joint {name!r} is {kind} there, but not in the robot file")
+        turn = _turn_to(np.asarray(joint.joint_axis, dtype=float), name)
+        _append(axes, fixed @ turn, kind)
+        rows.append(np.eye(len(names))[names.index(name)])
+        fixed = turn.T
+    _append(axes, fixed, "revolute")
+    rows.append(np.zeros(len(names)))
+    return SerialChain(tuple(axes), np.array(rows))
+
+
+def _turn_to(axis: Array, name: str) -> Array:
+    """Rotation (4, 4) that brings z onto `axis`."""
+    length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
+    if not length > 0:
+        raise RobotError(f"joint {name!r} has the axis {axis.tolist()}; want a direction")
+    z = axis / length
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    turn = np.eye(4)
+    turn[:3, :3] = np.column_stack([x, np.cross(z, x), z])
+    return turn
+
+
+def _append(axes: list[Axis], fixed: Array, kind: Any) -> None:
+    """Go on from the last axis by a rigid transform (4, 4) to an axis along its z.
+
+    Any rigid transform is Rz(theta0) Tz(d0) Rx(alpha) Tx(a) Rz(theta) Tz(d), along the common
+    normal of the two z axes; the first two go into the last axis, the others make the new one.
+    """
+    x, y, z = fixed[:3, 3]
+    sine = math.hypot(fixed[0, 2], fixed[1, 2])
+    if sine > _PARALLEL:
+        theta0 = math.atan2(fixed[0, 2], -fixed[1, 2])
+        along_y = y * math.cos(theta0) - x * math.sin(theta0)
+        d = -along_y / sine
+    else:
+        theta0, d = math.atan2(y, x), 0.0
+    cosine = math.copysign(1.0, fixed[2, 2]) if sine <= _PARALLEL else fixed[2, 2]
+    alpha = math.atan2(sine if sine > _PARALLEL else 0.0, cosine)
+    a = x * math.cos(theta0) + y * math.sin(theta0)
+    normal = np.array([math.cos(theta0), math.sin(theta0), 0.0])
+    # The normal, seen from the new frame, is turned back by theta.
+    seen = fixed[:3, :3].T @ normal
+    theta = math.atan2(-seen[1], seen[0])
+    last = axes[-1]
+    axes[-1] = Axis(last.alpha, last.a, last.d + z - d * cosine, last.theta + theta0, last.kind)
+    axes.append(Axis(alpha, a, d, theta, kind))

@@ -1,0 +1,211 @@
+"""Robots as plain data, and the files that hold it."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import RobotError
+from truejoint.robots import Robot, adopt_robot, catalogue, get_robot, robot_names
+from truejoint.robots.chain import SerialChain
+
+TOOL = """
+name = "tool"
+arms = ["left", "right"]
+channels = ["lift", "spare", "jaw"]
+positioning = ["lift"]
+effort = "motor"
+transmission = [[100.0, 0.0], [0.5, 20.0]]
+
+[[joints]]
+name = "lift"
+kind = "prismatic"
+unit = "mm"
+lower = 10
+upper = 250
+home = 20
+max_speed = 50
+
+[[joints]]
+name = "jaw"
+unit = "deg"
+lower = -40
+
+[kinematics]
+unit = "deg"
+axes = [{ d = 0.1, kind = "prismatic" }, { alpha = 90, a = 0.02 }]
+
+[workspace.lift]
+lower = 20
+upper = 200
+speed = 25
+"""
+
+
+@pytest.fixture(autouse=True)
+def forgetful(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "_described", {})
+
+
+@pytest.fixture
+def tool(tmp_path: Path) -> Path:
+    path = tmp_path / "tool.toml"
+    path.write_text(TOOL)
+    return path
+
+
+def test_a_robot_file_says_what_a_robot_is(tool: Path) -> None:
+    robot = get_robot(tool, "Left")
+    assert robot.title == "tool (left arm)"
+    assert robot.joint("lift").upper == 0.25
+    assert robot.joint("lift").max_speed == 0.05
+    assert robot.joint("jaw").lower == math.radians(-40)
+    assert robot.joint("jaw").upper == math.inf
+    assert robot.unused_channels == ("spare",)
+    assert robot.positioning == ("lift",)
+    assert robot.effort == "motor"
+    assert robot.transmission is not None
+    assert np.array_equal(robot.transmission.motor_from_joint([1, 2]), [100, 40.5])
+    assert robot.kinematics is not None
+    # The second axis points along -y of the first, so the jaw does not move the tool.
+    np.testing.assert_allclose(robot.kinematics.forward([0.1, 0.3])[:3, 3], [0.02, 0, 0.2])
+
+
+def test_a_robot_file_may_say_where_a_calibration_moves(tool: Path) -> None:
+    space = get_robot(tool).workspace
+    assert space is not None
+    assert space.joints == ("lift",)
+    assert [space.lower[0], space.upper[0], space.speed[0]] == [0.02, 0.2, 0.025]
+    assert space.margin is None
+
+
+def test_a_robot_file_is_known_by_its_name_afterwards(tool: Path) -> None:
+    robot = get_robot(tool)
+    assert get_robot("Tool") is robot
+    assert get_robot(str(tool)) is robot
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_plain_data_make_the_robot_again(name: str) -> None:
+    robot = get_robot(name)
+    values = json.loads(json.dumps(robot.to_dict(), allow_nan=False))
+    again = Robot.from_dict(values)
+    assert again.to_dict() == robot.to_dict()
+    assert again.joints == robot.joints
+    assert (again.workspace is None) == (robot.workspace is None)
+    if isinstance(robot.kinematics, SerialChain):
+        assert again.kinematics is not None
+        pose = robot.kinematics.forward(robot.home)
+        assert np.array_equal(again.kinematics.forward(robot.home), pose)
+
+
+def test_what_a_file_carries_is_known_by_its_name(tool: Path) -> None:
+    values = get_robot(tool, "right").to_dict()
+    catalogue._described.clear()
+    adopt_robot(values, "model")
+    assert get_robot("tool", "right").to_dict() == values
+    adopt_robot(get_robot("bros").to_dict() | {"positioning": ["joint1"]}, "model")
+    assert get_robot("bros").positioning == ("joint1", "joint2")
+
+
+def test_a_file_that_changed_replaces_itself_but_no_other(tool: Path, tmp_path: Path) -> None:
+    get_robot(tool)
+    tool.write_text(TOOL.replace("home = 20", "home = 30"))
+    assert get_robot(tool).joint("lift").home == 0.03
+    other = tmp_path / "other.toml"
+    other.write_text(TOOL.replace('"spare"', '"free"'))
+    with pytest.raises(RobotError, match=r"another robot called 'tool' than .*tool.toml; give one"):
+        get_robot(other)
+    other.write_text(TOOL.replace('"tool"', '"raven2"'))
+    with pytest.raises(RobotError, match="another robot called 'raven2' than truejoint"):
+        get_robot(other, "left")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name = "jaw"', 'name = "lift"', "'lift' is twice among its joint_names"),
+        ("lower = 10\n", "lower = 300\n", "lower limit 0.3 m is not below the upper one, 0.25"),
+        ("home = 20", "home = 0", "home 0 m is not within its limits"),
+        ("max_speed = 50", "max_speed = 0", "max_speed is 0; want above 0"),
+        ('unit = "mm"', 'unit = "deg"', "'lift': unit 'deg' does not fit a prismatic joint"),
+        ('kind = "prismatic"\nu', 'kind = "ball"\nu', "kind is 'ball'; want revolute or prismatic"),
+        ("[0.5, 20.0]]", "[0.5]]", "want a list of rows of the same length"),
+        ("[0.5, 20.0]]", "[50.0, 0.0]]", "must be square, finite and invertible"),
+        ("[[100.0, 0.0], [0.5, 20.0]]", "[[2.0]]", "does not fit its 2 joints"),
+        ('effort = "motor"', 'effort = "cable"', "effort is 'cable'; want joint or motor"),
+        ('effort = "motor"', 'efort = "motor"', "key 'efort' is not known; use name, arm, joints"),
+        ('["lift"]', '["wrist"]', "has no joint 'wrist'"),
+        ('["lift", "spare", "jaw"]', '["jaw", "lift"]', "must hold every joint, in order"),
+        ("lower = -40", 'lower = "x"', "joint 'jaw': lower is 'x'; want a number"),
+        ("lower = -40", "lower = -inf", "lower is beyond 1e.09 in size"),
+        ("lower = -40", "lower = -1" + 400 * "0", "lower is beyond 1e.09 in size"),
+        ("lower = -40", "lower = -1" + 5000 * "0", "is not TOML"),
+        ("a = 0.02", "b = 0.02", "axis 2: key 'b' is not known; use alpha, a, d, theta, kind"),
+        (
+            "[kinematics]",
+            "[kinematics]\ntool_rotation = [[1]]",
+            r"shape \(1, 1\), expected \(3, 3\)",
+        ),
+        ('name = "tool"', 'name = "my tool"', "name is 'my tool'; want up to 60 letters"),
+        ('name = "tool"', "", "'name' is missing; add it"),
+        ("[kinematics]", "[kinematics", "is not TOML"),
+        ("workspace.lift", "workspace.lid", "workspace.lid: want a table for one of the joints"),
+        ("upper = 200", "upper = 20", "workspace.lift: lower must be below upper"),
+        ("speed = 25", "", "'speed' is missing"),
+    ],
+)
+def test_what_breaks_a_rule_is_named_in_one_line(
+    tool: Path, old: str, new: str, message: str
+) -> None:
+    assert old in TOOL
+    tool.write_text(TOOL.replace(old, new))
+    with pytest.raises(RobotError, match=message) as error:
+        get_robot(tool)
+    assert str(error.value).startswith(f"{tool}: ")
+    assert "\n" not in str(error.value)
+    assert len(str(error.value)) < 300 + len(str(tool))
+
+
+def test_a_file_that_is_not_there_or_without_the_arm_is_named(tool: Path, tmp_path: Path) -> None:
+    with pytest.raises(RobotError, match=r"none.toml: cannot be read \(No such file"):
+        get_robot(tmp_path / "none.toml")
+    with pytest.raises(RobotError, match="no arm called 'middle'; its arms: left, right"):
+        get_robot(tool, "middle")
+
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=10,
+)
+
+
+@given(
+    path=st.sampled_from(["name", "arm", "joints", "channels", "positioning", "effort",
+                          "transmission", "kinematics"]),
+    value=json_values,
+    inside=st.sampled_from([(), (0, "name"), (0, "kind"), (0, "lower"), ("axes",), ("axes", 0)]),
+)  # fmt: skip
+def test_any_data_are_a_robot_or_refused_in_one_line(
+    path: str, value: Any, inside: tuple[Any, ...]
+) -> None:
+    values = json.loads(json.dumps(get_robot("dvrk_psm").to_dict()))
+    values.setdefault(path, None)
+    place, key = values, path
+    for step in inside:
+        if isinstance(place[key], dict if isinstance(step, str) else list):
+            place, key = place[key], step
+    place[key] = value
+    message = "model: "
+    try:
+        Robot.from_dict(values, "model")
+    except RobotError as error:
+        message = str(error)
+    assert message.startswith("model: ")
+    assert "\n" not in message

@@ -1,0 +1,108 @@
+"""Packages that add robots and formats: found by name, loaded when asked for."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+EXAMPLE = Path(__file__).parents[1] / "examples" / "truejoint_example_plugin"
+
+READ = """
+import sys
+from truejoint.errors import TruejointError
+from truejoint.recordings import format_names, read_recording
+from truejoint.robots import get_robot, robot_names
+print(*robot_names(), *format_names())
+for name in sys.argv[1:]:
+    try:
+        print(get_robot(name).title)
+    except TruejointError as error:
+        print(error)
+"""
+
+
+def install(folder: Path, name: str, points: dict[str, dict[str, str]]) -> None:
+    """What an installer leaves behind beside a package's modules."""
+    about = folder / f"{name.replace('-', '_')}-1.0.dist-info"
+    about.mkdir()
+    (about / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {name}\nVersion: 1.0\n")
+    groups = [
+        "\n".join([f"[{group}]", *(f"{key} = {value}" for key, value in entries.items())])
+        for group, entries in points.items()
+    ]
+    (about / "entry_points.txt").write_text("\n".join(groups) + "\n")
+
+
+def run(folder: Path, *command: str) -> subprocess.CompletedProcess[str]:
+    paths = [str(folder), str(EXAMPLE / "src"), os.environ.get("PYTHONPATH", "")]
+    return subprocess.run(  # noqa: S603 - our own code
+        [sys.executable, *command],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, paths))},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture
+def example(tmp_path: Path) -> Path:
+    project = tomllib.loads((EXAMPLE / "pyproject.toml").read_text())["project"]
+    install(tmp_path, project["name"], project["entry-points"])
+    return tmp_path
+
+
+def test_the_example_serves_the_command_line(example: Path) -> None:
+    steps = np.arange(600)
+    motor = 3000 * np.sin(steps / 40.0)
+    counts = np.column_stack([steps * 10, motor, motor * (8192 / 4096 / 50) * 0.9 + 5])
+    np.savetxt(example / "run.txt", counts)
+    model = example / "lever.safetensors"
+    result = run(
+        example, "-c",
+        "import sys; from truejoint.cli.app import main; main()",
+        "calibrate", str(example / "run.txt"), "--format", "example_counts",
+        "-e", "linear", "-o", str(model),
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert "lever of example_lever" in result.stdout
+    (example / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
+    result = run(
+        example, "-c", "import sys; from truejoint.cli.app import main; main()",
+        "evaluate", str(model), str(example / "run.csv"), "--robot", "example_lever",
+    )  # fmt: skip
+    assert result.returncode in {0, 1}, result.stderr
+
+
+def test_a_plug_in_that_cannot_be_loaded_is_named_and_the_rest_works(example: Path) -> None:
+    (example / "broken_one.py").write_text("import nothing_of_that_name\n")
+    install(
+        example,
+        "broken-one",
+        {"truejoint.robots": {"broken": "broken_one:ROBOT", "number": "math:pi"}},
+    )
+    result = run(example, "-c", READ, "broken", "number", "example_lever", "raven2")
+    names, broken, number, *works = result.stdout.splitlines()
+    assert {"broken", "example_lever", "example_counts"} <= {*names.split()}
+    assert "truejoint.robots 'broken' of package broken-one cannot be loaded (Module" in broken
+    assert "truejoint.robots 'number' of package broken-one is a float" in number
+    assert works == ["example_lever", "raven2 (left arm)"]
+    assert result.stderr == ""
+
+
+def test_two_with_one_name_are_named_once_and_the_rest_works(example: Path) -> None:
+    other = {"example_lever": "math:pi", "bros": "math:pi"}
+    install(example, "other-one", {"truejoint.robots": other})
+    result = run(example, "-c", READ, "example_lever", "example_lever", "bros")
+    first, second = sorted(result.stderr.splitlines())
+    assert "'bros' of other-one" in first
+    assert "that of truejoint is used" in first
+    assert "'example_lever' of" in second
+    assert "none of them is used" in second
+    assert "no robot called 'example_lever'" in result.stdout.splitlines()[1]
+    assert result.stdout.splitlines()[3] == "bros"
