@@ -218,7 +218,12 @@ def test_constant_but_for_rounding_is_constant(recording):
 def test_wrong_choices_are_refused(recording):
     refused("no estimator called 'svm'", recording, "svm")
     refused("target 'angle'", recording, target="angle")
-    refused("fixed offset knows no position", recording, "offset", target="position")
+    refused(
+        "offset cannot predict the position; use target 'error'",
+        recording,
+        "offset",
+        target="position",
+    )
     refused("0 features", recording, features=[])
     refused("is not '<quantity>/<channel>'", recording, features="elbow")
     refused("epochs is 0", recording, NeuralNetwork(epochs=0))

@@ -99,7 +99,5 @@ def test_wrong_parameters_are_refused(pair, model):
     "displacements", [(), ("reset", "reset"), ("reset", "motor", "drive"), ("jaw",), "reset"]
 )
 def test_displacements_are_one_or_two_of_three(displacements):
-    with pytest.raises(
-        CalibrationError, match="displacements .* one or two of motor, drive, reset"
-    ):
+    with pytest.raises(CalibrationError, match="one or two of motor, drive, reset"):
         Play(displacements).fit(np.zeros((500, 1)), np.zeros(500))
