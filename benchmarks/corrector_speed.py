@@ -85,7 +85,7 @@ def time_corrector(model: Calibration, samples: Samples, calls: int) -> NDArray[
 
 def sklearn_network(model: Calibration) -> Callable[[NDArray[np.float64]], NDArray[np.float64]]:
     """`predict` of scikit-learn's scaler and network with the weights of ours."""
-    arrays = model.model.to_arrays()
+    arrays = model.model.arrays_
     n_layers = sum(name.startswith("weight_") for name in arrays)
     weights = [arrays[f"weight_{i}"] for i in range(n_layers)]
     network = MLPRegressor(
@@ -127,7 +127,7 @@ def torch_network(model: Calibration) -> Callable[[NDArray[np.float64]], object]
     import torch  # noqa: PLC0415
 
     torch.set_num_threads(1)
-    arrays = {k: torch.from_numpy(v.copy()) for k, v in model.model.to_arrays().items()}
+    arrays = {k: torch.from_numpy(v.copy()) for k, v in model.model.arrays_.items()}
     n_layers = sum(name.startswith("weight_") for name in arrays)
 
     def call(row: NDArray[np.float64]) -> object:

@@ -27,10 +27,11 @@ import numpy as np
 from truejoint.calibration import Calibration, calibrate
 from truejoint.calibration.interval import Interval
 from truejoint.crtk import simulated_arm
-from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.jaw_filter import JawFilter
+from truejoint.estimators import JawFilter, NeuralNetwork
 from truejoint.export.c_source import Precision, table
 from truejoint.export.export_c import export_c
+from truejoint.models.jaw import MOTOR, RESET
+from truejoint.models.jaw_filter import jaw_filter, rest_spread
 from truejoint.motion import follow, zigzag
 from truejoint.motion.forceps_references import calibration_reference
 from truejoint.recordings import Recorder, Recording
@@ -158,7 +159,7 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     """Time the filter's step alone, in C (exported into `folder`) and from Python."""
     rows = slice(2000, 2000 + SAMPLES)
     interval = float(np.median(np.diff(recording.t)))
-    motor, reset = (recording.column(name)[rows] for name in model.inputs)
+    motor, reset = (recording.column(name)[rows] for name in (MOTOR, RESET))
     z = np.column_stack([reset, np.gradient(reset, interval)])
     u = np.column_stack([motor, np.zeros(SAMPLES)])
     lines = [f"{{ {', '.join(map(float.hex, row))} }}," for row in np.hstack([z, u])]
@@ -167,8 +168,8 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     command = [cc, *FLAGS, str(folder / "filter.c"), "-lm", "-o", str(folder / "filter")]
     subprocess.run(command, check=True)
     done = subprocess.run([str(folder / "filter")], check=True, capture_output=True, text=True)
-    estimator = model._filter
-    prior = {"x0": np.zeros(4), "P0": model._spread()}
+    estimator = jaw_filter(model.model_params())
+    prior = {"x0": np.zeros(4), "P0": rest_spread(model.mechanism, model.noise)}
     state = estimator.initial_state(**prior)
     laps, records = [], []
     for k in range(40 * SAMPLES):
@@ -230,7 +231,7 @@ def main() -> None:
                     f"{calibration.estimator:15s} {options.precision}: {done.stdout.strip()}",
                     flush=True,
                 )
-                if type(calibration.model) is JawFilter:
+                if estimator == "ukf":
                     print(filter_step(calibration.model, recording, folder, options.compiler))
 
 

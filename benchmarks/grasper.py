@@ -22,12 +22,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
-from truejoint.estimators.linear import LinearRegressor
 
 from truejoint import calibrate
-from truejoint.estimators import JointRegressor, NeuralNetwork, PolynomialRegressor
-from truejoint.estimators.elastic_joint import ElasticJointFilter
-from truejoint.models.features import FeatureSet, time_steps
+from truejoint.estimators import (
+    ElasticJointFilter,
+    JointRegressor,
+    LinearRegressor,
+    NeuralNetwork,
+    PolynomialRegressor,
+)
+from truejoint.models import FeatureSet, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, open_dataset
 
@@ -64,7 +68,7 @@ class Bench:
 
     features: dict[tuple[str, ...], Array]
     driver: Array
-    steps: Array
+    dt: Array
     truth: Array
     measured: Array
     session: NDArray[np.str_]
@@ -129,8 +133,8 @@ def elastic(
     """Fit the unscented filter to angle and torque of `train`; run it over rows `filtered`."""
     seen = np.isin(bench.session, np.unique(bench.session[train]))
     truth = np.where(train[:, None], bench.truth, np.nan)
-    model = ElasticJointFilter().fit(bench.driver[seen], truth[seen], None, bench.steps[seen])
-    estimate = model.estimate(bench.driver[filtered], bench.steps[filtered], smoothed=smoothed)
+    model = ElasticJointFilter().fit(bench.driver[seen], truth[seen], dt=bench.dt[seen])
+    estimate = model.estimate(bench.driver[filtered], bench.dt[filtered], smoothed=smoothed)
     return scores((estimate.outputs - bench.truth[filtered])[test[filtered]])
 
 

@@ -8,12 +8,11 @@ import numpy as np
 
 from benchmarks.loop_session import Samples
 from truejoint.calibration import Calibration, calibrate
-from truejoint.errors import ModelFileError
-from truejoint.estimators.registry import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
+from truejoint.estimators import estimator_names, get_estimator
+from truejoint.models.elastic_joint import DRIVER
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Provenance, Recording
 from truejoint.recordings.forceps import record_forceps
-from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import simulate_forceps
 
@@ -26,15 +25,14 @@ def jaw_models() -> Iterator[tuple[Calibration, Samples]]:
         for seed, r in enumerate(references)
     ]
     driven = [driven_jaw(seed) for seed in range(5)]
-    sources = {name: ([cables[0]], cables[1]) for name in JAW_ESTIMATORS}
-    sources |= dict.fromkeys(MOTOR_SIDE_ESTIMATORS, (driven[:4], driven[4]))
-    for name, (training, unseen) in sources.items():
-        model = calibrate(training, name)
-        try:
-            Corrector(model)
-        except ModelFileError as error:
-            print(f"  ({error})")
+    for name in estimator_names():
+        estimator = get_estimator(name)
+        family = estimator.family
+        if family.inputs is None or family.row is None:
             continue
+        at_motor = DRIVER in family.inputs(estimator.model_params())
+        training, unseen = (driven[:4], driven[4]) if at_motor else (cables[:1], cables[1])
+        model = calibrate(training, estimator)
         rows = unseen.table[list(model.signals)].to_numpy()
         yield model, Samples(model.signals, unseen.t.tolist(), rows)
 

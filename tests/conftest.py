@@ -103,6 +103,8 @@ def build_fixture() -> Build:
 @pytest.fixture(scope="session")
 def recording() -> Recording:
     return build_recording()
+
+
 @pytest.fixture
 def dataset_folder() -> Callable[[str], Path]:
     """Folder of a public data set, or a skip that says why."""

@@ -14,9 +14,9 @@ from truejoint.calibration import (
     Calibration,
     calibrate,
     cross_check,
-    read_calibration,
     measure_coverage,
     needed_trajectories,
+    read_calibration,
     rezeroed,
     with_interval,
 )
@@ -124,7 +124,7 @@ def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration
         truth = [m.column(f"truth/{joint}") for m in motions]
         measured = [m.column(f"measured/{joint}") for m in motions]
         corrected = [calibration.correct(m)[:, k] for m in motions]
-        offset = calibration.baseline_models["offset"].to_arrays()["offset"][k]
+        offset = calibration.baseline_models["offset"].offset_[k]
         wanted = {
             "half_widths": [np.abs(t - c) for t, c in zip(truth, corrected, strict=True)],
             "offset_half_widths": [

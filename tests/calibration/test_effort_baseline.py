@@ -126,8 +126,8 @@ def test_recordings_that_disagree_raise_the_limits():
     other = motion(1)
     table = other.table.assign(**{"effort/elbow": other.column("effort/elbow") + 0.05})
     changed = Recording(table, other.units, other.provenance)
-    alike = calibrate([motion(0), other], "linear", features=FEATURES).reference
-    apart = calibrate([motion(0), changed], "linear", features=FEATURES).reference
+    alike = calibrate([motion(0), other], "linear", features=FEATURES).effort_baseline
+    apart = calibrate([motion(0), changed], "linear", features=FEATURES).effort_baseline
     assert alike.shift_limit.tolist() == [1.3, 1.3, 1.3]
     # 0.05 is twelve standard deviations of the noise, and the limit twice what was held out.
     assert apart.shift_limit[1] > 10
@@ -152,7 +152,7 @@ def test_size_and_correlation_time_of_errors_are_found():
     assert time == pytest.approx(4.0, rel=0.3)
 
 
-def test_too_many_joints_or_a_joint_at_rest_give_no_reference(calibration):
+def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration):
     test = motion(3, duration=20.0)
     still = test.table.assign(**{"measured/elbow": 1.0})
     assert fit_effort_baseline(calibration, [Recording(still, test.units, test.provenance)]) is None
@@ -162,7 +162,7 @@ def test_too_many_joints_or_a_joint_at_rest_give_no_reference(calibration):
 
 def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
     calibration.save(tmp_path / "m.safetensors")
-    back = encode_effort_baseline(read_calibration(tmp_path / "m.safetensors").reference)
+    back = encode_effort_baseline(read_calibration(tmp_path / "m.safetensors").effort_baseline)
     for name, array in encode_effort_baseline(calibration.effort_baseline).items():
         assert back[name].tobytes() == array.tobytes(), name
 
@@ -179,7 +179,7 @@ def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
         ("extra", lambda a: a),
     ],
 )
-def test_an_edited_reference_is_refused(calibration, name, change):
+def test_an_edited_effort_baseline_is_refused(calibration, name, change):
     arrays = encode_effort_baseline(calibration.effort_baseline)
     arrays[name] = change(arrays.get(name, np.zeros(3)))
     with pytest.raises(ModelFileError, match="reference"):

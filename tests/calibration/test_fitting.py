@@ -9,7 +9,7 @@ import pytest
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RobotError
-from truejoint.estimators import LinearRegressor, NeuralNetwork
+from truejoint.estimators import NeuralNetwork
 from truejoint.models import FeatureSet
 from truejoint.recordings import Recording
 
@@ -126,7 +126,7 @@ def test_seed_goes_to_the_estimator_that_has_one(build):
     assert calibrate(recording, network).model.random_state == 7
     assert calibrate(recording, network, random_state=3).model.random_state == 3
     assert network.random_state == 7
-    assert isinstance(calibrate(recording, "linear", random_state=3).model, LinearRegressor)
+    assert calibrate(recording, "linear", random_state=3).estimator == "linear"
 
 
 def test_progress_rises_to_one(build):
@@ -218,7 +218,12 @@ def test_constant_but_for_rounding_is_constant(recording):
 def test_wrong_choices_are_refused(recording):
     refused("no estimator called 'svm'", recording, "svm")
     refused("target 'angle'", recording, target="angle")
-    refused("fixed offset knows no position", recording, "offset", target="position")
+    refused(
+        "offset cannot predict the position; use target 'error'",
+        recording,
+        "offset",
+        target="position",
+    )
     refused("0 features", recording, features=[])
     refused("is not '<quantity>/<channel>'", recording, features="elbow")
     refused("epochs is 0", recording, NeuralNetwork(epochs=0))

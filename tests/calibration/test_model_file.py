@@ -13,7 +13,7 @@ import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, read_calibration, model_file
+from truejoint.calibration import calibrate, model_file, read_calibration
 from truejoint.calibration.encoding import encode
 from truejoint.calibration.model_file import from_bytes, to_bytes
 from truejoint.errors import ModelFileError

@@ -55,12 +55,16 @@ def test_changes_and_standstill_as_counted_by_hand():
     X, error = np.array(rows), np.array(rows)[:, :1]
     training_domain = fit_training_domain([table(t, rows)], SIGNALS, 1.0, X, error)
     np.testing.assert_allclose(training_domain.signal_step, [0.5, 0.4, 0.0], rtol=1e-12)
-    np.testing.assert_allclose(training_domain.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(
+        training_domain.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12
+    )
     assert training_domain.hold == pytest.approx(0.3, rel=1e-12)
     assert training_domain.interval == pytest.approx(0.1)
     np.testing.assert_array_equal(training_domain.signal_lower, [1.0, -0.1, 5.0])
     np.testing.assert_array_equal(training_domain.signal_upper, [9.0, 0.9, 5.0])
-    np.testing.assert_array_equal([training_domain.error_lower[0], training_domain.error_upper[0]], [1.0, 9.0])
+    np.testing.assert_array_equal(
+        [training_domain.error_lower[0], training_domain.error_upper[0]], [1.0, 9.0]
+    )
 
 
 def test_whitened_rows_are_uncorrelated(calibration, recording):
@@ -79,7 +83,9 @@ def test_copies_of_a_feature_are_told_apart_but_not_without_end():
     x = rng.normal(size=500)
     X = np.column_stack([x, x, rng.normal(size=500)])
     rows = np.column_stack([x, rng.normal(size=(500, 2))])
-    training_domain = fit_training_domain([table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1])
+    training_domain = fit_training_domain(
+        [table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1]
+    )
     split = np.linalg.norm(training_domain.whitening @ [0.5, -0.5, 0.0])
     expected = np.sqrt(0.5) / x.std() / np.sqrt(SMALLEST_VARIANCE)
     assert split == pytest.approx(expected, rel=1e-6)

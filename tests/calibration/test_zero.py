@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, find_zero, read_calibration, rezeroed
-from truejoint.calibration.zero import _shifted
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
@@ -101,11 +100,3 @@ def test_without_truth_it_is_refused(build, recording):
     bare = recording.table.drop(columns=["truth/elbow"])
     with pytest.raises(CalibrationError, match="synthetic-0 has no truth of elbow"):
         find_zero(calibration, Recording(bare, recording.units, recording.provenance))
-
-
-def test_an_estimator_without_an_offset_is_refused():
-    class Filter:
-        family = name = "some_filter"
-
-    with pytest.raises(CalibrationError, match="some_filter has no offset that could be moved"):
-        _shifted(Filter(), np.zeros(3))  # type: ignore[arg-type]

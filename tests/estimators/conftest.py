@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 import pytest
 
+from truejoint.estimators.jaw import JawEstimator
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ForcepsRun, simulate_forceps
+
+Model = TypeVar("Model", bound=JawEstimator)
 
 SETTLED = 2.2  # [s] that the swelling of the motion is left out
 
@@ -27,13 +31,14 @@ class Pair:
         return record_forceps(self.calibration), record_forceps(self.verification)
 
 
-def columns(run: ForcepsRun, names: tuple[str, ...]) -> np.ndarray:
+def columns(run: ForcepsRun, model: JawEstimator) -> np.ndarray:
+    """Rows of what an estimator takes."""
     signals = {"motor/jaw": run.motor, "cable/drive": run.drive, "cable/reset": run.reset}
-    return np.column_stack([signals[name] for name in names])
+    return np.column_stack([signals[name] for name in model.family.inputs(model.model_params())])
 
 
 def target(run: ForcepsRun) -> np.ndarray:
-    """EffortBaseline encoder, unknown while the motion swells."""
+    """Reference encoder, unknown while the motion swells."""
     return np.where(run.t > SETTLED, run.reference, np.nan)
 
 
@@ -44,6 +49,12 @@ def steps(run: ForcepsRun) -> np.ndarray:
 def rms_deg(estimate: np.ndarray, run: ForcepsRun) -> float:
     error = (estimate - run.reference)[run.t > SETTLED]
     return float(np.degrees(np.sqrt(np.mean(error**2))))
+
+
+def fitted(pair: Pair, model: Model) -> Model:
+    """Fit to the calibration motion."""
+    run = pair.calibration
+    return model.fit(columns(run, model), target(run), dt=steps(run))
 
 
 @pytest.fixture(scope="session")

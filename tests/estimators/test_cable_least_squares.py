@@ -2,13 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.estimators.conftest import columns, rms_deg, steps, target
+from tests.estimators.conftest import columns, fitted, rms_deg, steps, target
 
-from truejoint.estimators.cable_least_squares import (
-    CompensatedJawLeastSquares,
-    JawLeastSquares,
-    JawLeastSquaresIntercept,
-)
+from truejoint.estimators import CableLeastSquares
+from truejoint.estimators.rational import RationalModel
 
 
 def observation_matrix(run) -> np.ndarray:
@@ -21,41 +18,25 @@ def observation_matrix(run) -> np.ndarray:
     return np.column_stack([*blocks, np.sign(blocks[4])])
 
 
-@pytest.mark.parametrize(
-    ("model", "constant"), [(JawLeastSquares(), False), (JawLeastSquaresIntercept(), True)]
-)
-def test_equation_29(pair, model, constant):
+@pytest.mark.parametrize("constant", [False, True])
+def test_equation_29(pair, constant):
     run = pair.calibration
     W, known = observation_matrix(run), np.isfinite(target(run))
     if constant:
         W = np.column_stack([W, np.ones(len(W))])
     size = np.linalg.norm(W[known], axis=0)
     chi = np.linalg.lstsq(W[known] / size, run.reference[known], rcond=None)[0] / size
-    model.fit(columns(run, model.inputs), target(run), steps=steps(run))
-    estimate = model.predict(columns(run, model.inputs), steps(run))
+    model = fitted(pair, CableLeastSquares(intercept=constant))
+    estimate = model.predict(columns(run, model), steps(run))
     assert np.abs(estimate - W @ chi)[known].max() < 1e-6
 
 
 def test_equation_30_takes_off_its_own_error_model(pair):
-    run, test = pair.calibration, pair.verification
-    plain = JawLeastSquares().fit(
-        columns(run, JawLeastSquares.inputs), target(run), steps=steps(run)
-    )
-    model = CompensatedJawLeastSquares()
-    model.fit(columns(run, model.inputs), target(run), steps=steps(run))
-    estimate = model.predict(columns(test, model.inputs), steps(test))
-    bare = plain.predict(columns(test, plain.inputs), steps(test))
-    taken = model.error_model_(test.motor, test.reset)
+    test = pair.verification
+    plain = fitted(pair, CableLeastSquares())
+    model = fitted(pair, CableLeastSquares(compensated=True))
+    estimate = model.predict(columns(test, model), steps(test))
+    bare = plain.predict(columns(test, plain), steps(test))
+    taken = RationalModel(model.scale_, model.error_coef_)(test.motor, test.reset)
     assert np.abs(estimate - (bare - taken)).max() < 1e-9
     assert rms_deg(estimate, test) < 0.6 * rms_deg(bare, test)
-
-
-@pytest.mark.parametrize("model", [JawLeastSquaresIntercept(), CompensatedJawLeastSquares()])
-def test_steps_give_the_bits_of_the_whole(pair, model):
-    run = pair.calibration
-    model.fit(columns(run, model.inputs), target(run), steps=steps(run))
-    X, intervals = columns(run, model.inputs)[:300], steps(run)[:300]
-    intervals[100] = 0.0
-    state = model.start()
-    online = [model.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
-    assert np.array_equal(np.array(online), model.evaluate(X, intervals))

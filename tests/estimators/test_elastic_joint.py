@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,6 +13,8 @@ from sklearn.base import clone
 from truejoint import calibrate, read_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators.elastic_joint import MIN_ROWS, ElasticJointFilter
+from truejoint.models import elastic_joint
+from truejoint.models.elastic_joint import NOISE
 from truejoint.models.features import time_steps
 from truejoint.recordings import Provenance, Recording
 
@@ -71,7 +75,7 @@ def fitted():
 
 
 def test_it_finds_the_widths_of_the_friction(fitted):
-    widths = fitted.joint_.widths * fitted.scales_[1]
+    widths = fitted.widths_ * fitted.scales_[1]
     assert widths == pytest.approx(WIDTHS, rel=0.03)
 
 
@@ -97,7 +101,7 @@ def test_what_it_states_of_its_errors_holds(fitted):
     X, y, steps, _ = rows(range(5))
     noise = 0.002 / np.sqrt(RATE) / fitted.scales_[2]
     model = ElasticJointFilter(elements=2, torque_noise=noise).fit(X, y, None, steps)
-    wander = np.sqrt(model.joint_.load_density / RATE) * model.scales_[2]
+    wander = np.sqrt(model.noise_[NOISE.index("load_density")] / RATE) * model.scales_[2]
     rng = np.random.default_rng(7)
     X, y, steps, load = rows(
         range(70, 90), load=lambda t: 0.07 + np.cumsum(wander * rng.standard_normal(len(t)))
@@ -120,8 +124,8 @@ def test_the_smoother_is_more_accurate_than_the_filter(fitted):
 def test_single_steps_give_the_bits_of_the_whole_record(fitted):
     X, _, steps, _ = rows([90, 91], seconds=3.0)
     whole = fitted.predict(X, steps)
-    memory = fitted.start()
-    single = [fitted.step(memory, steps[i], X[i]) for i in range(len(X))]
+    state = fitted.start()
+    single = [fitted.step(state, steps[i], X[i]) for i in range(len(X))]
     np.testing.assert_array_equal(single, whole)
 
 
@@ -208,10 +212,10 @@ def test_parameters_out_of_their_range_are_refused(name, value):
 
 @pytest.mark.parametrize("name", ["scales", "noise", "widths"])
 def test_a_model_that_was_edited_is_refused(fitted, name):
-    arrays = {key: array.copy() for key, array in fitted.to_arrays().items()}
+    arrays = {key: array.copy() for key, array in fitted.arrays_.items()}
     arrays[name][1] *= -1.0
     with pytest.raises(CalibrationError, match="not above 0"):
-        ElasticJointFilter.from_arrays(fitted.get_params(), arrays, n_features=2, n_outputs=2)
+        ElasticJointFilter.from_data(replace(fitted.data, arrays=arrays), 2, 2)
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)
@@ -222,8 +226,11 @@ numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_
 )
 @given(st.lists(st.tuples(st.floats(0.0, 100.0), numbers, numbers), min_size=1, max_size=20))
 def test_it_outlives_any_finite_rows(fitted, garbage):
-    memory = fitted.start()
+    state = fitted.start()
+    own = state.memory.parts["filter"]
+    first = state.memory.numbers[elastic_joint.FILTER + 1]
+    live = replace(own, memory=state.memory.memory[first : first + len(own.memory)])
     for interval, driver, torque in garbage:
-        fitted.step(memory, interval, np.array([driver, torque]))
-        assert np.isfinite(memory.state.x).all()
-        assert np.isfinite(memory.state.P).all()
+        fitted.step(state, interval, np.array([driver, torque]))
+        assert np.isfinite(live.view("x")).all()
+        assert np.isfinite(live.view("covariance")).all()

@@ -1,35 +1,34 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from tests.estimators.conftest import columns, rms_deg, steps, target
-from truejoint.estimators.friction_smoother import SmoothedFrictionFilter
+from tests.estimators.conftest import columns, fitted, rms_deg, steps
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.friction_filter import DEGREE, FrictionFilter
+from truejoint.estimators import FrictionFilter, FrictionSmoother, friction_filter
+from truejoint.models.friction_filter import DEGREE
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.twin import simulate_load_test
 
 
 @pytest.fixture(scope="module")
 def model(pair):
-    run = pair.calibration
-    fitted = FrictionFilter()
-    return fitted.fit(columns(run, fitted.inputs), target(run), steps=steps(run))
+    return fitted(pair, FrictionFilter())
 
 
 def test_without_sliding_it_is_a_kalman_filter(pair, model, monkeypatch):
     """Elements that do not reach their ends are linear: an ordinary Kalman filter must agree."""
-    widths = np.array(model.widths) * 1e4
-    wide = FrictionFilter(widths=tuple(widths.tolist()))
-    wide.scale_, wide.misfit_, wide.interval_ = model.scale_, model.misfit_, model.interval_
-    wide.angle_, wide.drive_ = model.angle_, model.drive_
-    wide._prepare()
-    monkeypatch.setattr(wide, "_prior", lambda: (np.zeros(5), np.diag([1e-6] * 4 + [1e-8])))
-    X = columns(pair.verification, wide.inputs)[:1500]
+    widths = np.array(model.widths) * 5e3
+    params = {**model.model_params(), "widths": tuple(widths.tolist())}
+    wide = FrictionFilter.from_data(replace(model.data, params=params), 2, 1)
+    prior = np.zeros(5), np.diag([1e-6] * 4 + [1e-8])
+    monkeypatch.setattr(friction_filter, "friction_prior", lambda _elements: prior)
+    X = columns(pair.verification, wide)[:1500]
     dt = steps(pair.verification)[:1500]
     n = len(widths)
-    x, covariance = wide._prior()
+    x, covariance = prior
     weights = np.append(wide.drive_[1 + DEGREE :], -1.0 / (wide.drive_stiffness * wide.jaw_radius))
     noise = wide.misfit_[0] ** 2 * max(wide.error_time / wide.interval_[0], 1.0)
     drift = np.append(np.full(n, wide.friction_drift**2), wide.load_drift**2)
@@ -53,30 +52,28 @@ def test_angle_and_load_under_a_weight(pair, model):
     for mass, direction in ((0.2, "opposing"), (0.2, "along")):
         run = simulate_load_test(parameters, LoadTest(mass, direction), seed=3)
         still = run.t >= run.load.phases["IV"][0]
-        states = model.states(columns(run, model.inputs), steps(run))
+        states = model.states(columns(run, model), steps(run))
         error = np.degrees((states.angle - run.reference)[still])
         assert np.sqrt(np.mean(error**2)) < 0.15
         true = run.external_torque[still].mean()
         assert states.load[still].mean() / true == pytest.approx(1.1, abs=0.45)
     assert rms_deg(
-        model.predict(columns(pair.verification, model.inputs)), pair.verification
+        model.predict(columns(pair.verification, model)), pair.verification
     ) < 0.05  # fmt: skip
 
 
 def test_smoothing_agrees_at_the_end_and_is_surer_before(pair, model):
     run = pair.verification
-    X, dt = columns(run, model.inputs)[:3000], steps(run)[:3000]
-    filtered, smoothed = model.states(X, dt), model.smoothed(X, dt)
+    X, dt = columns(run, model)[:3000], steps(run)[:3000]
+    filtered, smoothed = model.states(X, dt), model.states(X, dt, smoothed=True)
     assert smoothed.load[-1] == pytest.approx(filtered.load[-1], abs=1e-9)
     assert (smoothed.load_deviation[:-1] <= filtered.load_deviation[:-1] * (1 + 1e-6)).all()
     assert smoothed.load_deviation[1500] < 0.95 * filtered.load_deviation[1500]
 
 
 def test_smoothed_estimator_is_not_for_a_loop(pair):
-    run = pair.calibration
-    model = SmoothedFrictionFilter()
-    model.fit(columns(run, model.inputs), target(run), steps=steps(run))
-    assert not model.causal
+    model = fitted(pair, FrictionSmoother())
+    assert model.family.row is None
     with pytest.raises(CalibrationError, match="uses later rows"):
         model.start()
 
@@ -84,7 +81,7 @@ def test_smoothed_estimator_is_not_for_a_loop(pair):
 def test_garbage_leaves_it_finite(pair, model):
     rng = np.random.default_rng(0)
     X = rng.normal(0.0, 1.0, (2000, 2)) * [100.0, 1.0]
-    X[1000:] = columns(pair.verification, model.inputs)[1000:2000]
+    X[1000:] = columns(pair.verification, model)[1000:2000]
     states = model.states(X, steps(pair.verification)[:2000])
     assert np.isfinite(states.angle).all()
     assert np.isfinite(states.load).all()
@@ -95,6 +92,5 @@ def test_garbage_leaves_it_finite(pair, model):
     [{"widths": ()}, {"widths": (0.0,)}, {"drive_stiffness": -1.0}, {"load_drift": float("inf")}],
 )
 def test_wrong_parameters_are_refused(pair, broken):
-    run = pair.calibration
     with pytest.raises(CalibrationError):
-        FrictionFilter(**broken).fit(columns(run, FrictionFilter.inputs), target(run))
+        fitted(pair, FrictionFilter(**broken))

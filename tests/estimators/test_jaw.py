@@ -6,25 +6,20 @@ import dataclasses
 
 import numpy as np
 import pytest
-from sklearn.base import clone
 from tests.estimators.conftest import Pair
 
 from truejoint.calibration import calibrate, read_calibration
 from truejoint.errors import CalibrationError
-from truejoint.estimators import get_estimator
-from truejoint.estimators.registry import JAW_ESTIMATORS
+from truejoint.estimators import estimator_names, get_estimator
+from truejoint.estimators.jaw import JawEstimator
 from truejoint.recordings import Recording
+
+JAW_ESTIMATORS = [n for n in estimator_names() if isinstance(get_estimator(n), JawEstimator)]
 
 
 @pytest.fixture(scope="module", params=JAW_ESTIMATORS)
 def calibrated(request, pair):
     return calibrate(pair.recordings()[0], request.param)
-
-
-def test_names_lead_to_estimators():
-    for name in JAW_ESTIMATORS:
-        assert get_estimator(name).name == name
-        assert clone(get_estimator(name)).get_params() == get_estimator(name).get_params()
 
 
 def test_file_and_loop_give_the_same_bits(calibrated, pair, tmp_path):
@@ -35,7 +30,7 @@ def test_file_and_loop_give_the_same_bits(calibrated, pair, tmp_path):
     assert np.array_equal(loaded.correct(verification), expected)
     assert loaded.target == "position"
     assert loaded.baselines["linear"].correct(verification).shape == expected.shape
-    if not calibrated.model.causal:
+    if calibrated.model.family.row is None:
         with pytest.raises(CalibrationError, match="cannot run in a loop"):
             loaded.start()
         return
@@ -118,12 +113,14 @@ def test_wrong_columns_and_targets_are_refused(pair):
     with pytest.raises(CalibrationError, match="use target 'position'"):
         calibrate(recording, "ukf", target="error")
     model = get_estimator("play_reset")
-    with pytest.raises(CalibrationError, match="columns cable/reset"):
+    with pytest.raises(
+        CalibrationError, match="takes 1 features, in the order of cable/reset; 2 are given"
+    ):
         model.fit(np.zeros((500, 2)), np.zeros(500))
     with pytest.raises(CalibrationError, match="row 3 is not finite"):
         model.fit(np.where(np.arange(500) == 3, np.nan, 1.0)[:, None], np.zeros(500))
     with pytest.raises(CalibrationError, match="not negative"):
-        model.fit(np.ones((500, 1)), np.zeros(500), steps=np.full(500, -1.0))
+        model.fit(np.ones((500, 1)), np.zeros(500), dt=np.full(500, -1.0))
 
 
 def test_a_filter_is_refused_at_another_rate(pair):

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.estimators.conftest import SETTLED, columns, steps, target
+from tests.estimators.conftest import SETTLED, steps, target
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw_load import JawLoad, identify_stiffness
@@ -17,10 +17,14 @@ from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_te
 NOMINAL = specimen("nominal")
 
 
+def rows(run) -> np.ndarray:
+    return np.column_stack([run.motor, run.reset])
+
+
 @pytest.fixture(scope="module")
 def load():
     run = simulate_forceps(NOMINAL, calibration_reference().positions[:, 0], seed=0)
-    return JawLoad().fit(columns(run, JawLoad.inputs), target(run), steps(run))
+    return JawLoad().fit(rows(run), target(run), steps(run))
 
 
 def weighed(mass: float, direction: str = "along"):
@@ -39,7 +43,7 @@ def test_friction_of_the_jaw_is_seen_unloaded(load):
 def test_one_known_weight_calibrates_the_others(load):
     run, before, after = weighed(0.2)
     torque = float(run.external_torque[after].mean())
-    X = columns(run, JawLoad.inputs)
+    X = rows(run)
     found = identify_stiffness(load, X, before, after, torque, steps(run))
     mended = load.with_stiffness(found.drive_stiffness)
     # A weight hung along the motion shows at once, against it up to the dead band is missing.
@@ -49,7 +53,7 @@ def test_one_known_weight_calibrates_the_others(load):
         (0.25, "opposing", mended.dead_band),
     ):
         run, _before, after = weighed(mass, direction)
-        estimate = mended.predict(columns(run, JawLoad.inputs), steps(run))[after].mean()
+        estimate = mended.predict(rows(run), steps(run))[after].mean()
         true = run.external_torque[after].mean()
         assert abs(estimate - true) < 0.15 * abs(true) + missing
     assert mended.grams(np.array([true]), NOMINAL.jaw.load_arm)[0] == pytest.approx(
@@ -59,7 +63,7 @@ def test_one_known_weight_calibrates_the_others(load):
 
 def test_steps_give_the_bits_of_the_whole(load):
     run, _before, _after = weighed(0.1)
-    X, intervals = columns(run, JawLoad.inputs)[:300], steps(run)[:300]
+    X, intervals = rows(run)[:300], steps(run)[:300]
     state = load.start()
     online = [load.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
     assert np.array_equal(online, load.predict(X, intervals))
@@ -67,7 +71,7 @@ def test_steps_give_the_bits_of_the_whole(load):
 
 def test_a_constant_or_hidden_load_tells_no_stiffness(load):
     run, before, after = weighed(0.2)
-    X, torque = columns(run, JawLoad.inputs), float(run.external_torque[after].mean())
+    X, torque = rows(run), float(run.external_torque[after].mean())
     with pytest.raises(CalibrationError, match="constant load"):
         identify_stiffness(load, X, np.zeros_like(after), after, torque)
     with pytest.raises(CalibrationError, match="constant load"):
@@ -84,7 +88,7 @@ def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
     run = simulate_forceps(
         NOMINAL, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift)
     )
-    X = columns(run, JawLoad.inputs)[run.t > SETTLED]
+    X = rows(run)[run.t > SETTLED]
     zero = find_zero(load, X)
     assert zero.shift == pytest.approx(shift, abs=1.5e-6)
     assert np.allclose(zero.applied(X)[:, 1], X[:, 1] - zero.shift)
@@ -92,7 +96,7 @@ def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
 
 def test_what_tells_no_zero_is_refused(load):
     run, before, _after = weighed(0.2)
-    X = columns(run, JawLoad.inputs)
+    X = rows(run)
     with pytest.raises(CalibrationError, match="of the calibration's range"):
         find_zero(load, X[before])
     with pytest.raises(CalibrationError, match=r"0\.3 mm"):

@@ -2,29 +2,28 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.estimators.conftest import columns, rms_deg, steps, target
-from truejoint.models.jaw_kernels import bank_rows
+from tests.estimators.conftest import columns, fitted, rms_deg
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.gated_play import GatedPlay, redescending
-from truejoint.estimators.play import BothPlay, ResetPlay, ridge
+from truejoint.estimators import GatedPlay, Play
+from truejoint.estimators.play import ridge
+from truejoint.models.gated_play import redescending
+from truejoint.models.play import bank_columns
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.twin import simulate_load_test
 
-
-def fitted(pair, model):
-    run = pair.calibration
-    return model.fit(columns(run, model.inputs), target(run), steps=steps(run))
+RESET = Play(("reset",))
+BOTH = Play(("reset", "motor"))
 
 
 def test_bank_is_powers_and_plays():
     rng = np.random.default_rng(0)
     values = np.cumsum(rng.normal(0.0, 1e-5, 500))
-    intervals = np.full(500, 5e-3)
-    intervals[[0, 200]] = 0.0
+    dt = np.full(500, 5e-3)
+    dt[[0, 200]] = 0.0
     widths = np.array([5e-6, 4e-5])
     out = np.empty((500, 5))
-    bank_rows(intervals, values, 1e4, 3, widths, out)
+    bank_columns(dt, values, 1e4, widths, out)
     for column, width in enumerate(widths):
         output = 0.0
         for i, value in enumerate(values):
@@ -53,8 +52,8 @@ def test_ridge_does_not_penalise_the_constant():
 def test_hysteresis_is_learnt(pair):
     run = pair.verification
     error = {
-        model.name: rms_deg(fitted(pair, model).predict(columns(run, model.inputs)), run)
-        for model in (ResetPlay(), BothPlay(), GatedPlay())
+        model.name: rms_deg(fitted(pair, model).predict(columns(run, model)), run)
+        for model in (RESET, BOTH, GatedPlay())
     }
     assert max(error.values()) <= 0.05  # the reference encoder itself: 0.032
     assert error["play_both"] < error["play_reset"]
@@ -64,8 +63,8 @@ def test_a_load_is_not_taken_for_a_motion(pair):
     run = simulate_load_test(pair.calibration.parameters, LoadTest(0.2), seed=3)
     still = run.t >= run.load.phases["IV"][0]
     worst = {}
-    for model in (BothPlay(), GatedPlay()):
-        error = fitted(pair, model).predict(columns(run, model.inputs)) - run.reference
+    for model in (BOTH, GatedPlay()):
+        error = fitted(pair, model).predict(columns(run, model)) - run.reference
         worst[model.name] = np.degrees(np.sqrt(np.mean(error[still] ** 2)))
     assert worst["play_both"] > 0.3
     assert worst["play_gated"] < 0.15
@@ -80,28 +79,25 @@ def test_gate_is_continuous_and_lets_go():
     assert np.abs(np.diff(values)).max() < 1.01 * (sizes[1] - sizes[0])
 
 
-@pytest.mark.parametrize("model", [ResetPlay(), BothPlay(), GatedPlay()])
-def test_steps_give_the_bits_of_the_whole(pair, model):
-    fitted(pair, model)
-    run = pair.verification
-    X, intervals = columns(run, model.inputs)[:400], steps(run)[:400]
-    intervals[100] = 0.0
-    state = model.start()
-    online = [model.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
-    assert np.array_equal(np.array(online), model.evaluate(X, intervals))
-
-
 @pytest.mark.parametrize(
     "model",
     [
-        ResetPlay(degree=0),
-        ResetPlay(reset_widths=()),
-        ResetPlay(reset_widths=(1e-5, -1e-5)),
-        BothPlay(motor_widths=(0.0,)),
-        BothPlay(penalty=-1.0),
+        Play(("reset",), degree=0),
+        Play(("reset",), reset_widths=()),
+        Play(("reset",), reset_widths=(1e-5, -1e-5)),
+        Play(drive_widths=(0.0,)),
+        Play(penalty=-1.0),
         GatedPlay(gate=0.0),
     ],
 )
 def test_wrong_parameters_are_refused(pair, model):
     with pytest.raises(CalibrationError):
         fitted(pair, model)
+
+
+@pytest.mark.parametrize(
+    "displacements", [(), ("reset", "reset"), ("reset", "motor", "drive"), ("jaw",), "reset"]
+)
+def test_displacements_are_one_or_two_of_three(displacements):
+    with pytest.raises(CalibrationError, match="one or two of motor, drive, reset"):
+        Play(displacements).fit(np.zeros((500, 1)), np.zeros(500))

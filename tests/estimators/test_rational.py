@@ -3,7 +3,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from truejoint.models.jaw_kernels import rational_row
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.rational import (
@@ -11,6 +10,7 @@ from truejoint.estimators.rational import (
     RationalModel,
     fit_rational,
 )
+from truejoint.models.jaw import rational_error
 
 
 def loop(n: int = 1200) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +35,7 @@ def test_evaluation_is_equation_25():
     model = RationalModel(np.array([0.08, 300.0]), TRUE)
     expected = printed_form(TRUE, 0.08 * motor, 300.0 * reset)
     assert np.allclose(model(motor, reset), expected, rtol=1e-13)
-    assert rational_row(motor[7], reset[7], model.scale, TRUE) == model(motor, reset)[7]
+    assert rational_error(motor[7], reset[7], model.scale, TRUE) == model(motor, reset)[7]
 
 
 @pytest.mark.parametrize("method", ["projection", "global"])
@@ -77,7 +77,7 @@ def test_quasi_newton_fits_in_the_units_of_the_data():
 def test_a_pole_gives_a_finite_number():
     coefficients = np.zeros(11)
     coefficients[[0, 1]] = 1.0, -1.0  # 1 / (1 - u)
-    assert np.isfinite(rational_row(1.0, 0.0, np.ones(2), coefficients))
+    assert np.isfinite(rational_error(1.0, 0.0, np.ones(2), coefficients))
 
 
 @pytest.mark.parametrize(

@@ -7,11 +7,9 @@ import pytest
 from sklearn.base import clone
 from sklearn.preprocessing import PolynomialFeatures
 from sklearn.utils.estimator_checks import parametrize_with_checks
-from truejoint.estimators.linear import count_terms, polynomial_terms
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
-    ESTIMATORS,
     FixedOffset,
     JointRegressor,
     LinearRegressor,
@@ -20,6 +18,7 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
+from truejoint.models.polynomial import count_terms, polynomial_factors
 
 QUICK = [
     FixedOffset(),
@@ -32,7 +31,13 @@ QUICK = [
 KEY = str
 
 
-@parametrize_with_checks([cls() for cls in ESTIMATORS.values()] + [PolynomialRegressor(degree=3)])
+def of_rows_alone() -> list[JointRegressor]:
+    """Every registered estimator that takes any features, and each row by itself."""
+    known = [get_estimator(name) for name in estimator_names()]
+    return [e for e in known if not e.family.remembers and e.family.inputs is None]
+
+
+@parametrize_with_checks([*of_rows_alone(), PolynomialRegressor(degree=3)])
 def test_scikit_learn_contract(estimator, check):
     check(estimator)
 
@@ -49,9 +54,9 @@ def data():
 def test_arrays_restore_bit_for_bit(estimator, data):
     X, y = data
     fitted = clone(estimator).fit(X, y)
-    arrays = fitted.to_arrays()
-    assert {name: a.shape for name, a in arrays.items()} == fitted.array_shapes(4, 3)
-    again = type(fitted).from_arrays(fitted.get_params(), arrays, n_features=4, n_outputs=3)
+    shapes = fitted.family.shapes(fitted.model_params(), 4, 3)
+    assert {name: a.shape for name, a in fitted.arrays_.items()} == shapes
+    again = type(fitted).from_data(fitted.data, 4, 3)
     assert again.predict(X).tobytes() == fitted.predict(X).tobytes()
 
 
@@ -83,26 +88,6 @@ def test_progress_ends_at_one(estimator, data):
     assert seen[-1] == 1.0
 
 
-@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
-@pytest.mark.parametrize("damage", ["missing", "extra", "shape", "nan", "type"])
-def test_wrong_arrays_are_refused(estimator, damage, data):
-    fitted = clone(estimator).fit(*data)
-    arrays = dict(fitted.to_arrays())
-    name = sorted(arrays)[0]
-    if damage == "missing":
-        del arrays[name]
-    elif damage == "extra":
-        arrays["more"] = np.zeros(1)
-    elif damage == "shape":
-        arrays[name] = np.zeros((2, 9))
-    elif damage == "nan":
-        arrays[name] = np.full_like(arrays[name], np.nan)
-    else:
-        arrays[name] = arrays[name].astype(np.float32)
-    with pytest.raises(CalibrationError):
-        type(fitted).from_arrays(fitted.get_params(), arrays, n_features=4, n_outputs=3)
-
-
 def test_offset_is_the_mean(data):
     X, y = data
     np.testing.assert_allclose(FixedOffset().fit(X, y).predict(X[:1])[0], y.mean(axis=0))
@@ -121,7 +106,7 @@ def test_polynomial_is_the_least_squares_solution(degree, data):
 def test_blocks_of_rows_do_not_change_the_fit(monkeypatch, data):
     X, y = data
     whole = PolynomialRegressor().fit(X, y)
-    monkeypatch.setattr("truejoint.estimators.linear._BLOCK", 17)
+    monkeypatch.setattr("truejoint.estimators.polynomial._BLOCK", 17)
     np.testing.assert_allclose(PolynomialRegressor().fit(X, y).coef_, whole.coef_, atol=1e-10)
 
 
@@ -149,7 +134,7 @@ def test_fewer_rows_than_terms_still_interpolate():
 
 def test_terms_are_every_product_once():
     assert count_terms(16, 2) == 16 + 136
-    terms = {tuple(sorted(t)) for t in polynomial_terms(5, 3).tolist()}
+    terms = {tuple(sorted(t)) for t in polynomial_factors(5, 3).tolist()}
     assert len(terms) == count_terms(5, 3) == 55
 
 
@@ -172,7 +157,7 @@ def test_terms_are_every_product_once():
     ids=KEY,
 )
 def test_wrong_parameters_are_refused(estimator, data):
-    with pytest.raises(CalibrationError, match=r"must be|is not an integer"):
+    with pytest.raises(CalibrationError, match="must be"):
         estimator.fit(*data)
 
 
@@ -187,5 +172,7 @@ def test_names_lead_to_estimators():
     for name in estimator_names():
         assert isinstance(get_estimator(name), JointRegressor)
         assert get_estimator(name).name == name
-    with pytest.raises(CalibrationError, match=r"'svm'; did you mean 'lsm'\? known: offset"):
-        get_estimator("svm")
+    with pytest.raises(CalibrationError, match="'tree'; known: offset, linear, poly2, dnn"):
+        get_estimator("tree")
+    with pytest.raises(CalibrationError, match="'poly'; did you mean 'poly2'; known: offset"):
+        get_estimator("poly")

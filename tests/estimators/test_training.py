@@ -117,7 +117,8 @@ def test_network_predicts_its_own_layers_in_double_precision():
     model = NeuralNetwork(hidden_layer_sizes=(6, 5), epochs=5).fit(X, y)
     layers = Layers.zeros(SIZES, np.float64)
     for i in range(3):
-        layers.weights[i][:], layers.biases[i][:] = model.weights_[i], model.biases_[i]
+        layers.weights[i][:] = getattr(model, f"weight_{i}_")
+        layers.biases[i][:] = getattr(model, f"bias_{i}_")
     scaled = (X - X.mean(axis=0)) / X.std(axis=0)
     expected = y.mean(axis=0) + y.std(axis=0) * forward(layers, scaled)
     np.testing.assert_allclose(model.predict(X), expected, rtol=0, atol=1e-12)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from truejoint.estimators.friction_smoother import SmoothedFrictionFilter
 
 from truejoint.calibration import calibrate
 from truejoint.calibration.interval import Interval
 from truejoint.errors import ExportError
 from truejoint.estimators.friction_filter import FrictionFilter
-from truejoint.estimators.friction_smoother import SmoothedFrictionFilter
 from truejoint.estimators.jaw_filter import CompensatedJawFilter
 from truejoint.export.c_history import FILTER_MEANINGS, filter_context, history_context
 from truejoint.export.c_reference import SteppingCorrector

@@ -1,4 +1,4 @@
-"""EffortBaseline data of other people's filters, and no deadlines on a busy machine."""
+"""Reference data of other people's filters, and no deadlines on a busy machine."""
 
 from __future__ import annotations
 

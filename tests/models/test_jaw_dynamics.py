@@ -7,10 +7,11 @@ from scipy.linalg import expm
 
 from truejoint.errors import CalibrationError
 from truejoint.models.jaw_dynamics import ForcepsModel, injection_gain, steady_gain
-from truejoint.models.jaw_filter import measurement, process_noise, state_space
+from truejoint.models.jaw_filter import FilterNoise, measurement, process_noise, state_space
 
 MODEL = ForcepsModel(13e3, 14e3, 656.6, 1e-6, 0.05, 35.0, 9.75e-3, 4e-3)
 SENSOR = np.diag([4e-7, 1e-4]) ** 2
+NOISE = FilterNoise(1.5e-3, 0.2, 5e-3, 4e-7, 1e-4)
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -31,7 +32,7 @@ def test_state_space_is_equation_12():
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-3, 5e-3, 0.02])
 def test_compiled_transition_is_exact(dt):
-    space = state_space(MODEL, 1.5e-3, 0.2, 5e-3, SENSOR)
+    space = state_space(MODEL, NOISE)
     x, u = np.array([0.3, 1.0, 1e-3, 0.02]), np.array([4.0, 0.01])
     out = np.empty(4)
     space.transition(x, u, dt, space.parameters, out)
@@ -63,7 +64,7 @@ def test_process_noise_is_the_integral_of_van_loan(dt):
         lambda s: expm(MODEL.system * s) @ density @ expm(MODEL.system * s).T, 0.0, dt,
         epsabs=0.0, epsrel=1e-10,
     )  # fmt: skip
-    space = state_space(MODEL, 1.5e-3, 0.2, 5e-3, SENSOR)
+    space = state_space(MODEL, NOISE)
     compiled = np.zeros((4, 4))
     process_noise(np.zeros(4), np.zeros(2), dt, space.parameters, compiled)
     size = np.sqrt(np.outer(np.diag(integral), np.diag(integral)))

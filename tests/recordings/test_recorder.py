@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from truejoint.calibration import calibrate
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
-from truejoint.calibration import calibrate
 from truejoint.motion import follow
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recorder, read_parquet

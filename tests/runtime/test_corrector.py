@@ -27,7 +27,10 @@ ESTIMATORS = (
     NeuralNetwork(hidden_layer_sizes=(9, 7), epochs=2),
     NeuralNetwork(hidden_layer_sizes=(5,), epochs=1),
 )  # fmt: skip
-HEAVY = ("sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.stats")
+HEAVY = (
+    "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.stats",
+    "truejoint.estimators", "truejoint.recordings", "truejoint.calibration.calibration",
+)  # fmt: skip
 LOOP = 100.0 + np.arange(0.0, 3.0, 1e-3)
 
 

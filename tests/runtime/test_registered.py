@@ -18,21 +18,27 @@ from truejoint.calibration.encoding import decode, encode
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import to_bytes
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.jaw_filter import CompensatedJawFilter
-from truejoint.estimators.registry import estimator_names, families, get_estimator
-from truejoint.estimators.sequence import SequenceRegressor, time_steps
-from truejoint.models.jaw_families import READINGS
-from truejoint.models.known_families import FAMILIES
-from truejoint.models.row_models import row_model
+from truejoint.estimators import get_estimator
+from truejoint.models.family import find_family
+from truejoint.models.features import time_steps
+from truejoint.models.jaw_filter import COMPENSATIONS, jaw_filter, rest_spread
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
 
-from .registered import forceps, model, ready, unseen
+from .registered import forceps, in_loop, model, ready, unseen
 from .test_corrector import HEAVY
 
-CAUSAL = tuple(n for n in estimator_names() if getattr(get_estimator(n), "causal", True))
-REMEMBERING = tuple(n for n in CAUSAL if isinstance(get_estimator(n), SequenceRegressor))
-WITH_WIDTH = ("ukf_compensated", "ukf_friction", "ukf_elastic")
+CAUSAL = tuple(in_loop())
+FAMILIES = {name: get_estimator(name).family for name in CAUSAL}
+FILTERS = tuple(n for n in CAUSAL if n.startswith("ukf"))
+
+
+def states_width(name: str) -> bool:
+    states = FAMILIES[name].states_deviation
+    return states is not None and states(get_estimator(name).model_params())
+
+
+WITH_WIDTH = tuple(filter(states_width, CAUSAL))
 
 
 def run(corrector, t, samples):
@@ -102,14 +108,12 @@ def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
     np.testing.assert_array_equal(positions[statuses != 0], measured[statuses != 0])
 
 
-@pytest.mark.parametrize("reading", READINGS)
-def test_every_reading_of_the_compensation_gives_its_numbers(reading):
+@pytest.mark.parametrize("compensation", COMPENSATIONS[1:])
+def test_every_compensation_gives_its_numbers(compensation):
     output = model("ukf_compensated")
-    params = output.model.get_params() | {"reading": reading}
-    other = CompensatedJawFilter.from_arrays(
-        params, output.model.to_arrays(), n_features=2, n_outputs=1
-    )
-    calibration = replace(output, model=other)
+    data = output.model.data
+    other = replace(data, params={**data.params, "compensation": compensation})
+    calibration = replace(output, model=type(output.model).from_data(other, 2, 1))
     recording = unseen("ukf_compensated").rows(np.arange(600))
     samples = recording.table[list(calibration.signals)].to_numpy()
     corrections = run(ready(calibration), recording.t, samples)[3]
@@ -174,7 +178,7 @@ def test_it_recovers_as_if_it_began_there(name, fault):
 
 def test_it_loads_without_the_training_stack(tmp_path):
     lines = []
-    for name in ("lsm_compensated", "play_gated", "ukf_compensated", "ukf_friction", "ukf_elastic"):
+    for name in CAUSAL:
         path = tmp_path / name
         model(name).save(path)
         recording = unseen(name)
@@ -195,7 +199,7 @@ def test_it_loads_without_the_training_stack(tmp_path):
 
 def test_a_smoother_is_refused_in_one_line(tmp_path):
     calibration = model("ukf_friction_smoothed")
-    with pytest.raises(ModelFileError, match="uses later rows and cannot run in a loop"):
+    with pytest.raises(CalibrationError, match="uses later rows and cannot run in a loop"):
         Corrector(calibration)
     path = tmp_path / "model.safetensors"
     calibration.save(path)
@@ -204,18 +208,7 @@ def test_a_smoother_is_refused_in_one_line(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_rules_and_classes_agree():
-    for name, cls in families().items():
-        rules, unfitted = FAMILIES[name], cls()
-        assert rules.parameters == set(unfitted.get_params())
-        assert rules.counts_samples == getattr(cls, "counts_samples", False)
-        assert rules.causal == getattr(cls, "causal", True)
-        unfitted.check_params()
-
-
-@pytest.mark.parametrize(
-    "name", [n for n in CAUSAL if FAMILIES.get(n) and FAMILIES[n].counts_samples]
-)
+@pytest.mark.parametrize("name", [n for n in CAUSAL if FAMILIES[n].counts_samples])
 def test_called_faster_than_trained_it_says_so(name):
     calibration, recording = model(name), unseen(name).rows(np.arange(200))
     samples = recording.table[list(calibration.signals)].to_numpy()
@@ -236,20 +229,19 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
         assert np.isinf(widths).all()
         return
     X = calibration.feature_set.compute(recording, calibration.gap_limit)
-    steps = time_steps(np.array(recording.t), calibration.gap_limit)
+    dt = time_steps(np.array(recording.t), calibration.gap_limit)
     if name == "ukf_friction":
-        deviation = calibration.model.states(X, steps).angle_deviation
+        deviation = calibration.model.states(X, dt).angle_deviation
     elif name == "ukf_elastic":
-        deviation = calibration.model.estimate(X, steps).deviations[:, 0]
+        deviation = calibration.model.estimate(X, dt).deviations[:, 0]
     else:
-        estimator = calibration.model._filter
-        state = estimator.initial_state(
-            calibration.model.mechanics.at_rest(*X[0]), calibration.model._spread()
-        )
+        mechanism, noise = calibration.model.mechanism, calibration.model.noise
+        estimator = jaw_filter(calibration.model.model_params())
+        state = estimator.initial_state(mechanism.at_rest(*X[0]), rest_spread(mechanism, noise))
         deviation = np.empty(len(X))
-        speed = np.diff(X[:, 1], prepend=np.nan) / np.where(steps > 0.0, steps, 1.0)
+        speed = np.diff(X[:, 1], prepend=np.nan) / np.where(dt > 0.0, dt, 1.0)
         for i in range(len(X)):
-            estimator.step(state, (X[i, 1], speed[i]), (X[max(i - 1, 0), 0], 0.0), steps[i])
+            estimator.step(state, (X[i, 1], speed[i]), (X[max(i - 1, 0), 0], 0.0), dt[i])
             deviation[i] = np.sqrt(state.P[0, 0])
     expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]
     assert np.isinf(widths[~good]).all()
@@ -291,14 +283,15 @@ def test_an_impossible_level_is_refused(level):
         Corrector(model("ukf_friction"), level=level)
 
 
-@pytest.mark.parametrize("name", [n for n in REMEMBERING if n.startswith("ukf")])
+@pytest.mark.parametrize("name", FILTERS)
 def test_a_fault_of_the_filter_is_no_estimate(name):
     data = decode(*encode(model(name)))
-    row = row_model(data.model, 2, 1)
+    family = find_family(data.model.family)
+    memory = family.memory(data.model, 2, 1)
     out, width = np.empty(1), np.full(1, np.inf)
 
-    def predict(interval, features):
-        row.function(row.numbers, row.memory, interval, np.array(features), out, width)
+    def predict(dt, x):
+        family.row(memory.numbers, memory.memory, dt, x, out, width)
         return out[0]
 
     ordinary = unseen(name)
@@ -311,7 +304,7 @@ def test_a_fault_of_the_filter_is_no_estimate(name):
     assert again == fresh  # a new history leaves nothing of it
 
 
-@given(st.data(), st.sampled_from([n for n in REMEMBERING if n != "lsm"]))
+@given(st.data(), st.sampled_from(CAUSAL))
 @settings(
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )

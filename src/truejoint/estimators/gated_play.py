@@ -68,4 +68,5 @@ class GatedPlay(JawEstimator):
             **{f"reset_{name}": array for name, array in reset.arrays_.items()},
             **{f"both_{name}": array for name, array in both.arrays_.items()},
             "gate": np.array([max(self.gate * spread, self.smallest_gate)]),
+            "constant": np.zeros(1),
         }

@@ -15,7 +15,7 @@ BASELINES: Final = ("offset", "linear", "poly2")
 
 _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "offset": ("offset", "FixedOffset", {}),
-    "linear": ("polynomial", "LinearRegressor", {}),
+    "linear": ("polynomial", "PolynomialRegressor", {"degree": 1}),
     "poly2": ("polynomial", "PolynomialRegressor", {}),
     "dnn": ("network", "NeuralNetwork", {}),
     "lsm": ("cable_least_squares", "CableLeastSquares", {}),

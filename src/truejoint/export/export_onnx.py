@@ -8,16 +8,18 @@ from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.calibration import Calibration
 from truejoint.errors import ExportError
-from truejoint.estimators.base import JointRegressor
 from truejoint.export.c_source import Precision, check_precision, write_files
-from truejoint.models.families import polynomial_terms
+from truejoint.models.family import EstimatorData
+from truejoint.models.polynomial import polynomial_factors
+
+if TYPE_CHECKING:  # whoever fitted it has imported what learns
+    from truejoint.calibration import Calibration
 
 Array = NDArray[np.float64]
 
@@ -94,12 +96,12 @@ class _Graph:
     def build(self, calibration: Calibration) -> Any:
         """Build the checked model of a calibration."""
         features, measured, inputs, metadata = self._inputs(calibration)
-        family = calibration.model.family
-        if family not in _BUILDERS:
+        data = calibration.model.data
+        if data.family not in _BUILDERS:
             raise ExportError(
-                f"estimator {family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
+                f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
-        predicted = _BUILDERS[family](self, features, calibration.model)
+        predicted = _BUILDERS[data.family](self, features, data, len(calibration.feature_set))
         if calibration.target == "error":
             self.node("Add", [measured, predicted], "position")
         else:
@@ -188,20 +190,19 @@ class _Graph:
         return self.node("Add", [product, self.constant(bias)])
 
 
-def _offset(graph: _Graph, features: str, model: JointRegressor) -> str:
+def _offset(graph: _Graph, features: str, data: EstimatorData, n_features: int) -> str:
     """Offset for every row: the features, weighted with zero, say how many there are."""
-    offset = model.to_arrays()["offset"]
-    n_features = int(model.n_features_in_)
+    offset = data.arrays["offset"]
     return graph.affine(features, np.zeros((n_features, len(offset))), offset)
 
 
-def _polynomial(graph: _Graph, features: str, model: JointRegressor) -> str:
-    arrays = model.to_arrays()
+def _polynomial(graph: _Graph, features: str, data: EstimatorData, n_features: int) -> str:
+    arrays = data.arrays
     terms = scaled = graph.scaled(features, arrays)
-    degree = 1 if model.family == "linear" else int(model.get_params()["degree"])
+    degree = int(data.params["degree"])
     if degree > 1:
-        factors = polynomial_terms(len(arrays["mean"]), degree)
-        missing = factors < 0
+        factors = polynomial_factors(n_features, degree)
+        missing = factors == n_features
         terms = ""
         for j in range(degree):
             chosen = graph.columns(scaled, np.where(missing[:, j], 0, factors[:, j]))
@@ -212,8 +213,13 @@ def _polynomial(graph: _Graph, features: str, model: JointRegressor) -> str:
     return graph.affine(terms, arrays["coef"], arrays["intercept"])
 
 
-def _network(graph: _Graph, features: str, model: JointRegressor) -> str:
-    arrays = model.to_arrays()
+def _network(
+    graph: _Graph,
+    features: str,
+    data: EstimatorData,
+    n_features: int,  # noqa: ARG001  # its weights say
+) -> str:
+    arrays = data.arrays
     units = graph.scaled(features, arrays)
     n_layers = sum(name.startswith("weight_") for name in arrays)
     for i in range(n_layers):
@@ -224,9 +230,8 @@ def _network(graph: _Graph, features: str, model: JointRegressor) -> str:
     return graph.node("Add", [scaled, graph.constant(arrays["target_mean"])])
 
 
-_BUILDERS: Final[Mapping[str, Callable[[_Graph, str, JointRegressor], str]]] = {
+_BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]] = {
     "offset": _offset,
-    "linear": _polynomial,
     "polynomial": _polynomial,
-    "dnn": _network,
+    "network": _network,
 }

@@ -13,6 +13,7 @@ from truejoint.models.jaw import MOTOR, RESET
 
 LAYOUT: Final = Layout()
 GATE: Final = LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
+CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle, agreement or not [rad]")
 RESET_PART: Final = LAYOUT.part("reset", "estimate from the reset cable")
 BOTH_PART: Final = LAYOUT.part("both", "estimate from both sides")
 
@@ -36,7 +37,7 @@ def gated_play_row(
     both = play.weigh_banks(
         part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART), fresh, x
     )
-    out[0] = reset + redescending(both - reset, memory[GATE])
+    out[0] = reset + redescending(both - reset, memory[GATE]) + memory[CONSTANT]
 
 
 @compiled
@@ -60,7 +61,7 @@ def side_params(params: Params, side: str) -> dict[str, Any]:
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
-    shapes: dict[str, Shape] = {"gate": (1,)}
+    shapes: dict[str, Shape] = {"gate": (1,), "constant": (1,)}
     for side in _SIDES:
         own = play.FAMILY.shapes(side_params(params, side), 1, 1)
         shapes |= {f"{side}_{name}": shape for name, shape in own.items()}
@@ -72,7 +73,10 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         own = {k.removeprefix(f"{side}_"): a for k, a in arrays.items() if k.startswith(side)}
         return play.pack_banks(side_params(params, side), own, {"motor": 0, "reset": 1})
 
-    return LAYOUT.pack(gate=arrays["gate"][0], reset=part("reset"), both=part("both"))
+    return LAYOUT.pack(
+        gate=arrays["gate"][0], constant=arrays["constant"][0], reset=part("reset"),
+        both=part("both"),
+    )  # fmt: skip
 
 
 FAMILY: Final = Family(
@@ -84,5 +88,5 @@ FAMILY: Final = Family(
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position", "error"),
-    moved_by="reset_constant",
+    moved_by="constant",
 )

@@ -64,7 +64,8 @@ class Corrector:
         If the file is missing, damaged or of a newer format, lacks what the checks need, or its
         estimator uses later rows.
     CalibrationError
-        If the interval does not state that level, or the margin is not from 0 to 1.
+        If the interval does not state that level, the margin is not from 0 to 1, or a calibration
+        that is given as such uses later rows.
 
     Notes
     -----

@@ -1,0 +1,174 @@
+"""What every registered estimator keeps: one row, from which everything else follows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from tests.runtime.registered import in_loop, model, ready, unseen
+
+from truejoint.calibration import Calibration, read_calibration
+from truejoint.errors import CalibrationError
+from truejoint.estimators import estimator_names, get_estimator
+from truejoint.estimators.registry import class_of
+from truejoint.models.family import EstimatorData, find_family
+from truejoint.models.features import time_steps
+
+WRONG = (None, "nonsense", -7.5, float("nan"), 1e300, True, (), ("nonsense",), [-1.0])
+
+
+def rows(name: str, count: int = 400) -> tuple[Calibration, np.ndarray, np.ndarray]:
+    """Calibration, and features (n, k) and time steps (n,) of rows with two more restarts."""
+    calibration, recording = model(name), unseen(name).rows(np.arange(count))
+    X = calibration.feature_set.compute(recording, calibration.gap_limit)
+    dt = time_steps(np.array(recording.t), calibration.gap_limit)
+    dt[[count // 3, count // 2]] = 0.0
+    dt[count // 2 + 1] *= 1.3  # a longer step
+    return calibration, X, dt
+
+
+def refused(said: str, build, *args) -> None:
+    with pytest.raises(CalibrationError, match=said) as caught:
+        build(*args)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("name", in_loop())
+def test_single_rows_give_the_bits_of_all_rows(name):
+    calibration, X, dt = rows(name)
+    estimator = calibration.model
+    whole = estimator.evaluate(X, dt)
+    state = estimator.start()
+    single = [estimator.step(state, dt[i], X[i]) for i in range(len(X))]
+    np.testing.assert_array_equal(single, whole)
+    assert np.isfinite(whole).all()
+    assert np.isinf(state.half_width).all()  # what a row states of itself is the corrector's wish
+
+
+@pytest.mark.parametrize("name", in_loop())
+def test_corrector_calibration_and_its_steps_give_the_same_bits(name):
+    calibration, recording = model(name), unseen(name).rows(np.arange(300))
+    whole = calibration.correct(recording)
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    state, corrector = calibration.start(), ready(calibration, range_margin=1.0)
+    good = 0
+    for i, t in enumerate(recording.t.tolist()):
+        np.testing.assert_array_equal(calibration.step(state, t, samples[i]), whole[i])
+        if corrector.step(t, samples[i]) == 0:
+            np.testing.assert_array_equal(corrector.position, whole[i])
+            good += 1
+    assert good > 200
+
+
+@pytest.mark.parametrize("name", in_loop())
+def test_a_restart_leaves_nothing_of_the_history_before(name):
+    calibration, X, dt = rows(name)
+    again = len(X) // 2
+    whole = calibration.model.evaluate(X, dt)
+    np.testing.assert_array_equal(calibration.model.evaluate(X[again:], dt[again:]), whole[again:])
+
+
+@pytest.mark.parametrize("name", in_loop())
+def test_only_a_family_that_remembers_does(name):
+    calibration, X, dt = rows(name)
+    alone = calibration.model.evaluate(X, np.zeros(len(X)))
+    same = np.array_equal(alone, calibration.model.evaluate(X, dt))
+    assert same != calibration.model.family.remembers
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_it_survives_its_data_and_its_file(name, tmp_path):
+    calibration, X, dt = rows(name)
+    made = calibration.model
+    k, n = X.shape[1], len(calibration.joints)
+    shapes = {key: array.shape for key, array in made.arrays_.items()}
+    assert shapes == made.family.shapes(made.model_params(), k, n)
+    expected = made.evaluate(X, dt)
+    again = class_of(made.family.name).from_data(made.data, k, n)
+    np.testing.assert_array_equal(again.evaluate(X, dt), expected)
+    calibration.save(tmp_path / "model.safetensors")
+    read = read_calibration(tmp_path / "model.safetensors")
+    assert read.estimator == name
+    assert dict(read.model.model_params()) == dict(made.model_params())
+    np.testing.assert_array_equal(read.model.evaluate(X, dt), expected)
+
+
+@pytest.mark.parametrize("name", estimator_names())
+@pytest.mark.parametrize("damage", ["missing", "extra", "shape", "nan", "type"])
+def test_damaged_arrays_are_refused(name, damage):
+    fitted = model(name).model
+    arrays = dict(fitted.arrays_)
+    first = sorted(arrays)[0]
+    if damage == "missing":
+        del arrays[first]
+    elif damage == "extra":
+        arrays["more"] = np.zeros(1)
+    elif damage == "shape":
+        arrays[first] = np.zeros((2, 9))
+    elif damage == "nan":
+        arrays[first] = np.full_like(arrays[first], np.nan)
+    else:
+        arrays[first] = arrays[first].astype(np.float32)
+    data = EstimatorData(fitted.family.name, fitted.model_params(), arrays)
+    said = "more" if damage == "extra" else first
+    refused(said, type(fitted).from_data, data, fitted.n_features_in_, fitted.n_outputs_)
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_another_number_of_features_or_joints_is_refused(name):
+    fitted = model(name).model
+    k, n = fitted.n_features_in_, fitted.n_outputs_
+    if fitted.family.inputs:
+        refused("features, in the order of", type(fitted).from_data, fitted.data, k + 1, n)
+    refused("estimates|it must be", type(fitted).from_data, fitted.data, k, n + 2)
+
+
+@pytest.mark.parametrize("name", in_loop())
+def test_shifting_adds_the_offset_to_every_row_and_nothing_else(name):
+    calibration, recording = model(name), unseen(name)
+    offset = 1e-3 * (1.0 + np.arange(len(calibration.joints)))
+    if not calibration.model.family.moved_by:
+        refused("no offset that could be moved", calibration.model.shifted, offset)
+        return
+    try:
+        moved = calibration.model.shifted(offset)
+    except CalibrationError as error:
+        assert "no offset that could be moved" in str(error)  # noqa: PT017
+        assert calibration.model.family.moved_by not in calibration.model.arrays_
+        return
+    change = replace(calibration, model=moved).correct(recording) - calibration.correct(recording)
+    np.testing.assert_allclose(change, np.broadcast_to(offset, change.shape), rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
+    family, params = get_estimator(name).family, get_estimator(name).model_params()
+    family.check_params(params)
+    for parameter, rule in family.rules.items():
+        wrong = [value for value in WRONG if not rule.holds(value)]
+        assert len(wrong) > len(WRONG) // 2
+        for value in wrong:
+            with pytest.raises(CalibrationError) as caught:
+                family.check_params({**params, parameter: value})
+            assert f" parameter {parameter} is " in str(caught.value)
+            assert str(caught.value).endswith(f"; it must be {rule.text}")
+        with pytest.raises(CalibrationError, match="it needs"):
+            family.check_params({k: v for k, v in params.items() if k != parameter})
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_name_family_and_class_lead_to_each_other(name):
+    estimator = get_estimator(name)
+    assert estimator.name == name
+    assert class_of(estimator.family.name) is type(estimator)
+    assert find_family(estimator.family.name) is estimator.family
+    assert find_family(estimator.family.name).name == estimator.family.name
+    assert clone(estimator).get_params() == estimator.get_params()
+    assert type(estimator).from_params(estimator.model_params()).name == name
+    assert set(estimator.model_params()) == set(estimator.family.rules)
+
+
+def test_an_unknown_family_has_no_class():
+    refused("'oracle'", class_of, "oracle")

@@ -1,0 +1,195 @@
+"""A family: its rules, its shapes, its memory and its row, whatever it is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.runtime.streams import stream, trained
+
+from truejoint.compiled import compiled
+from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.layout import Layout
+from truejoint.models import family as families
+from truejoint.models.family import EstimatorData, Family
+from truejoint.runtime import Corrector, Status, fields
+
+LAYOUT = Layout()
+SECONDS = LAYOUT.scalar("seconds", "since the history started [s]")
+DEVIATIONS = LAYOUT.scalar("deviations", "that a half-width is; 0: none")
+
+
+@compiled
+def clock_row(numbers, memory, dt, x, out, half_width):
+    """Time since the history started, and a half-width of its own for the first joint."""
+    memory[SECONDS] = 0.0 if dt == 0.0 else memory[SECONDS] + dt
+    for j in range(out.shape[0]):
+        out[j] = 1e-3 * memory[SECONDS] + 1e-6 * x[0]
+    if memory[DEVIATIONS] > 0.0:
+        half_width[0] = 0.125 * memory[DEVIATIONS]
+
+
+@compiled
+def helpless_row(numbers, memory, dt, x, out, half_width):
+    """Knows that it knows nothing."""
+    for j in range(out.shape[0]):
+        out[j] = np.nan
+
+
+CLOCK = Family(
+    "clock",
+    rules={
+        "rate": families.number(0.5, 2.0),
+        "count": families.integer(1, 9),
+        "kind": families.one_of("slow", "fast", True),
+        "widths": families.numbers(3, 0.0, 1.0, "lengths [m]"),
+        "seed": families.random_state(),
+    },
+    shapes=lambda params, k, n: {"gain": (params["count"], k), "offset": (n,)},
+    pack=lambda _params, _arrays, _k, _n: LAYOUT.pack(),
+    row=clock_row,
+    remembers=True,
+    inputs=lambda params: ("measured/elbow", "effort/elbow")[: params["count"]],
+)
+GOOD = {"rate": 1.0, "count": 2, "kind": "slow", "widths": (0.1, 0.2), "seed": None}
+
+
+def refused(said: str, build, *args) -> None:
+    with pytest.raises(CalibrationError, match=said) as caught:
+        build(*args)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.one_of(st.floats(), st.integers(), st.booleans(), st.text(max_size=3), st.none()))
+def test_a_number_is_finite_real_and_within_its_bounds(value):
+    real = isinstance(value, (int, float)) and not isinstance(value, bool)
+    assert families.is_number(value, -2.5, 7.0) == (real and -2.5 <= value <= 7.0)
+    whole = real and isinstance(value, int)
+    assert families.is_integer(value, -2, 7) == (whole and -2 <= value <= 7)
+
+
+def test_numbers_of_numpy_are_numbers():
+    assert families.is_number(np.float32(1.0), 0.0, 2.0)
+    assert families.is_integer(np.int64(1), 0, 2)
+    assert not families.is_integer(np.float64(1.0), 0, 2)
+    assert not families.is_number(np.bool_(True), 0.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "rule"),
+    [
+        ("rate", 0.4, "a number from 0.5 to 2"),
+        ("rate", float("nan"), "a number from 0.5 to 2"),
+        ("rate", True, "a number from 0.5 to 2"),
+        ("count", 2.0, "an integer from 1 to 9"),
+        ("count", 10, "an integer from 1 to 9"),
+        ("kind", "quick", "one of slow, fast, True"),
+        ("kind", 1, "one of slow, fast, True"),
+        ("widths", (), r"1 to 3 lengths \[m\] from 0 to 1"),
+        ("widths", (0.1,) * 4, r"1 to 3 lengths \[m\] from 0 to 1"),
+        ("widths", [0.1, 1.1], r"1 to 3 lengths \[m\] from 0 to 1"),
+        ("widths", 0.1, r"1 to 3 lengths \[m\] from 0 to 1"),
+        ("seed", -1, r"None or an integer from 0 to 2\*\*32 - 1"),
+    ],
+)
+def test_a_parameter_names_itself_and_its_rule(name, value, rule):
+    CLOCK.check_params(GOOD)
+    refused(f"^clock parameter {name} is .*; it must be {rule}$", CLOCK.check_params,
+            {**GOOD, name: value})  # fmt: skip
+
+
+def test_a_long_value_is_cut():
+    refused("^.{1,160}$", CLOCK.check_params, {**GOOD, "kind": "x" * 10_000})
+
+
+def test_parameters_and_features_are_as_many_as_it_has():
+    refused("clock has parameters .*; it needs .*'rate'", CLOCK.check_params, {})
+    refused("it needs", CLOCK.check_params, {**GOOD, "more": 1})
+    CLOCK.check_size(GOOD, 2)
+    refused("takes 2 features, in the order of measured/elbow, effort/elbow; 3 are given",
+            CLOCK.check_size, GOOD, 3)  # fmt: skip
+    replace(CLOCK, inputs=None).check_size(GOOD, 3)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"offset": None}, r"has arrays \['gain'\]; it needs \['gain', 'offset'\]"),
+        ({"extra": np.zeros(1)}, "has arrays"),
+        ({"gain": np.zeros((2, 3))}, r"'gain' is float64 \(2, 3\); it must be float64 \(2, 2\)"),
+        ({"gain": np.zeros((2, 2), np.float32)}, "'gain' is float32"),
+        ({"offset": np.array([0.0, np.inf])}, "'offset' is not finite"),
+    ],
+)
+def test_arrays_are_of_the_shapes_that_it_states(change, said):
+    arrays = {"gain": np.ones((2, 2)), "offset": np.zeros(2)}
+    CLOCK.check(EstimatorData("clock", GOOD, arrays), 2, 2)
+    edited = {name: a for name, a in {**arrays, **change}.items() if a is not None}
+    refused(said, CLOCK.check, EstimatorData("clock", GOOD, edited), 2, 2)
+
+
+def test_one_joint_is_not_two():
+    assert families.only_joint("clock", {"offset": (1,)}, 1) == {"offset": (1,)}
+    refused("clock estimates one joint, not 2", families.only_joint, "clock", {}, 2)
+
+
+@pytest.mark.parametrize("name", ["oracle", "", "family", "features", "a.b", "../x", "x" * 99])
+def test_a_name_of_no_family_is_refused(name):
+    refused("no estimator family .*; update truejoint, or install", families.find_family, name)
+
+
+def test_a_family_without_a_row_works_offline():
+    smoother = replace(CLOCK, row=None, pack=None)
+    refused("'clock' uses later rows and cannot run in a loop", smoother.memory,
+            EstimatorData("clock", GOOD, {}), 2, 2)  # fmt: skip
+
+
+def test_rows_are_evaluated_one_after_the_other():
+    X, dt = np.array([[1.0], [2.0], [3.0], [4.0]]), [0.0, 0.5, 0.25, 0.0]
+    found = families.evaluate(CLOCK, LAYOUT.pack(), X, dt, 2)
+    expected = 1e-3 * np.array([0.0, 0.5, 0.75, 0.0]) + 1e-6 * X[:, 0]
+    np.testing.assert_allclose(found, np.column_stack([expected, expected]), rtol=1e-15)
+
+
+def looped(monkeypatch, family: Family) -> Corrector:
+    """Corrector in which the row of a family of our own stands for a linear model's."""
+    monkeypatch.setattr(fields, "find_family", lambda _name: family)
+    corrector = Corrector(trained())
+    corrector.set_homing(True, "h1")
+    return corrector
+
+
+@pytest.mark.parametrize("width", [0.125 * 1.6448536269514722, np.inf])
+def test_a_row_may_remember_and_know_its_own_uncertainty(monkeypatch, width):
+    knows = None if np.isinf(width) else lambda _params: True
+    corrector = looped(monkeypatch, replace(CLOCK, states_deviation=knows))
+    t = np.array([5.0, 5.01, 5.03, 5.04, 15.04, 15.05])
+    seconds = [0.0, 0.01, 0.03, 0.04, 0.0, 0.01]  # anew after the gap
+    samples = stream(t)
+    for i in range(len(t)):
+        bad = np.full(4, np.nan)
+        assert corrector.step(t[i] + 1e-3, bad) & Status.NOT_FINITE  # leaves no trace
+        corrector.step(t[i] + 2e-3, samples[i])
+        expected = 1e-3 * seconds[i] + 1e-6 * samples[i, 0]
+        np.testing.assert_allclose(corrector.correction, expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(corrector.half_width, [width, np.inf], rtol=1e-12)
+
+
+def test_a_row_that_gives_up_is_implausible(monkeypatch):
+    corrector = looped(monkeypatch, replace(CLOCK, row=helpless_row))
+    sample = stream(np.zeros(1))[0]
+    assert corrector.step(0.0, sample) == Status.IMPLAUSIBLE
+    np.testing.assert_array_equal(corrector.position, sample[[0, 2]])
+
+
+def test_a_file_of_an_unknown_family_is_refused_by_name(tmp_path, monkeypatch):
+    calibration = trained()
+    stranger = replace(CLOCK, name="stranger")
+    monkeypatch.setattr(type(calibration.model), "family", stranger)
+    calibration.save(tmp_path / "model.safetensors")
+    monkeypatch.undo()
+    with pytest.raises(ModelFileError, match=r"model\.safetensors: no estimator family 'stranger'"):
+        Corrector(tmp_path / "model.safetensors")

@@ -1,0 +1,108 @@
+"""Compiled kernels: IEEE divisions, views that share memory, and calls through an address."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit, types
+from numba.extending import intrinsic
+
+from truejoint.compiled import (
+    VECTOR,
+    address,
+    borrow,
+    call_address,
+    compiled,
+    copy,
+    fill,
+    inlined,
+    matrix,
+    unrolled,
+    vector,
+)
+
+SIGNATURE = types.void(types.float64, VECTOR)
+
+
+@compiled
+def divide(a, b):
+    return a / b
+
+
+@inlined
+def doubled(x):
+    return 2.0 * x
+
+
+@compiled
+def halves(memory, offset, n):
+    """Double a view of the memory, and give its sum as a matrix of two rows."""
+    own = vector(memory, offset, 2 * n)
+    for i in range(2 * n):
+        own[i] = doubled(own[i])
+    table = matrix(memory, offset, 2, n)
+    total = 0.0
+    for i in range(2):
+        for j in range(n):
+            total += (i + 1) * table[i, j]
+    return total
+
+
+@intrinsic
+def call_at(_typing, place, value, out):
+    return types.void(types.int64, *SIGNATURE.args), call_address
+
+
+@compiled
+def call_twice(place, value, out):
+    call_at(place, value, out)
+    call_at(place, value, out)
+
+
+@njit
+def add(value, out):
+    out[0] += value
+
+
+@njit
+def subtract(value, out):
+    out[0] -= value
+
+
+@compiled
+def first_of(x):
+    return borrow(x)[0]
+
+
+def test_a_division_by_zero_is_infinite_or_nan():
+    assert divide(1.0, 0.0) == np.inf
+    assert divide(-1.0, 0.0) == -np.inf
+    assert np.isnan(divide(0.0, 0.0))
+
+
+def test_views_share_the_memory():
+    memory = np.arange(10.0)
+    assert halves(memory, 2, 3) == 2.0 * ((2 + 3 + 4) + 2 * (5 + 6 + 7))
+    assert memory.tolist() == [0, 1, 4, 6, 8, 10, 12, 14, 8, 9]
+
+
+def test_one_kernel_calls_any_function_of_its_signature():
+    out = np.zeros(1)
+    call_twice(address(add, SIGNATURE), 1.5, out)
+    assert out[0] == 3.0
+    call_twice(address(subtract, SIGNATURE), 0.5, out)
+    assert out[0] == 2.0
+    assert address(add, SIGNATURE) == address(add, SIGNATURE) != address(subtract, SIGNATURE)
+
+
+def test_a_borrowed_array_is_the_array():
+    x = np.array([3.0, 4.0])
+    assert first_of(x) == 3.0
+
+
+def test_small_loops():
+    source, target = np.arange(5.0), np.zeros(5)
+    copy(source, target, 3)
+    assert target.tolist() == [0, 1, 2, 0, 0]
+    fill(target, 2, 7.0)
+    assert target.tolist() == [7, 7, 2, 0, 0]
+    assert unrolled(4) == 4

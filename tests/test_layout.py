@@ -1,0 +1,150 @@
+"""Named fields of flat arrays: what is declared is where kernels find it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.compiled import compiled, matrix, vector
+from truejoint.layout import Layout, part_memory, part_numbers
+
+INNER = Layout()
+SIZE = INNER.integer("size", "of the weights")
+BIAS = INNER.scalar("bias", "added")
+WEIGHTS = INNER.array("weights", "of the inputs")
+
+OUTER = Layout()
+FIRST = OUTER.part("first", "before")
+COUNT = OUTER.integer("count", "rows")
+TABLE = OUTER.array("table", "two columns")
+ORDER = OUTER.integers("order", "of the rows")
+STAMP = OUTER.scalar("stamp", "of the last row [s]", is_time=True)
+LAST = OUTER.part("last", "behind")
+
+
+def inner(bias: float, *weights: float):
+    return INNER.pack(size=len(weights), bias=bias, weights=weights)
+
+
+def outer():
+    return OUTER.pack(
+        first=inner(1.0, 10.0, 20.0), last=inner(-1.0, 0.5), count=2, order=[1, 0],
+        table=[[1.0, 2.0], [3.0, 4.0]], stamp=7.0,
+    )  # fmt: skip
+
+
+@compiled
+def weigh(numbers, memory, value):
+    """Bias and sum of the weights, which become `value`."""
+    weights = vector(memory, numbers[WEIGHTS], numbers[SIZE])
+    total = memory[BIAS]
+    for i in range(weights.shape[0]):
+        total += weights[i]
+        weights[i] = value
+    return total
+
+
+@compiled
+def weigh_all(numbers, memory, value):
+    """The table by its order, and both parts."""
+    order = vector(numbers, numbers[ORDER], numbers[COUNT])
+    table = matrix(memory, numbers[TABLE], numbers[COUNT], 2)
+    first = weigh(part_numbers(numbers, FIRST), part_memory(numbers, memory, FIRST), value)
+    last = weigh(part_numbers(numbers, LAST), part_memory(numbers, memory, LAST), value)
+    memory[STAMP] += 1.0
+    return table[order[0], 0], table[order[1], 1], first, last
+
+
+def test_kernels_find_every_field():
+    packed = outer()
+    assert weigh_all(packed.numbers, packed.memory, 0.25) == (3.0, 2.0, 31.0, -0.5)
+    assert weigh_all(packed.numbers, packed.memory, 0.25) == (3.0, 2.0, 1.5, -0.75)
+    assert packed.memory[STAMP] == 9.0
+
+
+def test_a_view_shares_the_memory_and_a_copy_does_not():
+    packed = outer()
+    view, copy = packed.view("table"), packed.copy()
+    view[1, 1] = 40.0
+    assert packed.view("table").tolist() == [[1.0, 2.0], [3.0, 40.0]]
+    assert copy.view("table").tolist() == [[1.0, 2.0], [3.0, 4.0]]
+    assert copy.view("order").tolist() == [1, 0]
+    assert copy.view("order").dtype == np.int64
+
+
+def test_a_part_is_copied_into_the_whole():
+    part = inner(1.0, 10.0, 20.0)
+    packed = OUTER.pack(first=part, last=part, table=np.zeros((0, 2)), order=[])
+    weigh(part_numbers(packed.numbers, FIRST),
+          part_memory(packed.numbers, packed.memory, FIRST), 0.0)  # fmt: skip
+    assert part.view("weights").tolist() == [10.0, 20.0]
+    assert packed.parts["last"] is part
+    assert packed.view("table").shape == (0, 2)
+
+
+def test_what_is_not_given_is_zero():
+    packed = INNER.pack(weights=[1.0])
+    assert (packed.numbers[SIZE], packed.memory[BIAS]) == (0, 0.0)
+
+
+def test_fields_say_what_they_hold():
+    field = OUTER.fields["stamp"]
+    assert (field.kind, field.meaning, field.is_time) == ("scalar", "of the last row [s]", True)
+    assert [f.name for f in OUTER.fields.values()] == [
+        "first", "count", "table", "order", "stamp", "last",
+    ]  # fmt: skip
+    assert not OUTER.fields["table"].is_time
+
+
+@pytest.mark.parametrize("name", ["size", "bias", "", "two words", "1st"])
+def test_a_name_that_is_none_or_stands_twice_is_refused(name):
+    layout = Layout()
+    layout.integer("size", "")
+    layout.scalar("bias", "")
+    with pytest.raises(ValueError, match="is no name, or stands twice"):
+        layout.array(name, "")
+
+
+@pytest.mark.parametrize("values", [{}, {"weights": [], "more": 1}, {"size": 1}])
+def test_a_field_that_is_missing_or_unknown_is_refused(values):
+    with pytest.raises(ValueError, match="missing or unknown"):
+        INNER.pack(**values)
+
+
+KINDS = ("integer", "scalar", "array", "integers", "part")
+
+
+@given(st.lists(st.tuples(st.sampled_from(KINDS), st.integers(0, 4)), max_size=12), st.randoms())
+def test_whatever_the_order_every_value_is_found_again(declared, random):
+    layout, values, index = Layout(), {}, {}
+    for i, (kind, size) in enumerate(declared):
+        name = f"field_{i}"
+        index[name] = getattr(layout, kind)(name, "")
+        values[name] = {
+            "integer": i,
+            "scalar": i + 0.5,
+            "array": np.arange(size) + i,
+            "integers": np.arange(2 * size).reshape(2, size) - i,
+            "part": inner(float(i), *range(size)),
+        }[kind]
+    names = list(values)
+    random.shuffle(names)
+    packed = layout.pack(**{name: values[name] for name in names})
+    for i, (kind, _size) in enumerate(declared):
+        name = f"field_{i}"
+        if kind in ("integer", "scalar"):
+            assert (packed.numbers if kind == "integer" else packed.memory)[index[name]] == (
+                values[name]
+            )
+        elif kind == "part":
+            start, memory_start, count, size = packed.numbers[index[name] : index[name] + 4]
+            np.testing.assert_array_equal(
+                packed.numbers[start : start + count], values[name].numbers
+            )
+            np.testing.assert_array_equal(
+                packed.memory[memory_start : memory_start + size], values[name].memory
+            )
+        else:
+            np.testing.assert_array_equal(packed.view(name), values[name])
