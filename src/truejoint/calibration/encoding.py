@@ -22,9 +22,11 @@ from truejoint.calibration.training_domain import (
     decode_training_domain,
     encode_training_domain,
 )
-from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.errors import CalibrationError, ModelFileError, RobotError
 from truejoint.models.family import EstimatorData, Target, is_number
 from truejoint.models.features import FeatureSet
+from truejoint.robots import adopt_robot, get_robot
+from truejoint.robots.robot import Robot
 
 if TYPE_CHECKING:  # a control loop decodes without scikit-learn
     from truejoint.estimators.base import JointRegressor
@@ -41,7 +43,7 @@ _EFFORT_BASELINE: Final = "effort_baseline"
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
-        "kind", "robot", "arm", "joints", "target", "features", "units", "ranges", "gap_limit",
+        "kind", "robot", "joints", "target", "features", "units", "ranges", "gap_limit",
         "model", "baselines", "metadata",
     }
 )  # fmt: skip
@@ -115,8 +117,7 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
     ranges = zip(data.feature_set.names, data.lower, data.upper, strict=True)
     document = {
         "kind": _KIND,
-        "robot": data.robot,
-        "arm": data.arm,
+        "robot": get_robot(data.robot, data.arm).to_dict(),
         "joints": list(data.joints),
         "target": data.target,
         "features": list(data.feature_set.names),
@@ -178,9 +179,10 @@ def decode(
         raise ModelFileError(f"gap limit {document['gap_limit']!r:.60} is not a time in seconds")
     if not isinstance(document["metadata"], dict):
         raise ModelFileError("the metadata is not a JSON object")
+    robot = _robot(document["robot"])
     data = CalibrationData[EstimatorData](
-        robot=_name(document["robot"], "robot"),
-        arm=_name(document["arm"], "arm"),
+        robot=robot.name,
+        arm=robot.arm,
         joints=joints,
         feature_set=feature_set,
         target=document["target"],
@@ -275,6 +277,17 @@ def _units(value: object) -> dict[str, str]:
     ):
         raise ModelFileError("the units are not texts by column name")
     return value
+
+
+def _robot(value: object) -> Robot:
+    """Robot that the file describes, known by its name from now on."""
+    if not isinstance(value, dict):
+        raise ModelFileError("the robot is not described")
+    try:
+        adopt_robot(value, "the model file")
+        return Robot.from_dict(value, "the model file")  # as described: nothing is compiled for it
+    except RobotError as error:
+        raise ModelFileError(str(error)) from None
 
 
 def _strings(value: object, what: str) -> list[str]:
