@@ -165,14 +165,3 @@ def test_too_many_terms_are_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(CalibrationError, match="more than 4000"):
         PolynomialRegressor().fit(rng.normal(size=(10, 100)), np.arange(10.0))
-
-
-def test_names_lead_to_estimators():
-    assert estimator_names()[:4] == ("offset", "linear", "poly2", "dnn")
-    for name in estimator_names():
-        assert isinstance(get_estimator(name), JointRegressor)
-        assert get_estimator(name).name == name
-    with pytest.raises(CalibrationError, match="'tree'; known: offset, linear, poly2, dnn"):
-        get_estimator("tree")
-    with pytest.raises(CalibrationError, match="'poly'; did you mean 'poly2'; known: offset"):
-        get_estimator("poly")

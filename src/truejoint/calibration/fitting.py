@@ -20,7 +20,7 @@ from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
-from truejoint.estimators.registry import BASELINES, get_estimator
+from truejoint.estimators.registry import BASELINES, DEFAULT, get_estimator
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
@@ -44,7 +44,7 @@ _BASELINE_SHARE: Final = 0.1  # of the progress bar
 
 def calibrate(
     recordings: Recording | Sequence[Recording],
-    estimator: str | JointRegressor = "dnn",
+    estimator: str | JointRegressor = DEFAULT,
     *,
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,

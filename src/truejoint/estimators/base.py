@@ -14,6 +14,7 @@ from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.errors import CalibrationError
+from truejoint.estimators import registry
 from truejoint.layout import Memory
 from truejoint.models import family as families
 from truejoint.models.family import EstimatorData, Family, Params
@@ -56,7 +57,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     @property
     def name(self) -> str:
         """Name in tables and on the command line."""
-        return self.family.name
+        return registry.name_of(self)
 
     def fit(
         self,

@@ -49,11 +49,6 @@ class CableLeastSquares(JawEstimator):
         self.compensated = compensated
         self.fit_method = fit_method
 
-    @property
-    def name(self) -> str:
-        """``"lsm"``, the paper's abbreviation, and what goes beyond it."""
-        return f"lsm{'_intercept' * self.intercept}{'_compensated' * self.compensated}"
-
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
     ) -> dict[str, Array]:

@@ -93,11 +93,6 @@ class ElasticJointFilter(JointRegressor):
         """Four hundred rows."""
         return MIN_ROWS
 
-    @property
-    def name(self) -> str:
-        """``"ukf_elastic"``."""
-        return "ukf_elastic"
-
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         if y.shape[1] > 2:
             raise CalibrationError(

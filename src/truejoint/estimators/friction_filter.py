@@ -96,11 +96,6 @@ class FrictionFilter(JawEstimator):
         self.wheel_radius = wheel_radius
         self.jaw_radius = jaw_radius
 
-    @property
-    def name(self) -> str:
-        """``"ukf_friction"``."""
-        return "ukf_friction"
-
     def states(self, X: Array, dt: Array, *, smoothed: bool = False) -> JawStates:
         """Angle and load in every row, each from the rows up to it.
 
@@ -166,11 +161,6 @@ class FrictionSmoother(FrictionFilter):
     """
 
     family: ClassVar[Family] = friction_smoother.FAMILY
-
-    @property
-    def name(self) -> str:
-        """``"ukf_friction_smoothed"``."""
-        return "ukf_friction_smoothed"
 
     def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
         """Jaw angle (n, 1) [rad] for rows `X` (n, 2), each from all of them."""

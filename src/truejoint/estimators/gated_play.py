@@ -49,11 +49,6 @@ class GatedPlay(JawEstimator):
         self.gear_ratio = gear_ratio
         self.wheel_radius = wheel_radius
 
-    @property
-    def name(self) -> str:
-        """``"play_gated"``."""
-        return "play_gated"
-
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
     ) -> dict[str, Array]:

@@ -69,11 +69,6 @@ class JawFilter(JawEstimator):
         self.lambda_ = lambda_
         self.fit_method = fit_method
 
-    @property
-    def name(self) -> str:
-        """``"ukf"``, or ``"ukf_compensated"`` with (25)."""
-        return "ukf" if self.compensation == "constant" else "ukf_compensated"
-
     def set_params(self, **params: Any) -> Self:
         """Set parameters, those of mechanism and noise by their own names too."""
         own = {**params}

@@ -74,11 +74,6 @@ class NeuralNetwork(JointRegressor):
         self.epochs = epochs
         self.random_state = random_state
 
-    @property
-    def name(self) -> str:
-        """``"dnn"``, as the paper calls it."""
-        return "dnn"
-
     def minimum_rows(self, n_features: int) -> int:
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)

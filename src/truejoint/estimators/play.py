@@ -9,7 +9,7 @@ accurate as long as there is none.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +21,6 @@ from truejoint.models.family import Family, Params
 from truejoint.robots.forceps_mechanism import TABLE_1
 
 Array = NDArray[np.float64]
-
-_NAMES: Final = {
-    ("motor",): "play_motor", ("reset",): "play_reset", ("reset", "motor"): "play_both",
-    ("reset", "drive"): "play_cables",
-}  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,11 +95,6 @@ class Play(JawEstimator):
         self.penalty = penalty
         self.gear_ratio = gear_ratio
         self.wheel_radius = wheel_radius
-
-    @property
-    def name(self) -> str:
-        """For instance ``"play_both"``."""
-        return _NAMES.get(tuple(self.displacements), "play")
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress

@@ -47,11 +47,6 @@ class PolynomialRegressor(JointRegressor):
     def __init__(self, degree: int = 2) -> None:
         self.degree = degree
 
-    @property
-    def name(self) -> str:
-        """``"poly2"`` for degree 2, ``"linear"`` for degree 1."""
-        return "linear" if self.degree == 1 else f"poly{self.degree}"
-
     def minimum_rows(self, n_features: int) -> int:
         """Ten rows for each coefficient of a joint."""
         n_terms = polynomial.count_terms(n_features, int(self.degree))

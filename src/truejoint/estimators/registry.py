@@ -12,6 +12,8 @@ if TYPE_CHECKING:  # names are listed without what learns
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
+DEFAULT: Final = "dnn"
+"""What is fitted where none is named."""
 
 _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "offset": ("offset", "FixedOffset", {}),
@@ -34,6 +36,14 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
 }
 """Module of this package, class, and parameters that are not its defaults, by name."""
 
+TITLES: Final = {
+    "offset": ("Fixed offset", "the fixed offset"),
+    "linear": ("Linear", "the linear model"),
+    "poly2": ("2nd-order polynomial", "the 2nd-order polynomial"),
+    "dnn": ("Neural network", "the neural network"),
+}
+"""What a person calls some of them, alone and within a sentence; others go by their names."""
+
 
 def estimator_names() -> tuple[str, ...]:
     """Names that `get_estimator` knows."""
@@ -51,6 +61,22 @@ def get_estimator(name: str) -> JointRegressor:
     if name not in _ESTIMATORS:
         raise CalibrationError(unknown("estimator", name, estimator_names()))
     return _class(name)(**_ESTIMATORS[name][2])
+
+
+def name_of(estimator: JointRegressor) -> str:
+    """Name under which an estimator of these parameters is registered; else that of its family."""
+    for cls in type(estimator).__mro__:
+        kinds = {
+            name: own
+            for name, (module, known, own) in _ESTIMATORS.items()
+            if (f"truejoint.estimators.{module}", known) == (cls.__module__, cls.__name__)
+        }
+        told_apart = {parameter for own in kinds.values() for parameter in own}
+        for name in kinds:
+            registered = get_estimator(name)
+            if all(getattr(estimator, p) == getattr(registered, p) for p in told_apart):
+                return name
+    return estimator.family.name
 
 
 def class_of(family: str) -> type[JointRegressor]:

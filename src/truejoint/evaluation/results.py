@@ -11,37 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from truejoint.estimators import registry
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
 
 Array = NDArray[np.float64]
 
 RAW: Final = "raw"
-OFFSET: Final = "offset"
+OFFSET: Final = registry.BASELINES[0]
 # Always in the table, in this order; what was chosen stands after them.
-BASELINES: Final = (RAW, OFFSET, "linear", "poly2")
+BASELINES: Final = (RAW, *registry.BASELINES)
 
-_TITLES: Final = {
-    RAW: "Raw",
-    OFFSET: "Fixed offset",
-    "linear": "Linear",
-    "poly2": "2nd-order polynomial",
-    "dnn": "Neural network",
-}
-
-
-_PHRASES: Final = {
-    RAW: "the raw position",
-    OFFSET: "the fixed offset",
-    "linear": "the linear model",
-    "poly2": "the 2nd-order polynomial",
-    "dnn": "the neural network",
-}
+_TITLES: Final = {RAW: ("Raw", "the raw position"), **registry.TITLES}
 
 
 def estimator_phrase(name: str) -> str:
     """Name of an estimator within a sentence, such as ``"the neural network"``."""
-    return _PHRASES.get(name, f"the model {name}")
+    return _TITLES.get(name, ("", f"the model {name}"))[1]
 
 
 def estimator_title(name: str) -> str:
@@ -52,7 +38,7 @@ def estimator_title(name: str) -> str:
     >>> estimator_title("dnn")
     'Neural network'
     """
-    return _TITLES.get(name, name)
+    return _TITLES.get(name, (name, ""))[0]
 
 
 @dataclass(frozen=True)

@@ -218,8 +218,8 @@ class ElasticJoint:
         bounded = all(abs(v) <= _LARGEST for v in (*arrays["scales"], *arrays["noise"]))
         if min(positive) <= 0.0 or noise["load_density"] < 0.0 or not bounded:
             raise CalibrationError(
-                f"ukf_elastic: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit it "
-                "again"
+                f"elastic_joint: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit "
+                "it again"
             )
         return cls(arrays["widths"], arrays["torque"], **noise)
 

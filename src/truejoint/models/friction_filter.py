@@ -86,7 +86,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
     """
     for name in ("scale", "misfit", "interval"):
         if not all(is_number(value, 1.0 / _LARGEST, _LARGEST) for value in arrays[name]):
-            raise CalibrationError(f"ukf_friction: {name} is not above 0; fit it again")
+            raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
     widths = params["widths"]
     n = len(widths)
     parameters = np.concatenate(

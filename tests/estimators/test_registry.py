@@ -1,0 +1,91 @@
+"""Estimators by name: one place knows the names."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+
+import truejoint
+from truejoint.errors import CalibrationError
+from truejoint.estimators import (
+    CableLeastSquares,
+    FrictionSmoother,
+    JawFilter,
+    LinearRegressor,
+    Play,
+    PolynomialRegressor,
+    estimator_names,
+    get_estimator,
+)
+from truejoint.estimators.registry import BASELINES, DEFAULT, TITLES
+
+SOURCE = Path(truejoint.__file__).parent
+# The registry itself; what a user reads or types; what suits a data set; what a study compares.
+NAMING = (
+    "estimators/registry.py",
+    "cli/",
+    "recordings/datasets/",
+    "studies/",
+    "evaluation/forceps/",
+)
+WORDS = {"offset", "linear"}
+"""Names that are words of their own, also of arrays and of text."""
+
+
+def test_the_usual_ones_come_first():
+    assert estimator_names()[:4] == ("offset", "linear", "poly2", "dnn")
+    assert {*BASELINES, *TITLES, DEFAULT} <= set(estimator_names())
+
+
+def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
+    with pytest.raises(CalibrationError, match=r"'tree'; .*offset, linear, poly2, dnn"):
+        get_estimator("tree")
+    with pytest.raises(CalibrationError, match="'poly'; did you mean 'poly2'"):
+        get_estimator("poly")
+
+
+@pytest.mark.parametrize(
+    ("estimator", "name"),
+    [
+        (LinearRegressor(), "linear"),
+        (PolynomialRegressor(1), "linear"),
+        (PolynomialRegressor(3), "polynomial"),
+        (JawFilter(lambda_=2.0), "ukf"),
+        (JawFilter("output"), "ukf_compensated"),
+        (JawFilter("signed"), "jaw_filter"),
+        (Play(("reset",), degree=2), "play_reset"),
+        (Play(("drive",)), "play"),
+        (CableLeastSquares(intercept=True, compensated=True), "cable_least_squares"),
+        (FrictionSmoother(), "ukf_friction_smoothed"),
+    ],
+    ids=str,
+)
+def test_an_estimator_is_called_as_it_is_registered_or_else_by_its_family(estimator, name):
+    assert estimator.name == name
+
+
+def strings(path: Path) -> list[tuple[int, str]]:
+    """Line and value of every text in a module but its docstrings."""
+    tree = ast.parse(path.read_text("utf-8"))
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef)
+    docs = {id(node.body[0].value) for node in ast.walk(tree)
+            if isinstance(node, documented) and isinstance(node.body[0], ast.Expr)}  # fmt: skip
+    return [
+        (node.lineno, node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs
+    ]
+
+
+def test_nothing_else_names_an_estimator():
+    names = set(estimator_names()) - WORDS
+    found = [
+        f"{path.relative_to(SOURCE)}:{line}: {text}"
+        for path in sorted(SOURCE.rglob("*.py"))
+        if not path.relative_to(SOURCE).as_posix().startswith(NAMING)
+        for line, text in strings(path)
+        if names & set(text.replace(":", " ").replace(",", " ").split())
+    ]
+    assert not found
