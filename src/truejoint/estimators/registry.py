@@ -20,6 +20,7 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "linear": ("polynomial", "PolynomialRegressor", {"degree": 1}),
     "poly2": ("polynomial", "PolynomialRegressor", {}),
     "dnn": ("network", "NeuralNetwork", {}),
+    "gru": ("recurrent", "RecurrentNetwork", {}),
     "lsm": ("cable_least_squares", "CableLeastSquares", {}),
     "lsm_intercept": ("cable_least_squares", "CableLeastSquares", {"intercept": True}),
     "lsm_compensated": ("cable_least_squares", "CableLeastSquares", {"compensated": True}),

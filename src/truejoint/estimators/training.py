@@ -126,12 +126,20 @@ def _forward(layers: Layers, X: Floats) -> list[Floats]:
     return activations
 
 
-class _Adam:
-    """Adam (Kingma and Ba, 2014) on one flat vector, in place."""
+class Adam:
+    """Adam (Kingma and Ba, 2014) on one flat vector, in place.
+
+    Parameters
+    ----------
+    values : ndarray, 1-D
+        Moved by every step.
+    learning_rate : float
+        Of the next steps; may be changed between them.
+    """
 
     def __init__(self, values: Floats, learning_rate: float) -> None:
         self._values = values
-        self._rate = learning_rate
+        self.learning_rate = learning_rate
         self._first = np.zeros_like(values)
         self._second = np.zeros_like(values)
         self._room = np.empty_like(values)
@@ -153,7 +161,7 @@ class _Adam:
         np.sqrt(self._second, out=self._room)
         self._room += EPSILON
         np.divide(self._first, self._room, out=self._room)
-        self._room *= self._rate * root / (1.0 - FIRST_DECAY**self._steps)
+        self._room *= self.learning_rate * root / (1.0 - FIRST_DECAY**self._steps)
         self._values -= self._room
 
 
@@ -191,7 +199,7 @@ def train(
         If the loss grows out of bounds.
     """
     gradient = Layers.zeros(_sizes(layers), layers.flat.dtype)
-    adam = _Adam(layers.flat, learning_rate)
+    adam = Adam(layers.flat, learning_rate)
     history = []
     for epoch in range(epochs):
         order = rng.permutation(len(X))
@@ -204,13 +212,18 @@ def train(
             )
             adam.step(gradient.flat)
         history.append(float(np.mean(losses)))
-        if not math.isfinite(history[-1]):
-            raise CalibrationError(
-                f"training diverged in epoch {epoch + 1} of {epochs} at learning rate "
-                f"{learning_rate:g}; lower the learning rate"
-            )
+        check_loss(history, epochs, learning_rate)
         progress((epoch + 1) / epochs)
     return history
+
+
+def check_loss(history: list[float], epochs: int, learning_rate: float) -> None:
+    """Raise CalibrationError if the loss of the last of the epochs so far is out of bounds."""
+    if not math.isfinite(history[-1]):
+        raise CalibrationError(
+            f"training diverged in epoch {len(history)} of {epochs} at learning rate "
+            f"{learning_rate:g}; lower the learning rate"
+        )
 
 
 def _sizes(layers: Layers) -> tuple[int, ...]:

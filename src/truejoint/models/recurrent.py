@@ -1,0 +1,159 @@
+"""A gated recurrent unit network (Cho et al., 2014): one layer that remembers, linear output.
+
+The reset gate acts on the product with the state, as in cuDNN and Keras, so that one product
+serves all gates. The output sees the features beside the state: what is linear needs no memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from truejoint.compiled import Array, Integers, compiled, copy, fill, matrix, vector
+from truejoint.layout import Layout, Memory
+from truejoint.models.family import Family, Params, Shape, integer, number, random_state
+from truejoint.models.network import layer, logistic
+from truejoint.models.products import BLOCK, padded
+
+LAYOUT: Final = Layout()
+UNITS: Final = LAYOUT.integer("units", "of the state")
+WIDTH: Final = LAYOUT.integer("width", "units, filled up to a multiple of 4")
+COLUMNS: Final = LAYOUT.integer("columns", "outputs, filled up to a multiple of 4")
+PERIOD: Final = LAYOUT.scalar("period", "time between updates of the state [s]")
+ELAPSED: Final = LAYOUT.scalar("elapsed", "time since the state was updated [s]")
+MEAN: Final = LAYOUT.array("mean", "of each feature in training")
+INVERSE_SCALE: Final = LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used")
+TARGET_MEAN: Final = LAYOUT.array("target_mean", "of each output")
+TARGET_SCALE: Final = LAYOUT.array("target_scale", "of each output")
+INPUT_WEIGHTS: Final = LAYOUT.array(
+    "input_weights", "a row for each feature; columns: update gate, reset gate, candidate"
+)
+INPUT_BIAS: Final = LAYOUT.array("input_bias", "of gates and candidate")
+STATE_WEIGHTS: Final = LAYOUT.array("state_weights", "a row for each unit, columns as the inputs'")
+STATE_BIAS: Final = LAYOUT.array("state_bias", "of the candidate, within the reset gate")
+OUTPUT_WEIGHTS: Final = LAYOUT.array("output_weights", "a row for each unit and each feature")
+OUTPUT_BIAS: Final = LAYOUT.array("output_bias", "of each output")
+STATE: Final = LAYOUT.array("state", "as it was last updated")
+SEEN: Final = LAYOUT.array("seen", "by the output: new state and standardised features")
+GATES: Final = LAYOUT.array("gates", "what the features give gates and candidate")
+FROM_STATE: Final = LAYOUT.array("from_state", "what the state gives gates and candidate")
+SUMS: Final = LAYOUT.array("sums", "standardised outputs")
+
+
+@compiled
+def recurrent_row(
+    numbers: Integers,
+    memory: Array,
+    dt: float,
+    x: Array,
+    out: Array,
+    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+) -> None:
+    """Predict from the features and the state, which is updated once in a period.
+
+    A row in between is predicted from the state that it would give, and leaves no trace.
+    """
+    k, n, units, width = x.shape[0], out.shape[0], numbers[UNITS], numbers[WIDTH]
+    state = vector(memory, numbers[STATE], units)
+    new = vector(memory, numbers[SEEN], units)
+    scaled = vector(memory, numbers[SEEN] + units, k)
+    mean = vector(memory, numbers[MEAN], k)
+    inverse_scale = vector(memory, numbers[INVERSE_SCALE], k)
+    for i in range(k):
+        scaled[i] = (x[i] - mean[i]) * inverse_scale[i]
+    if dt == 0.0:
+        fill(state, units, 0.0)
+    gates = vector(memory, numbers[GATES], 3 * width)
+    weights = matrix(memory, numbers[INPUT_WEIGHTS], k, 3 * width)
+    layer(scaled, weights, vector(memory, numbers[INPUT_BIAS], 3 * width), gates)
+    from_state = vector(memory, numbers[FROM_STATE], 3 * width)
+    weights = matrix(memory, numbers[STATE_WEIGHTS], units, 3 * width)
+    layer(state, weights, vector(memory, numbers[STATE_BIAS], 3 * width), from_state)
+    for i in range(2 * width):
+        gates[i] += from_state[i]
+    logistic(gates, 2 * width)
+    for i in range(units):
+        drive = gates[2 * width + i] + gates[width + i] * from_state[2 * width + i]
+        candidate = 2.0 / (1.0 + math.exp(-2.0 * drive)) - 1.0  # tanh
+        new[i] = candidate + gates[i] * (state[i] - candidate)
+    memory[ELAPSED] += dt
+    if is_update(dt, memory[ELAPSED], memory[PERIOD]):
+        copy(new, state, units)
+        memory[ELAPSED] = 0.0
+    columns = numbers[COLUMNS]
+    sums = vector(memory, numbers[SUMS], columns)
+    weights = matrix(memory, numbers[OUTPUT_WEIGHTS], units + k, columns)
+    seen = vector(memory, numbers[SEEN], units + k)
+    layer(seen, weights, vector(memory, numbers[OUTPUT_BIAS], columns), sums)
+    target_mean = vector(memory, numbers[TARGET_MEAN], n)
+    target_scale = vector(memory, numbers[TARGET_SCALE], n)
+    for j in range(n):
+        out[j] = target_mean[j] + target_scale[j] * sums[j]
+
+
+@compiled
+def is_update(dt: float, elapsed: float, period: float) -> bool:
+    """Whether a row updates the state: the first of a history, and that nearest to the period."""
+    # Not quite a half, so that jitter decides nothing where a period is 1.5 or 2.5 rows.
+    return dt == 0.0 or elapsed >= period - 0.45 * dt
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    units = int(params["units"])
+    return {
+        **dict.fromkeys(("mean", "inverse_scale"), (n_features,)),
+        **dict.fromkeys(("target_mean", "target_scale"), (n_outputs,)),
+        "input_weights": (n_features, 3 * units),
+        "input_bias": (3 * units,),
+        "state_weights": (units, 3 * units),
+        "state_bias": (units,),
+        "output_weights": (units + n_features, n_outputs),
+        "output_bias": (n_outputs,),
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
+    units = int(params["units"])
+    width = units + -units % BLOCK
+    table = {name: padded(np.atleast_2d(array)) for name, array in arrays.items()}
+    for name in ("input_weights", "input_bias", "state_weights"):  # each gate by itself
+        table[name] = padded(arrays[name].reshape(-1, units)).reshape(-1, 3 * width)
+    return LAYOUT.pack(
+        units=units,
+        width=width,
+        columns=table["output_bias"].size,
+        period=params["period"],
+        **{name: arrays[name] for name in ("mean", "inverse_scale", "target_mean", "target_scale")},
+        **{name: table[name] for name in ("input_weights", "input_bias", "state_weights")},
+        **{name: table[name] for name in ("output_weights", "output_bias")},
+        state_bias=np.concatenate([np.zeros(2 * width), table["state_bias"][0]]),
+        state=np.zeros(units),
+        seen=np.zeros(units + k),
+        gates=np.zeros(3 * width),
+        from_state=np.zeros(3 * width),
+        sums=np.zeros(table["output_bias"].size),
+    )
+
+
+FAMILY: Final = Family(
+    "recurrent",
+    rules={
+        "units": integer(1, 512),
+        "period": number(1e-6, 1e3),
+        "weight_decay": number(0.0, 1e3),
+        "learning_rate": number(1e-9, 10.0),
+        "window": integer(2, 10**5),
+        "batch_size": integer(1, 10**5),
+        "epochs": integer(1, 10**6),
+        "random_state": random_state(),
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=recurrent_row,
+    remembers=True,
+    counts_samples=True,
+    moved_by="target_mean",
+)

@@ -1,0 +1,88 @@
+"""The row of the recurrent network against a forward pass computed on its own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.special import expit
+
+from truejoint.models.family import EstimatorData, evaluate
+from truejoint.models.recurrent import FAMILY, is_update
+
+K = 3
+PARAMS = {
+    "units": 5, "period": 0.02, "weight_decay": 1.0, "learning_rate": 0.01, "window": 8,
+    "batch_size": 4, "epochs": 1, "random_state": 0,
+}  # fmt: skip
+
+
+def fitted(units: int = 5, n_outputs: int = 2, seed: int = 0) -> EstimatorData:
+    rng = np.random.default_rng(seed)
+    params = PARAMS | {"units": units}
+    shapes = FAMILY.shapes(params, K, n_outputs)
+    return EstimatorData("recurrent", params, {n: rng.normal(size=s) for n, s in shapes.items()})
+
+
+def predict(data: EstimatorData, X: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    n_outputs = len(data.arrays["output_bias"])
+    FAMILY.check(data, K, n_outputs)
+    return evaluate(FAMILY, FAMILY.memory(data, K, n_outputs), X, dt, n_outputs)
+
+
+def forward(data: EstimatorData, X: np.ndarray, updates: np.ndarray, fresh: np.ndarray):
+    """Gate by gate, as in the paper but for the reset gate after the product."""
+    a, units = data.arrays, data.params["units"]
+    keep, reset, drive = (slice(i * units, (i + 1) * units) for i in range(3))
+    state, out = np.zeros(units), []
+    scaled = (X - a["mean"]) * a["inverse_scale"]
+    for x, is_kept, is_fresh in zip(scaled, updates, fresh, strict=True):
+        state = np.zeros(units) if is_fresh else state
+        ours, theirs = x @ a["input_weights"] + a["input_bias"], state @ a["state_weights"]
+        z, r = expit(ours[keep] + theirs[keep]), expit(ours[reset] + theirs[reset])
+        candidate = np.tanh(ours[drive] + r * (theirs[drive] + a["state_bias"]))
+        new = z * state + (1.0 - z) * candidate
+        output = np.concatenate([new, x]) @ a["output_weights"] + a["output_bias"]
+        out.append(a["target_mean"] + a["target_scale"] * output)
+        state = new if is_kept else state
+    return np.array(out)
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(1, 9), st.integers(1, 5), st.integers(0, 99))
+def test_row_is_the_forward_pass(units, n_outputs, seed):
+    rng = np.random.default_rng(seed)
+    data, X = fitted(units, n_outputs, seed), rng.normal(size=(40, K))
+    fresh = np.arange(40) % 17 == 0
+    dt = np.where(fresh, 0.0, 0.033)  # slower than the period: each row updates the state
+    expected = forward(data, X, np.ones(40, bool), fresh)
+    np.testing.assert_allclose(predict(data, X, dt), expected, rtol=0, atol=1e-11)
+
+
+def test_rows_between_updates_leave_no_trace():
+    data, X = fitted(), np.random.default_rng(0).normal(size=(60, K))
+    dt = np.where(np.arange(60) == 0, 0.0, 0.005)
+    updates = np.arange(60) % 4 == 0
+    expected = forward(data, X, updates, np.arange(60) == 0)
+    np.testing.assert_allclose(predict(data, X, dt), expected, rtol=0, atol=1e-11)
+    other = np.where(updates[:, None], X, 7.0)
+    np.testing.assert_array_equal(predict(data, other, dt)[updates], predict(data, X, dt)[updates])
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0, 100.0, 250.0, 1000.0])
+def test_jitter_of_the_clock_does_not_decide_what_updates(rate):
+    rng = np.random.default_rng(0)
+    counts, elapsed, count = [], 0.0, 0
+    for dt in rng.uniform(0.98, 1.02, 2000) / rate:
+        elapsed, count = elapsed + dt, count + 1
+        if is_update(dt, elapsed, 0.02):
+            counts.append(count)
+            elapsed, count = 0.0, 0
+    assert set(counts) == {max(1, round(0.02 * rate))}
+
+
+def test_a_large_input_saturates_the_gates():
+    data = fitted()
+    X = np.array([[1e9, -1e9, 1e9]] * 3)
+    assert np.isfinite(predict(data, X, np.array([0.0, 0.1, 0.1]))).all()
