@@ -53,8 +53,9 @@ class Calibration(CalibrationData[JointRegressor]):
 
     @property
     def estimator(self) -> str:
-        """Name of the estimator, for instance ``"dnn"``."""
-        return self.model.name
+        """Name of the estimator, for instance ``"dnn"`` or ``"RandomForestRegressor"``."""
+        name = self.metadata.get("estimator")
+        return name if isinstance(name, str) and name.isidentifier() else self.model.name
 
     @property
     def title(self) -> str:
@@ -70,6 +71,7 @@ class Calibration(CalibrationData[JointRegressor]):
                 model=model,
                 target="error",
                 baseline_models={},
+                metadata={**self.metadata, "estimator": name},
                 interval=None,
                 effort_baseline=None,
             )
