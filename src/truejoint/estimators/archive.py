@@ -87,7 +87,7 @@ def check_savable(regressor: Any, where: str = "") -> None:
         return
     for name, step in getattr(regressor, "steps", []):
         check_savable(step, f"step {name!r}, ")
-    advice = _ADVICE.get(refused.rpartition(".")[2], "leave it out, or take one of scikit-learn's")
+    advice = _ADVICE.get(refused.rpartition(".")[2], "take one of scikit-learn's")
     raise CalibrationError(
         f"{where}{type(regressor).__name__} cannot be saved without code, because of {refused}: "
         f"{advice}"

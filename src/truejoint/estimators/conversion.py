@@ -33,7 +33,9 @@ class _Scaled:
     scale: Array
 
 
-def convert(parts: Sequence[object], n_features: int, n_outputs: int) -> EstimatorData | None:
+def convert(
+    parts: Sequence[object], n_features: int, target_mean: Array, target_scale: Array
+) -> EstimatorData | None:
     """Give data of a family of ours that computes what regressors do; None if there is none.
 
     Whoever calls compares what both predict: a class that inherits from one of scikit-learn's may
@@ -43,7 +45,9 @@ def convert(parts: Sequence[object], n_features: int, n_outputs: int) -> Estimat
     ----------
     parts : sequence of object
         One for all outputs, or one for each.
-    n_features, n_outputs : int
+    n_features : int
+    target_mean, target_scale : ndarray, shape (n_outputs,)
+        The parts predict targets less the mean, over the scale.
 
     Raises
     ------
@@ -52,7 +56,7 @@ def convert(parts: Sequence[object], n_features: int, n_outputs: int) -> Estimat
     """
     scaled = [_scaled(one, n_features) for part in parts for one in _separate(part)]
     found = [one for one in scaled if one is not None]
-    if len(found) != len(scaled) or len(found) not in (1, n_outputs):
+    if len(found) != len(scaled) or len(found) not in (1, len(target_mean)):
         return None
     mean, scale = found[0].mean, found[0].scale
     if any((one.mean != mean).any() or (one.scale != scale).any() for one in found):
@@ -60,10 +64,12 @@ def convert(parts: Sequence[object], n_features: int, n_outputs: int) -> Estimat
     sums = [tree_sum(one.regressor) for one in found]
     trees = [one for one in sums if one is not None and one.trees]
     if len(trees) == len(sums):
-        return trees_data(trees, mean, scale)
+        means, scales = (np.split(a, len(trees)) for a in (target_mean, target_scale))
+        rescaled = [one.rescaled(*by) for one, *by in zip(trees, means, scales, strict=True)]
+        return trees_data(rescaled, mean, scale)
     if isinstance(found[0].regressor, MLPRegressor):
-        return _network(found[0]) if len(found) == 1 else None
-    return _linear(found)
+        return _network(found[0], target_mean, target_scale) if len(found) == 1 else None
+    return _linear(found, target_mean, target_scale)
 
 
 def is_convertible_step(step: object) -> bool:
@@ -96,28 +102,31 @@ def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
     return _Scaled(last, mean, scale)
 
 
-def _linear(parts: Sequence[_Scaled]) -> EstimatorData | None:
+def _linear(
+    parts: Sequence[_Scaled], target_mean: Array, target_scale: Array
+) -> EstimatorData | None:
     """Polynomial of degree 1, of whatever has coefficients and an intercept."""
     coefs: list[Array] = []
     intercepts: list[Array] = []
     k = len(parts[0].mean)
+    n_outputs = len(target_mean) // len(parts)
     for part in parts:
         try:
-            coefs.append(np.asarray(part.regressor.coef_, dtype=np.float64).reshape(-1, k))
+            coefs.append(np.asarray(part.regressor.coef_, np.float64).reshape(n_outputs, k))
             intercept = np.ravel(part.regressor.intercept_).astype(np.float64)
-            intercepts.append(np.broadcast_to(intercept, len(coefs[-1])))
+            intercepts.append(np.broadcast_to(intercept, n_outputs))
         except (AttributeError, TypeError, ValueError):
             return None
     arrays = {
         "mean": parts[0].mean,
         "inverse_scale": 1.0 / parts[0].scale,
-        "coef": np.ascontiguousarray(np.concatenate(coefs).T),
-        "intercept": np.concatenate(intercepts),
+        "coef": np.ascontiguousarray(np.concatenate(coefs).T * target_scale),
+        "intercept": target_mean + target_scale * np.concatenate(intercepts),
     }
     return EstimatorData(polynomial.FAMILY.name, {"degree": 1}, arrays)
 
 
-def _network(part: _Scaled) -> EstimatorData | None:
+def _network(part: _Scaled, target_mean: Array, target_scale: Array) -> EstimatorData | None:
     """Network of ours, of one with logistic hidden units."""
     fitted = part.regressor
     params = {
@@ -132,12 +141,11 @@ def _network(part: _Scaled) -> EstimatorData | None:
         network.FAMILY.check_params(params)
     except CalibrationError:
         return None
-    n_outputs = len(fitted.intercepts_[-1])
     arrays = {
         "mean": part.mean,
         "inverse_scale": 1.0 / part.scale,
-        "target_mean": np.zeros(n_outputs),
-        "target_scale": np.ones(n_outputs),
+        "target_mean": target_mean,
+        "target_scale": target_scale,
     }
     for i, (weight, bias) in enumerate(zip(fitted.coefs_, fitted.intercepts_, strict=True)):
         arrays |= {f"weight_{i}": np.array(weight), f"bias_{i}": np.array(bias)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -55,6 +55,11 @@ class TreeSum:
 
     trees: Sequence[Tree]
     offset: Array
+
+    def rescaled(self, mean: Array, scale: Array) -> TreeSum:
+        """Give `mean` and `scale` (n_outputs,) times what this gives."""
+        trees = [replace(tree, value=tree.value * scale) for tree in self.trees]
+        return TreeSum(trees, mean + scale * self.offset)
 
 
 def tree_sum(regressor: object) -> TreeSum | None:

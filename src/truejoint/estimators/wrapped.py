@@ -13,7 +13,7 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import archive
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import JointRegressor, Progress, standardisation
 from truejoint.estimators.conversion import convert, is_convertible_step
 from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
@@ -26,7 +26,9 @@ _COMPARED = 1000  # rows on which what was learnt is tried
 class WrappedRegressor(JointRegressor):
     """A regressor of scikit-learn, or of another package that keeps to its interface.
 
-    One that predicts a single output is fitted to each joint alone. What it has learnt becomes
+    It is fitted to targets less their mean, over their standard deviation, so that a parameter such
+    as the `epsilon` of `sklearn.svm.SVR` means the same for a joint in rad and one in m. One that
+    predicts a single output is fitted to each joint alone. What it has learnt becomes
     arrays of a family of ours where one computes the same (linear models, trees, forests, boosted
     trees, logistic networks, each also behind a scaler), and then runs in the loop and in C.
     Anything else is run by scikit-learn, on recordings only, and is kept by the package skops.
@@ -78,9 +80,8 @@ class WrappedRegressor(JointRegressor):
         kind = getattr(_tags(regressor), "estimator_type", None)
         if kind not in (None, "regressor"):
             raise CalibrationError(f"{what} is a {kind}; give a regressor")
-        for name, step in getattr(regressor, "steps", [])[:-1]:
-            if not is_convertible_step(step):
-                archive.check_savable(step, f"step {name!r}, ")
+        if not all(is_convertible_step(step) for _, step in getattr(regressor, "steps", [])[:-1]):
+            archive.check_savable(regressor)
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
         """Take any number of either: which family runs it is known once it is fitted."""
@@ -95,7 +96,7 @@ class WrappedRegressor(JointRegressor):
         """
         if self.family.row is not None:
             return super().evaluate(X, dt)
-        return self._predict(X) + self.arrays_["offset"]
+        return self.arrays_["target_mean"] + self.arrays_["target_scale"] * self._predict(X)
 
     def model_params(self) -> Params:
         """Parameters of the family that it became; none before it is fitted."""
@@ -134,7 +135,10 @@ class WrappedRegressor(JointRegressor):
             _last(self.regressor), MLPRegressor
         )  # whose tags deny it
         alone = y.shape[1] == 1 and getattr(takes, "single_output", True)
-        targets = [y] if together and not alone else list(y.T)
+        mean, inverse = standardisation(y)
+        scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+        scaled = (y - mean) / scale
+        targets = [scaled] if together and not alone else list(scaled.T)
         self.parts_ = []
         for number, target in enumerate(targets):
             part = clone(self.regressor, safe=False)
@@ -147,14 +151,14 @@ class WrappedRegressor(JointRegressor):
             self.parts_.append(part)
             progress((number + 1) / len(targets))
         tried = np.ascontiguousarray(X[:: -(-len(X) // _COMPARED)])
-        expected = self._predict(tried)
+        answers = self._predict(tried)
         try:
-            data = convert(self.parts_, X.shape[1], y.shape[1])
+            data = convert(self.parts_, X.shape[1], mean, scale)
             if data is not None:
                 find_family(data.family).check(data, X.shape[1], y.shape[1])
                 arrays = self._take(data)
-                spread = np.abs(expected).max(axis=0)
-                if (np.abs(self.evaluate(tried) - expected) <= 1e-9 * spread).all():
+                left = (self.evaluate(tried) - mean) / scale - answers
+                if (np.abs(left) <= 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))).all():
                     return arrays
         except CalibrationError as error:
             raise CalibrationError(f"{self.name}: {error}") from None
@@ -163,9 +167,10 @@ class WrappedRegressor(JointRegressor):
         params = {"n_bytes": n_bytes, "n_probes": n_probes, "version": version("scikit-learn")}
         arrays = {
             "words": words,
-            "offset": np.zeros(y.shape[1]),
+            "target_mean": mean,
+            "target_scale": scale,
             "probes": tried[:n_probes],
-            "answers": expected[:n_probes],
+            "answers": answers[:n_probes],
         }
         return self._take(EstimatorData(scikit_learn.FAMILY.name, params, arrays))
 

@@ -18,7 +18,8 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
     n_probes = int(params["n_probes"])
     return {
         "words": (-(-int(params["n_bytes"]) // 4),),
-        "offset": (n_outputs,),
+        "target_mean": (n_outputs,),
+        "target_scale": (n_outputs,),
         "probes": (n_probes, n_features),
         "answers": (n_probes, n_outputs),
     }
@@ -32,11 +33,12 @@ FAMILY: Final = Family(
         "version": Rule(_is_version, "a version of scikit-learn"),
     },
     shapes=_shapes,
-    moved_by="offset",
+    moved_by="target_mean",
     offline=(
         "is run by scikit-learn (linear models, trees, forests, boosted trees and logistic "
         "networks are not)"
     ),
 )
-"""Arrays: ``words``, the bytes of the archive, four to a number; ``offset``, added to what it
-predicts; ``probes`` and ``answers``, rows and what it predicted for them where it was fitted."""
+"""Arrays: ``words``, the bytes of the archive, four to a number; ``target_mean`` and
+``target_scale`` of each output, which it was fitted to less the mean, over the scale; ``probes``
+and ``answers``, rows and what it predicted for them where it was fitted."""
