@@ -54,8 +54,9 @@ from threadpoolctl import threadpool_limits
 from truejoint.calibration import calibrate, read_calibration, rezeroed
 from truejoint.calibration.model_file import read_model_file, to_bytes
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators import WrappedRegressor, archive
+from truejoint.estimators import archive
 from truejoint.estimators.trees import single_threshold
+from truejoint.estimators.wrapped import WrappedRegressor
 from truejoint.evaluation import evaluate
 from truejoint.models import scikit_learn
 from truejoint.models import trees as tree_arrays

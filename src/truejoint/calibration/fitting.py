@@ -89,14 +89,7 @@ def calibrate(
     CalibrationError
         If the recordings do not belong together, lack truth for more than a third of their time,
         have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
-        feature for a network), or a feature is constant though its channel is in use. If the
-        estimator is no regressor, fails, or cannot be kept in a file.
-
-    Examples
-    --------
-    Any regressor of scikit-learn will do::
-
-        calibrate(recordings, make_pipeline(StandardScaler(), HistGradientBoostingRegressor()))
+        feature for a network), or a feature is constant though its channel is in use.
     """
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     robot = _common_robot(recordings)

@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     from truejoint.estimators.play import Play
     from truejoint.estimators.polynomial import LinearRegressor, PolynomialRegressor
     from truejoint.estimators.registry import BASELINES, estimator_names, get_estimator
-    from truejoint.estimators.wrapped import WrappedRegressor
 
 __all__ = [
     "BASELINES",
@@ -34,7 +33,6 @@ __all__ = [
     "Play",
     "PolynomialRegressor",
     "Stiffness",
-    "WrappedRegressor",
     "estimator_names",
     "get_estimator",
     "identify_stiffness",
@@ -56,7 +54,6 @@ _HOMES = {
     "Play": "truejoint.estimators.play",
     "PolynomialRegressor": "truejoint.estimators.polynomial",
     "Stiffness": "truejoint.estimators.jaw_load",
-    "WrappedRegressor": "truejoint.estimators.wrapped",
     "estimator_names": "truejoint.estimators.registry",
     "get_estimator": "truejoint.estimators.registry",
     "identify_stiffness": "truejoint.estimators.jaw_load",

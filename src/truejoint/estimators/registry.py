@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor
-from truejoint.estimators.wrapped import WrappedRegressor
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
@@ -48,25 +47,24 @@ def get_estimator(name: str) -> JointRegressor:
     >>> get_estimator("poly2").degree
     2
     """
-    if name in _ESTIMATORS:
-        return _class(name)(**_ESTIMATORS[name][2])
-    near = difflib.get_close_matches(str(name), _ESTIMATORS, 1)
-    guess = f"; did you mean {near[0]!r}" if near else ""
-    raise CalibrationError(
-        f"no estimator called {name!r:.60}{guess}; known: {', '.join(estimator_names())}"
-    )
+    if name not in _ESTIMATORS:
+        near = difflib.get_close_matches(str(name), _ESTIMATORS, 1)
+        guess = f"; did you mean {near[0]!r}" if near else ""
+        raise CalibrationError(
+            f"no estimator called {name!r:.60}{guess}; known: {', '.join(estimator_names())}"
+        )
+    return _class(*_ESTIMATORS[name])(**_ESTIMATORS[name][2])
 
 
 def class_of(family: str) -> type[JointRegressor]:
-    """Class of estimators whose family is called so: one by name, or whatever runs any family."""
+    """Class of estimators whose family is called so: one by name, or what runs any family."""
     for name in _ESTIMATORS:
-        cls = _class(name)
+        cls = _class(*_ESTIMATORS[name])
         if cls.family.name == family:
             return cls
-    return WrappedRegressor
+    return _class("wrapped", "WrappedRegressor")
 
 
-def _class(name: str) -> type[JointRegressor]:
-    module, cls, _params = _ESTIMATORS[name]
+def _class(module: str, cls: str, _params: object = None) -> type[JointRegressor]:
     found: type[JointRegressor] = getattr(import_module(f"truejoint.estimators.{module}"), cls)
     return found
