@@ -53,18 +53,22 @@ def get_estimator(name: str) -> JointRegressor:
         raise CalibrationError(
             f"no estimator called {name!r:.60}{guess}; known: {', '.join(estimator_names())}"
         )
-    return _class(*_ESTIMATORS[name])(**_ESTIMATORS[name][2])
+    return _class(name)(**_ESTIMATORS[name][2])
 
 
 def class_of(family: str) -> type[JointRegressor]:
     """Class of estimators whose family is called so: one by name, or what runs any family."""
     for name in _ESTIMATORS:
-        cls = _class(*_ESTIMATORS[name])
+        cls = _class(name)
         if cls.family.name == family:
             return cls
-    return _class("wrapped", "WrappedRegressor")
+    return _imported("wrapped", "WrappedRegressor")
 
 
-def _class(module: str, cls: str, _params: object = None) -> type[JointRegressor]:
+def _class(name: str) -> type[JointRegressor]:
+    return _imported(*_ESTIMATORS[name][:2])
+
+
+def _imported(module: str, cls: str) -> type[JointRegressor]:
     found: type[JointRegressor] = getattr(import_module(f"truejoint.estimators.{module}"), cls)
     return found
