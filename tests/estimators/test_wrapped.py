@@ -296,6 +296,19 @@ def test_a_step_that_cannot_be_saved_is_refused_before_the_fit():
         WrappedRegressor(unfit).check_params()
 
 
+def test_what_cannot_be_kept_is_refused_before_the_fit_to_all_rows():
+    fitted = []
+
+    class Counts(Mean):
+        def fit(self, X, y):
+            fitted.append(len(X))
+            return super().fit(X, y)
+
+    with pytest.raises(CalibrationError, match="cannot be saved"):
+        WrappedRegressor(Counts("own")).fit(np.zeros((5000, 2)), np.arange(5000.0))
+    assert fitted == [1000]
+
+
 def test_too_large_a_forest_is_refused(monkeypatch):
     monkeypatch.setattr("truejoint.estimators.trees.MAX_NODES", 100)
     with pytest.raises(CalibrationError, match=r"more than the 100 .* set min_samples_leaf"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ from truejoint.models.family import EstimatorData, Family, Params, find_family
 
 Array = NDArray[np.float64]
 
-_COMPARED = 1000  # rows on which what was learnt is tried
+_TRIED: Final = 1000
+"""Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
 
 
 class WrappedRegressor(JointRegressor):
@@ -130,15 +131,25 @@ class WrappedRegressor(JointRegressor):
         dt: Array,  # noqa: ARG002  # rows are alone
         progress: Progress,
     ) -> dict[str, Array]:
+        mean, inverse = standardisation(y)
+        scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+        scaled = (y - mean) / scale
+        every = -(-len(X) // _TRIED)
+        tried = np.ascontiguousarray(X[::every])
+        if every > 1:  # what fails, or cannot be kept, is refused before a long fit
+            self._fit_parts(tried, scaled[::every], lambda _fraction: None)
+            self._kept(tried, mean, scale)
+        self._fit_parts(X, scaled, progress)
+        return self._kept(tried, mean, scale)
+
+    def _fit_parts(self, X: Array, y: Array, progress: Progress) -> None:
+        """Fit one clone to all columns of `y` (n, n_outputs) or, if it takes one, a clone each."""
         takes = getattr(_tags(self.regressor), "target_tags", None)
         together = getattr(takes, "multi_output", False) or isinstance(
             _last(self.regressor), MLPRegressor
         )  # whose tags deny it
         alone = y.shape[1] == 1 and getattr(takes, "single_output", True)
-        mean, inverse = standardisation(y)
-        scale = np.where(inverse > 0, y.std(axis=0), 1.0)
-        scaled = (y - mean) / scale
-        targets = [scaled] if together and not alone else list(scaled.T)
+        targets = [y] if together and not alone else list(y.T)
         self.parts_ = []
         for number, target in enumerate(targets):
             part = clone(self.regressor, safe=False)
@@ -150,12 +161,18 @@ class WrappedRegressor(JointRegressor):
                 ) from error
             self.parts_.append(part)
             progress((number + 1) / len(targets))
-        tried = np.ascontiguousarray(X[:: -(-len(X) // _COMPARED)])
+
+    def _kept(self, tried: Array, mean: Array, scale: Array) -> dict[str, Array]:
+        """Become data that a file can hold: of a family of ours, or an archive.
+
+        It is tried on rows `tried` (n, k); `mean` and `scale` (n_outputs,) are of the targets.
+        """
         answers = self._predict(tried)
+        shape = tried.shape[1], len(mean)
         try:
-            data = convert(self.parts_, X.shape[1], mean, scale)
+            data = convert(self.parts_, shape[0], mean, scale)
             if data is not None:
-                find_family(data.family).check(data, X.shape[1], y.shape[1])
+                find_family(data.family).check(data, *shape)
                 arrays = self._take(data)
                 left = (self.evaluate(tried) - mean) / scale - answers
                 if (np.abs(left) <= 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))).all():
