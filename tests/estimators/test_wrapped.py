@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import doctest
 import sys
 import warnings
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -51,10 +54,10 @@ from tests.runtime import streams
 from tests.runtime.registered import ready
 from threadpoolctl import threadpool_limits
 
-from truejoint.calibration import calibrate, read_calibration, rezeroed
+from truejoint.calibration import calibrate, read_calibration, rezeroed, with_interval
 from truejoint.calibration.model_file import read_model_file, to_bytes
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators import archive
+from truejoint.estimators import LinearRegressor, archive
 from truejoint.estimators.trees import single_threshold
 from truejoint.estimators.wrapped import WrappedRegressor
 from truejoint.evaluation import evaluate
@@ -190,6 +193,9 @@ def test_it_is_judged_like_any_other(regressor, tmp_path):
     assert set(rmse) == {"raw", "offset", "linear", "poly2", model.estimator}
     assert rmse[model.estimator] < 0.5 * rmse["offset"]
     assert check_calibration(model, test).joints[1].rmse == pytest.approx(rmse[model.estimator])
+    unseen = [streams.recording(np.arange(0.0, 5.0, 1 / 30), seed, f"h{seed}") for seed in range(9)]
+    _, lower, upper = with_interval(model, unseen).correct_with_interval(test)
+    assert (upper > lower).all()
     moved = rezeroed(model, test)
     np.testing.assert_allclose(
         np.ptp(moved.correct(test) - model.correct(test), axis=0), 0.0, atol=1e-12
@@ -387,3 +393,34 @@ def test_thresholds_are_compared_as_scikit_learn_does(threshold, ulps):
 def test_bounds_of_both_sides_agree():
     assert tree_arrays.MAX_NODES * 8 * 4 < 200 * 2**20
     assert scikit_learn.MAX_BYTES * 2 < 200 * 2**20
+
+
+def test_the_documented_example_holds(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[2] / "docs" / "estimators.md"
+    failed, tried = doctest.testfile(str(page), module_relative=False)
+    assert tried > 5
+    assert not failed
+
+
+class Mine(LinearRegressor):
+    """Learns in a way of its own what a family of truejoint runs."""
+
+    def _learn(self, X, y, dt, progress):
+        return super()._learn(X, 2.0 * y, dt, progress)
+
+
+def test_a_class_of_the_users_own_on_a_known_family_is_kept(tmp_path):
+    calibration = streams.trained(Mine())
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    test = streams.recording(np.arange(0.0, 5.0, 1 / 30))
+    assert read_calibration(path).correct(test).tobytes() == calibration.correct(test).tobytes()
+
+
+def test_a_family_that_nobody_could_find_again_is_not_written(tmp_path):
+    own = type("Own", (LinearRegressor,), {"family": replace(LinearRegressor.family, name="own")})
+    calibration = streams.trained(own())
+    assert np.isfinite(calibration.correct(streams.recording(np.arange(0.0, 5.0, 0.1)))).all()
+    with pytest.raises(CalibrationError, match="no estimator family 'own'"):
+        calibration.save(tmp_path / "model.safetensors")

@@ -18,7 +18,7 @@ from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
 from truejoint.estimators.registry import class_of
-from truejoint.models.family import EstimatorData
+from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import FeatureState, check_sample_interval, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
@@ -205,7 +205,10 @@ class Calibration(CalibrationData[JointRegressor]):
         ------
         ModelFileError
             If the file exists and `overwrite` is false, or it cannot be written.
+        CalibrationError
+            If no installed package has the family of the estimator.
         """
+        find_family(self.model.family.name)
         document, arrays = encode(self)
         write_model_file(path, document, arrays, overwrite=overwrite)
 
