@@ -20,7 +20,7 @@ from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
 from truejoint.estimators.registry import class_of
-from truejoint.models.family import EstimatorData
+from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import FeatureState, check_sample_interval, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recording
@@ -58,8 +58,9 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     @property
     def estimator(self) -> str:
-        """Name of the estimator, for instance ``"dnn"``."""
-        return self.model.name
+        """Name of the estimator, for instance ``"dnn"`` or ``"RandomForestRegressor"``."""
+        name = self.metadata.get("estimator")
+        return name if isinstance(name, str) and name.isidentifier() else self.model.name
 
     @property
     def title(self) -> str:
@@ -104,6 +105,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
                 model=model,
                 target="error",
                 baseline_models={},
+                metadata={**self.metadata, "estimator": name},
                 interval=None,
                 effort_baseline=None,
             )
@@ -284,7 +286,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         ------
         ModelFileError
             If the file exists and `overwrite` is false, or it cannot be written.
+        CalibrationError
+            If no installed package has the family of the estimator.
         """
+        find_family(self.model.family.name)
         document, arrays = encode(self)
         write_model_file(path, document, arrays, overwrite=overwrite)
 

@@ -21,6 +21,7 @@ from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import BASELINES, DEFAULT, get_estimator
+from truejoint.estimators.wrapped import joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
@@ -44,7 +45,7 @@ _BASELINE_SHARE: Final = 0.1  # of the progress bar
 
 def calibrate(
     recordings: Recording | Sequence[Recording],
-    estimator: str | JointRegressor = DEFAULT,
+    estimator: object = DEFAULT,
     *,
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
@@ -61,8 +62,9 @@ def calibrate(
     ----------
     recordings : Recording or sequence of Recording
         Of one arm, all with the same units.
-    estimator : str or JointRegressor
-        A name in `estimator_names`, or an unfitted estimator with parameters of its own.
+    estimator : str, JointRegressor or regressor of scikit-learn
+        A name in `estimator_names`, or an unfitted estimator with parameters of its own: one of
+        ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`.
     features : FeatureSet or iterable of str, optional
         Inputs of the model; measured position and effort of every channel by default, or those
         that the estimator was made for.
@@ -142,6 +144,7 @@ def calibrate(
         metadata={
             **_origin(recordings, rows),
             "estimator": model.name,
+            "settings": " ".join(repr(model).split()),
             "unused_features": unused,
             "baseline_notes": notes,
         },
@@ -175,19 +178,19 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
     return robot
 
 
-def _unfitted(
-    estimator: str | JointRegressor, target: Target | None, random_state: int | None
-) -> JointRegressor:
+def _unfitted(estimator: object, target: Target | None, random_state: int | None) -> JointRegressor:
     if target not in (None, *TARGETS):
         raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
-    model = get_estimator(estimator) if isinstance(estimator, str) else clone(estimator)
+    named = get_estimator(estimator) if isinstance(estimator, str) else estimator
+    model: JointRegressor = clone(joint_regressor(named))
     if target is not None and target not in model.family.targets:
         raise CalibrationError(
             f"{model.name} cannot predict the {target}; use target "
             f"{' or '.join(map(repr, model.family.targets))}"
         )
-    if random_state is not None and "random_state" in model.get_params():
-        model.set_params(random_state=random_state)
+    if random_state is not None:
+        seeds = [name for name in model.get_params() if name.split("__")[-1] == "random_state"]
+        model.set_params(**dict.fromkeys(seeds, random_state))
     model.check_params()
     return model
 

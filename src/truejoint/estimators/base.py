@@ -99,7 +99,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         self.single_output_ = targets.ndim == 1
         targets = targets.reshape(len(targets), -1)
         self.n_outputs_ = targets.shape[1]
-        self.family.shapes(self.model_params(), inputs.shape[1], self.n_outputs_)
+        self.check_shape(inputs.shape[1], self.n_outputs_)
         # One thread: blocks of a few thousand rows are too small to share. Two threads on two busy
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with threadpool_limits(1, user_api="blas"):
@@ -224,6 +224,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
         self.family.check_params(self.model_params())
+
+    def check_shape(self, n_features: int, n_outputs: int) -> None:
+        """Raise CalibrationError for numbers of either that the estimator does not take."""
+        self.family.shapes(self.model_params(), n_features, n_outputs)
 
     def check_recordings(self, recordings: Sequence[Recording]) -> None:
         """Raise CalibrationError when recordings cannot serve to fit this estimator."""

@@ -81,15 +81,18 @@ def name_of(estimator: JointRegressor) -> str:
 
 
 def class_of(family: str) -> type[JointRegressor]:
-    """Class of estimators whose family is called so; raises CalibrationError if there is none."""
+    """Class of estimators whose family is called so: one by name, or what runs any family."""
     for name in _ESTIMATORS:
         cls = _class(name)
         if cls.family.name == family:
             return cls
-    raise CalibrationError(f"no estimator of family {family!r:.60}")
+    return _imported("wrapped", "WrappedRegressor")
 
 
 def _class(name: str) -> type[JointRegressor]:
-    module, cls, _params = _ESTIMATORS[name]
+    return _imported(*_ESTIMATORS[name][:2])
+
+
+def _imported(module: str, cls: str) -> type[JointRegressor]:
     found: type[JointRegressor] = getattr(import_module(f"truejoint.estimators.{module}"), cls)
     return found

@@ -162,6 +162,8 @@ class Family:
     states_deviation : callable, optional
         Whether, of its parameters, the row states a deviation of its own: its layout then has a
         scalar ``deviations``, by which the row multiplies it.
+    offline : str
+        Why there is no row, where there is none.
     """
 
     name: str
@@ -175,6 +177,7 @@ class Family:
     targets: tuple[Target, ...] = TARGETS
     moved_by: str = ""
     states_deviation: Callable[[Params], bool] | None = None
+    offline: str = "uses later rows"
 
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""
@@ -213,7 +216,7 @@ class Family:
         """
         if self.pack is None:
             raise CalibrationError(
-                f"estimator {self.name!r} uses later rows and cannot run in a loop; it corrects "
+                f"estimator {self.name!r} {self.offline} and cannot run in a loop; it corrects "
                 "recordings only"
             )
         return self.pack(data.params, data.arrays, n_features, n_outputs)

@@ -1,0 +1,245 @@
+"""Any regressor with scikit-learn's `fit` and `predict`, as an estimator of joints."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib.metadata import version
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from sklearn.base import clone
+from sklearn.neural_network import MLPRegressor
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators import archive
+from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.conversion import convert, is_convertible_step
+from truejoint.models import scikit_learn
+from truejoint.models.family import EstimatorData, Family, Params, find_family
+
+Array = NDArray[np.float64]
+
+_TRIED: Final = 1000
+"""Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
+
+
+class WrappedRegressor(JointRegressor):
+    """A regressor of scikit-learn, or of another package that keeps to its interface.
+
+    It is fitted to targets less their mean, over their standard deviation, so that a parameter such
+    as the `epsilon` of `sklearn.svm.SVR` means the same for a joint in rad and one in m. One that
+    predicts a single output is fitted to each joint alone. What it has learnt becomes
+    arrays of a family of ours where one computes the same (linear models, trees, forests, boosted
+    trees, logistic networks, each also behind a scaler), and then runs in the loop and in C.
+    Anything else is run by scikit-learn, on recordings only, and is kept by the package skops.
+
+    Parameters
+    ----------
+    regressor : object
+        Unfitted; a clone of it is fitted.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from sklearn.tree import DecisionTreeRegressor
+    >>> X = np.arange(6.0)[:, None]
+    >>> model = WrappedRegressor(DecisionTreeRegressor(max_depth=1)).fit(X, X[:, 0] > 2)
+    >>> model.family.name, model.predict([[2.4], [2.6]])
+    ('trees', array([0., 1.]))
+    """
+
+    family: ClassVar[Family] = scikit_learn.FAMILY
+
+    def __init__(self, regressor: Any = None) -> None:
+        self.regressor = regressor
+
+    @property
+    def name(self) -> str:
+        """Class of the regressor or, of a pipeline, of its last step; the family once loaded."""
+        return self.family.name if self.regressor is None else type(_last(self.regressor)).__name__
+
+    def minimum_rows(self, n_features: int) -> int:
+        """Ten rows for each feature, and ten."""
+        return 10 * (n_features + 1)
+
+    def check_params(self) -> None:
+        """Raise CalibrationError if it is no regressor, or a step cannot be saved."""
+        regressor = self.regressor
+        what = f"{regressor!r:.60}".splitlines()[0]
+        if isinstance(regressor, type):
+            raise CalibrationError(
+                f"{regressor.__name__} is a class; give an estimator made from it, as "
+                f"{regressor.__name__}()"
+            )
+        # Some have a method only once they are fitted; their classes have it before.
+        kinds = type(regressor), type(_last(regressor))
+        if not all(hasattr(kind, name) for kind in kinds for name in ("fit", "predict")):
+            raise CalibrationError(
+                f"{what} is no estimator; give a name, or a regressor with fit and predict"
+            )
+        kind = getattr(_tags(regressor), "estimator_type", None)
+        if kind not in (None, "regressor"):
+            raise CalibrationError(f"{what} is a {kind}; give a regressor")
+        if not all(is_convertible_step(step) for _, step in getattr(regressor, "steps", [])[:-1]):
+            archive.check_savable(regressor)
+
+    def check_shape(self, n_features: int, n_outputs: int) -> None:
+        """Take any number of either: which family runs it is known once it is fitted."""
+
+    def evaluate(self, X: Array, dt: Array | None = None) -> Array:
+        """Predict (n, n_outputs) for finite rows `X` (n, k).
+
+        Raises
+        ------
+        CalibrationError
+            If the regressor does not predict a finite number for each.
+        """
+        if self.family.row is not None:
+            return super().evaluate(X, dt)
+        return self.arrays_["target_mean"] + self.arrays_["target_scale"] * self._predict(X)
+
+    def model_params(self) -> Params:
+        """Parameters of the family that it became; none before it is fitted."""
+        return dict(vars(self).get("params_", {}))
+
+    @classmethod
+    def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
+        """Fitted estimator of its data, of any family; raises as `JointRegressor.from_data`."""
+        find_family(data.family).check(data, n_features, n_outputs)
+        estimator = cls()
+        estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
+        estimator.single_output_ = False
+        estimator.arrays_ = estimator._take(data)
+        if estimator.family.row is not None:
+            estimator.memory()
+            return estimator
+        estimator.parts_ = archive.from_words(data.arrays["words"], int(data.params["n_bytes"]))
+        found = estimator._predict(data.arrays["probes"])
+        if not np.allclose(found, data.arrays["answers"], rtol=1e-6, atol=1e-9):
+            here, there = version("scikit-learn"), data.params["version"]
+            raise CalibrationError(
+                f"the regressor predicts otherwise with scikit-learn {here} than it did with "
+                f"{there}; install that one"
+            )
+        return estimator
+
+    def _learn(
+        self,
+        X: Array,
+        y: Array,
+        dt: Array,  # noqa: ARG002  # rows are alone
+        progress: Progress,
+    ) -> dict[str, Array]:
+        mean, inverse = standardisation(y)
+        scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+        scaled = (y - mean) / scale
+        every = -(-len(X) // _TRIED)
+        tried = np.ascontiguousarray(X[::every])
+        if every > 1:  # what fails, or cannot be kept, is refused before a long fit
+            self._fit_parts(tried, scaled[::every], lambda _fraction: None)
+            self._kept(tried, mean, scale)
+        self._fit_parts(X, scaled, progress)
+        return self._kept(tried, mean, scale)
+
+    def _fit_parts(self, X: Array, y: Array, progress: Progress) -> None:
+        """Fit one clone to all columns of `y` (n, n_outputs) or, if it takes one, a clone each."""
+        takes = getattr(_tags(self.regressor), "target_tags", None)
+        together = getattr(takes, "multi_output", False) or isinstance(
+            _last(self.regressor), MLPRegressor
+        )  # whose tags deny it
+        alone = y.shape[1] == 1 and getattr(takes, "single_output", True)
+        targets = [y] if together and not alone else list(y.T)
+        self.parts_ = []
+        for number, target in enumerate(targets):
+            part = clone(self.regressor, safe=False)
+            try:
+                part.fit(X, target)
+            except Exception as error:  # code of others may raise anything
+                raise CalibrationError(
+                    f"{self.name} cannot be fitted: {archive.one_line(error)}"
+                ) from error
+            self.parts_.append(part)
+            progress((number + 1) / len(targets))
+
+    def _kept(self, tried: Array, mean: Array, scale: Array) -> dict[str, Array]:
+        """Become data that a file can hold: of a family of ours, or an archive.
+
+        It is tried on rows `tried` (n, k); `mean` and `scale` (n_outputs,) are of the targets.
+        """
+        answers = self._predict(tried)
+        shape = tried.shape[1], len(mean)
+        try:
+            data = convert(self.parts_, shape[0], mean, scale)
+            if data is not None:
+                find_family(data.family).check(data, *shape)
+                arrays = self._take(data)
+                left = (self.evaluate(tried) - mean) / scale - answers
+                if (np.abs(left) <= 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))).all():
+                    return arrays
+        except CalibrationError as error:
+            raise CalibrationError(f"{self.name}: {error}") from None
+        words, n_bytes = archive.to_words(self.parts_)
+        n_probes = min(len(tried), scikit_learn.MAX_PROBES)
+        params = {"n_bytes": n_bytes, "n_probes": n_probes, "version": version("scikit-learn")}
+        arrays = {
+            "words": words,
+            "target_mean": mean,
+            "target_scale": scale,
+            "probes": tried[:n_probes],
+            "answers": answers[:n_probes],
+        }
+        return self._take(EstimatorData(scikit_learn.FAMILY.name, params, arrays))
+
+    def _take(self, data: EstimatorData) -> dict[str, Array]:
+        """Become what is run by the family of `data`; its arrays."""
+        self.family = find_family(data.family)  # type: ignore[misc]  # known once it is fitted
+        self.params_ = dict(data.params)
+        self.arrays_ = dict(data.arrays)
+        return self.arrays_
+
+    def _predict(self, X: Array) -> Array:
+        """Predict (n, n_outputs) by the parts themselves."""
+        columns: list[Array] = []
+        for part in self.parts_:
+            try:
+                column = np.asarray(part.predict(X), dtype=np.float64)
+            except Exception as error:  # code of others may raise anything
+                raise CalibrationError(
+                    f"{type(part).__name__} cannot predict: {archive.one_line(error)}"
+                ) from error
+            columns.append(column[:, None] if column.ndim == 1 else column)
+        name = type(self.parts_[0]).__name__
+        shapes = [column.shape for column in columns]
+        if shapes != [(len(X), self.n_outputs_ // len(columns))] * len(columns):
+            raise CalibrationError(
+                f"{name} predicts an array {shapes[0]} for {len(X)} rows; it must give "
+                f"{self.n_outputs_ // len(columns)} numbers for each"
+            )
+        found = np.concatenate(columns, axis=1)
+        if not np.isfinite(found).all():
+            row, column = np.argwhere(~np.isfinite(found))[0]
+            raise CalibrationError(
+                f"{name} predicts {found[row, column]} in row {row}, output {column}; it must "
+                "predict finite numbers"
+            )
+        return found
+
+
+def joint_regressor(estimator: object) -> JointRegressor:
+    """Estimator of ours as it is, anything else wrapped; raises CalibrationError if it is none."""
+    if isinstance(estimator, JointRegressor):
+        return estimator
+    wrapped = WrappedRegressor(estimator)
+    wrapped.check_params()
+    return wrapped
+
+
+def _last(regressor: Any) -> Any:
+    steps: Sequence[Any] = getattr(regressor, "steps", ())
+    return steps[-1][-1] if steps else regressor
+
+
+def _tags(regressor: Any) -> Any:
+    tags = getattr(regressor, "__sklearn_tags__", None)
+    return tags() if tags is not None else None

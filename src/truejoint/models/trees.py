@@ -1,0 +1,144 @@
+"""Sums of decision trees: single ones, forests, and boosted trees."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from truejoint.compiled import Array, Integers, compiled, vector
+from truejoint.errors import CalibrationError
+from truejoint.layout import Layout, Memory
+from truejoint.models.family import Family, Params, Shape, integer
+
+MAX_TREES: Final = 10**5
+MAX_NODES: Final = 6 * 10**6
+"""Most nodes of all trees together, and most values of their leaves."""
+
+LAYOUT: Final = Layout()
+N_TREES: Final = LAYOUT.integer("n_trees", "whose values are summed")
+N_NODES: Final = LAYOUT.integer("n_nodes", "of all trees")
+N_VALUES: Final = LAYOUT.integer("n_values", "of all leaves")
+MEAN: Final = LAYOUT.array("mean", "taken from each feature")
+SCALE: Final = LAYOUT.array("scale", "that each feature is then divided by")
+SCALED: Final = LAYOUT.array("scaled", "features of one row")
+OFFSET: Final = LAYOUT.array("offset", "of each output, which the values are added to")
+ROOT: Final = LAYOUT.integers("root", "node at which each tree begins")
+OUTPUT: Final = LAYOUT.integers("output", "that each tree adds to; -1: to every one")
+FEATURE: Final = LAYOUT.integers("feature", "that each node asks for; -1 for a leaf")
+RIGHT: Final = LAYOUT.integers("right", "node for more than the threshold; first value of a leaf")
+THRESHOLD: Final = LAYOUT.array("threshold", "up to which the next node follows")
+VALUE: Final = LAYOUT.array("value", "of the leaves")
+
+
+@compiled
+def trees_row(
+    numbers: Integers,
+    memory: Array,
+    dt: float,  # noqa: ARG001  # every row takes the same arguments
+    x: Array,
+    out: Array,
+    half_width: Array,  # noqa: ARG001
+) -> None:
+    """Predict an offset and the sum of the leaves that the scaled features lead to."""
+    k, n = x.shape[0], out.shape[0]
+    mean = vector(memory, numbers[MEAN], k)
+    scale = vector(memory, numbers[SCALE], k)
+    scaled = vector(memory, numbers[SCALED], k)
+    offset = vector(memory, numbers[OFFSET], n)
+    for i in range(k):
+        scaled[i] = (x[i] - mean[i]) / scale[i]
+    for j in range(n):
+        out[j] = offset[j]
+    n_nodes = numbers[N_NODES]
+    feature = vector(numbers, numbers[FEATURE], n_nodes)
+    right = vector(numbers, numbers[RIGHT], n_nodes)
+    threshold = vector(memory, numbers[THRESHOLD], n_nodes)
+    value = vector(memory, numbers[VALUE], numbers[N_VALUES])
+    for tree in range(numbers[N_TREES]):
+        leaf = find_leaf(scaled, feature, threshold, right, numbers[numbers[ROOT] + tree])
+        output = numbers[numbers[OUTPUT] + tree]
+        if output >= 0:
+            out[output] += value[right[leaf]]
+        else:
+            for j in range(n):
+                out[j] += value[right[leaf] + j]
+
+
+@compiled
+def find_leaf(x: Array, feature: Integers, threshold: Array, right: Integers, root: int) -> int:
+    """Leaf of one tree; every step goes to a later node, so that there are no more than nodes."""
+    node = root
+    for _level in range(feature.shape[0]):
+        if feature[node] < 0:
+            break
+        if x[feature[node]] <= threshold[node]:
+            node += 1
+        else:
+            node = right[node]
+    return node
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    n_trees, n_nodes = (int(params["n_trees"]),), (int(params["n_nodes"]),)
+    return {
+        "mean": (n_features,),
+        "scale": (n_features,),
+        "offset": (n_outputs,),
+        "root": n_trees,
+        "output": n_trees,
+        "feature": n_nodes,
+        "threshold": n_nodes,
+        "right": n_nodes,
+        "value": (int(params["n_values"]),),
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
+    n_nodes, n_values = int(params["n_nodes"]), int(params["n_values"])
+    root = _whole("root", arrays["root"], 0, n_nodes - 1)
+    output = _whole("output", arrays["output"], -1, n_outputs - 1)
+    feature = _whole("feature", arrays["feature"], -1, n_features - 1)
+    right = _whole("right", arrays["right"], 0, max(n_nodes, n_values) - 1)
+    sizes = np.diff(root, append=n_nodes)
+    if root[0] != 0 or (sizes < 1).any():
+        raise CalibrationError("trees do not follow one another from the first node on")
+    end = np.repeat(root + sizes, sizes)
+    width = np.repeat(np.where(output < 0, n_outputs, 1), sizes)
+    within = (right > np.arange(n_nodes) + 1) & (right < end)
+    if not np.where(feature < 0, right + width <= n_values, within).all():
+        raise CalibrationError("trees have a node that leads out of its tree, or back")
+    if (arrays["scale"] == 0.0).any():
+        raise CalibrationError("trees array 'scale' divides by zero")
+    return LAYOUT.pack(
+        n_trees=len(root),
+        n_nodes=n_nodes,
+        n_values=n_values,
+        **{name: arrays[name] for name in ("mean", "scale", "offset", "threshold", "value")},
+        scaled=np.zeros(n_features),
+        root=root,
+        output=output,
+        feature=feature,
+        right=right,
+    )
+
+
+def _whole(name: str, values: Array, low: int, high: int) -> Integers:
+    if not ((values >= low) & (values <= high) & (values == np.floor(values))).all():
+        raise CalibrationError(f"trees array {name!r} holds no integers from {low} to {high}")
+    return values.astype(np.int64)
+
+
+FAMILY: Final = Family(
+    "trees",
+    rules={
+        "n_trees": integer(1, MAX_TREES),
+        "n_nodes": integer(1, MAX_NODES),
+        "n_values": integer(1, MAX_NODES),
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=trees_row,
+    moved_by="offset",
+)

@@ -1,0 +1,426 @@
+"""Regressors of scikit-learn: fitted, run, kept and refused."""
+
+from __future__ import annotations
+
+import doctest
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.base import BaseEstimator, RegressorMixin, clone
+from sklearn.cluster import KMeans
+from sklearn.compose import TransformedTargetRegressor
+from sklearn.decomposition import PCA
+from sklearn.ensemble import (
+    AdaBoostRegressor,
+    ExtraTreesRegressor,
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+    StackingRegressor,
+)
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, WhiteKernel
+from sklearn.kernel_ridge import KernelRidge
+from sklearn.linear_model import (
+    BayesianRidge,
+    HuberRegressor,
+    Lasso,
+    LinearRegression,
+    LogisticRegression,
+    Ridge,
+)
+from sklearn.model_selection import GridSearchCV
+from sklearn.multioutput import MultiOutputRegressor, RegressorChain
+from sklearn.neighbors import KNeighborsRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import make_pipeline
+from sklearn.preprocessing import (
+    FunctionTransformer,
+    MaxAbsScaler,
+    MinMaxScaler,
+    PolynomialFeatures,
+    RobustScaler,
+    StandardScaler,
+)
+from sklearn.svm import SVR
+from sklearn.tree import DecisionTreeRegressor, ExtraTreeRegressor
+from tests.runtime import streams
+from tests.runtime.registered import ready
+from threadpoolctl import threadpool_limits
+
+from truejoint.calibration import calibrate, read_calibration, rezeroed, with_interval
+from truejoint.calibration.model_file import read_model_file, to_bytes
+from truejoint.errors import CalibrationError, ModelFileError, TruejointError
+from truejoint.estimators import LinearRegressor, archive
+from truejoint.estimators.trees import single_threshold
+from truejoint.estimators.wrapped import WrappedRegressor
+from truejoint.evaluation import evaluate
+from truejoint.models import scikit_learn
+from truejoint.models import trees as tree_arrays
+from truejoint.runtime import Corrector, Status
+from truejoint.runtime.check import check_calibration
+
+
+def network(**settings) -> MLPRegressor:
+    return MLPRegressor(hidden_layer_sizes=(6, 5), max_iter=20, random_state=0, **settings)
+
+
+IN_THE_LOOP = {
+    "trees": [
+        DecisionTreeRegressor(random_state=0),
+        DecisionTreeRegressor(max_leaf_nodes=20, random_state=0),  # grown best first
+        ExtraTreeRegressor(random_state=0),
+        RandomForestRegressor(5, random_state=0),
+        ExtraTreesRegressor(5, random_state=0),
+        GradientBoostingRegressor(n_estimators=6),
+        GradientBoostingRegressor(n_estimators=3, init="zero", loss="huber"),
+        HistGradientBoostingRegressor(max_iter=6),
+        HistGradientBoostingRegressor(max_iter=6, loss="absolute_error"),
+        MultiOutputRegressor(GradientBoostingRegressor(n_estimators=4)),
+        MultiOutputRegressor(ExtraTreesRegressor(3, random_state=0)),
+        make_pipeline(StandardScaler(), RandomForestRegressor(3, random_state=0)),
+        make_pipeline(RobustScaler(), HistGradientBoostingRegressor(max_iter=3)),
+    ],
+    "polynomial": [
+        LinearRegression(),
+        LinearRegression(fit_intercept=False),
+        Ridge(),
+        HuberRegressor(max_iter=1000),
+        MultiOutputRegressor(Lasso(0.01)),
+        make_pipeline(StandardScaler(), BayesianRidge()),
+        make_pipeline(MaxAbsScaler(), Ridge()),
+        GridSearchCV(Ridge(), {"alpha": [0.1, 1.0]}, cv=2),
+    ],
+    "network": [make_pipeline(StandardScaler(), network(activation="logistic"))],
+}
+OFFLINE = [
+    make_pipeline(StandardScaler(), network(activation="tanh")),
+    make_pipeline(MinMaxScaler(), SVR()),
+    make_pipeline(PolynomialFeatures(2), Ridge()),
+    make_pipeline(PCA(2), LinearRegression()),
+    make_pipeline(StandardScaler(), KernelRidge(kernel="rbf")),
+    KNeighborsRegressor(algorithm="brute"),
+    RegressorChain(Ridge()),
+    TransformedTargetRegressor(Ridge(), transformer=StandardScaler()),
+    GaussianProcessRegressor(RBF() + WhiteKernel(), optimizer=None),
+    StackingRegressor([("ridge", Ridge()), ("svr", SVR())], cv=2),
+]
+LOOP = [(name, one) for name, several in IN_THE_LOOP.items() for one in several]
+EVERY = [*LOOP, *(("scikit_learn", one) for one in OFFLINE)]
+
+
+def label(value) -> str:
+    return str(value)[:60].replace("\n", "")
+
+
+@pytest.fixture(autouse=True)
+def _one_thread():
+    # Threads that wait for each other on busy cores take a hundred times as long.
+    with threadpool_limits(1), warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
+@pytest.fixture(scope="module")
+def data():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(300, 3)) * [1.0, 1e-3, 50.0] + [0.0, 7.0, -100.0]
+    y = np.column_stack([X[:, 0] - 0.02 * X[:, 2], 1e-3 * X[:, 0] ** 2])
+    return X, y + rng.normal(0, 1e-5, y.shape)
+
+
+@pytest.mark.parametrize(("family", "regressor"), EVERY, ids=label)
+@pytest.mark.parametrize("n_outputs", [1, 2])
+def test_it_predicts_what_scikit_learn_does(family, regressor, n_outputs, data):
+    X, y = data[0], data[1][:, :n_outputs]
+    if n_outputs == 1 and not isinstance(regressor, (MultiOutputRegressor, RegressorChain)):
+        y = y[:, 0]
+    model = WrappedRegressor(regressor).fit(X, y)
+    assert model.family.name == family
+    mean, scale = y.mean(axis=0), y.std(axis=0)
+    scaled = (y - mean) / scale
+    rows = X + 0.01 * X.std(axis=0)
+    together = n_outputs == 1 or model.parts_[0].predict(X).ndim > 1
+    if together:
+        expected = clone(regressor).fit(X, scaled).predict(rows)
+    else:
+        fits = [clone(regressor).fit(X, column) for column in scaled.T]
+        expected = np.column_stack([fit.predict(rows) for fit in fits])
+    np.testing.assert_allclose((model.predict(rows) - mean) / scale, expected, rtol=0, atol=1e-11)
+
+
+@pytest.mark.parametrize(("family", "regressor"), EVERY, ids=label)
+def test_a_file_gives_it_back_bit_for_bit(family, regressor, tmp_path):
+    calibration = streams.trained(regressor)
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    again = read_calibration(path)
+    test = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
+    assert again.correct(test).tobytes() == calibration.correct(test).tobytes()
+    last = regressor.steps[-1][1] if hasattr(regressor, "steps") else regressor
+    assert again.estimator == calibration.estimator == type(last).__name__
+    assert again.model.data.family == family
+
+
+@pytest.mark.parametrize(("family", "regressor"), LOOP, ids=label)
+def test_it_runs_in_the_loop_bit_for_bit(family, regressor):
+    calibration = streams.trained(regressor)
+    test = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
+    corrector, whole = ready(calibration), calibration.correct(test)
+    used = 0
+    for i, sample in enumerate(test.table[list(calibration.signals)].to_numpy()):
+        if corrector.step(test.t[i], sample) == Status.OK:
+            used += 1
+            assert corrector.position.tobytes() == whole[i].tobytes()
+    assert used > 300
+
+
+@pytest.mark.parametrize("regressor", [RandomForestRegressor(20), OFFLINE[1]], ids=label)
+def test_it_is_judged_like_any_other(regressor, tmp_path):
+    fitted = calibrate(streams.recording(np.arange(0.0, 60.0, 1 / 30)), regressor, random_state=1)
+    path = tmp_path / "model.safetensors"
+    fitted.save(path)
+    model = read_calibration(path)
+    test = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
+    scores = evaluate({model.estimator: [model]}, [test]).scores
+    rmse = {score.estimator: score.rmse for score in scores if score.joint == "elbow"}
+    assert set(rmse) == {"raw", "offset", "linear", "poly2", model.estimator}
+    assert rmse[model.estimator] < 0.5 * rmse["offset"]
+    assert check_calibration(model, test).joints[1].rmse == pytest.approx(rmse[model.estimator])
+    unseen = [streams.recording(np.arange(0.0, 5.0, 1 / 30), seed, f"h{seed}") for seed in range(9)]
+    _, lower, upper = with_interval(model, unseen).correct_with_interval(test)
+    assert (upper > lower).all()
+    moved = rezeroed(model, test)
+    np.testing.assert_allclose(
+        np.ptp(moved.correct(test) - model.correct(test), axis=0), 0.0, atol=1e-12
+    )
+
+
+def test_parameters_are_kept_and_told():
+    forest = RandomForestRegressor(3, max_depth=2)
+    fitted = calibrate(streams.recording(np.arange(0.0, 60.0, 1 / 30)), forest, random_state=7)
+    assert "max_depth=2, n_estimators=3, random_state=7" in fitted.metadata["settings"]
+    assert forest.random_state is None
+    assert int(fitted.model.data.params["n_trees"]) == 3
+
+
+def test_one_that_runs_by_scikit_learn_is_refused_in_the_loop(tmp_path):
+    calibration = streams.trained(make_pipeline(StandardScaler(), SVR()))
+    said = "run by scikit-learn .* cannot run in a loop; it corrects recordings only"
+    with pytest.raises(CalibrationError, match=said):
+        calibration.start()
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    for model in (calibration, path):
+        with pytest.raises(TruejointError, match=said) as caught:
+            Corrector(model)
+        assert "\n" not in str(caught.value)
+
+
+class Mean(RegressorMixin, BaseEstimator):
+    """A user's own; `answer` is what it predicts, of the rows."""
+
+    def __init__(self, answer=None):
+        self.answer = answer
+
+    def fit(self, X, y):
+        if self.answer == "raise":
+            raise RuntimeError("no luck\ntoday")
+        self.coef_, self.intercept_ = np.zeros(X.shape[1]), np.mean(y)
+        return self
+
+    def predict(self, X):
+        good = np.full(len(X), self.intercept_)
+        if self.answer == "nan":
+            good[-1] = np.nan
+        return {"short": good[1:], "wide": np.ones((len(X), 4)), "text": ["a"]}.get(
+            self.answer, np.square(good + 1.0) if self.answer == "own" else good
+        )
+
+
+class Plain:
+    """With fit and predict, and nothing of scikit-learn."""
+
+    def fit(self, X, y):
+        self.coef_, self.intercept_ = np.linalg.lstsq(X, y)[0], 0.0
+
+    def predict(self, X):
+        return X @ self.coef_
+
+
+def test_a_linear_model_of_the_users_own_runs_in_the_loop(data):
+    for own in (Mean(), Plain()):
+        model = WrappedRegressor(own).fit(*data)
+        assert model.family.name == "polynomial"
+        assert model.name == type(own).__name__
+
+
+@pytest.mark.parametrize(
+    ("estimator", "said"),
+    [
+        (3, "3 is no estimator; give a name, or a regressor"),
+        (StandardScaler(), "is no estimator"),
+        (make_pipeline(StandardScaler(), StandardScaler()), "is no estimator"),
+        (RandomForestRegressor, r"is a class; .* as RandomForestRegressor\(\)"),
+        (LogisticRegression(), "is a classifier; give a regressor"),
+        (KMeans(), "is a clusterer; give a regressor"),
+        (Mean("raise"), "Mean cannot be fitted: RuntimeError: no luck today"),
+        (Ridge(alpha=-1.0), "Ridge cannot be fitted: InvalidParameterError: .*alpha"),
+        (Mean("nan"), "Mean predicts nan in row .*; it must predict finite numbers"),
+        (Mean("short"), r"Mean predicts an array \(\d+, 1\) for \d+ rows; .* 1 numbers for each"),
+        (Mean("wide"), r"Mean predicts an array \(\d+, 4\)"),
+        (Mean("text"), "Mean cannot predict: ValueError: could not convert"),
+        (Mean("own"), "Mean cannot be saved without code, because of .*Mean"),
+        (AdaBoostRegressor(n_estimators=2), "because of .*Tree: take random forest"),
+        (KNeighborsRegressor(algorithm="kd_tree"), "KDTree: set algorithm='brute'"),
+        (
+            make_pipeline(FunctionTransformer(lambda X: X), Ridge()),
+            "step 'functiontransformer', FunctionTransformer cannot be saved without code",
+        ),
+        (
+            make_pipeline(StandardScaler(), PCA(2), RandomForestRegressor(2)),
+            "step 'randomforestregressor', RandomForestRegressor cannot be saved",
+        ),
+    ],
+    ids=label,
+)
+def test_what_is_no_use_is_refused_in_one_line(estimator, said):
+    with pytest.raises(CalibrationError, match=said) as caught:
+        streams.trained(estimator)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_step_that_cannot_be_saved_is_refused_before_the_fit():
+    unfit = make_pipeline(FunctionTransformer(lambda X: X), Mean("raise"))
+    with pytest.raises(CalibrationError, match="cannot be saved"):
+        WrappedRegressor(unfit).check_params()
+
+
+def test_what_cannot_be_kept_is_refused_before_the_fit_to_all_rows():
+    fitted = []
+
+    class Counts(Mean):
+        def fit(self, X, y):
+            fitted.append(len(X))
+            return super().fit(X, y)
+
+    with pytest.raises(CalibrationError, match="cannot be saved"):
+        WrappedRegressor(Counts("own")).fit(np.zeros((5000, 2)), np.arange(5000.0))
+    assert fitted == [1000]
+
+
+def test_too_large_a_forest_is_refused(monkeypatch):
+    monkeypatch.setattr("truejoint.estimators.trees.MAX_NODES", 100)
+    with pytest.raises(CalibrationError, match=r"more than the 100 .* set min_samples_leaf"):
+        streams.trained(RandomForestRegressor(2))
+
+
+def test_too_large_an_archive_is_refused(monkeypatch):
+    monkeypatch.setattr(archive, "MAX_BYTES", 100)
+    with pytest.raises(CalibrationError, match=r"SVR takes .* more than the 100 that"):
+        streams.trained(SVR())
+
+
+def test_without_skops_it_says_how_to_get_it(monkeypatch, tmp_path):
+    calibration = streams.trained(SVR())
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    monkeypatch.setitem(sys.modules, "skops.io", None)
+    for needs in (lambda: streams.trained(SVR()), lambda: read_calibration(path)):
+        with pytest.raises((CalibrationError, ModelFileError), match=r"truejoint\[skops\]"):
+            needs()
+    assert streams.trained(Ridge()).model.family.name == "polynomial"
+
+
+@pytest.fixture(scope="module")
+def saved(tmp_path_factory):
+    path = tmp_path_factory.mktemp("archive") / "model.safetensors"
+    streams.trained(make_pipeline(PCA(2), Ridge())).save(path)
+    return path
+
+
+@given(st.data())
+def test_a_damaged_archive_is_refused_in_one_line(saved, draw):
+    document, arrays = read_model_file(saved)
+    words = arrays["model/words"].copy()
+    place = draw.draw(st.integers(0, len(words) - 1))
+    words[place] = draw.draw(st.one_of(st.integers(0, 2**32 - 1), st.just(-1), st.just(0.5)))
+    path = saved.with_name("damaged.safetensors")
+    path.write_bytes(to_bytes(document, arrays | {"model/words": words}))
+    try:
+        again = read_calibration(path)
+    except ModelFileError as error:
+        assert "\n" not in str(error)  # noqa: PT017
+        assert "damaged.safetensors" in str(error)  # noqa: PT017
+    else:
+        test = streams.recording(np.arange(0.0, 5.0, 1 / 30))
+        assert np.isfinite(again.correct(test)).all()
+
+
+def test_an_archive_that_unpacks_to_too_much_is_refused(saved, monkeypatch):
+    monkeypatch.setattr(archive, "MAX_UNPACKED", 100)
+    with pytest.raises(ModelFileError, match=r"unpacks to .* more than 100"):
+        read_calibration(saved)
+
+
+def test_another_version_that_predicts_otherwise_is_refused(saved):
+    document, arrays = read_model_file(saved)
+    document["model"]["params"]["version"] = "1.0"
+    path = saved.with_name("older.safetensors")
+    path.write_bytes(to_bytes(document, arrays))
+    read_calibration(path)
+    arrays["model/answers"] = arrays["model/answers"] + 0.1
+    path.write_bytes(to_bytes(document, arrays))
+    with pytest.raises(ModelFileError, match=r"predicts otherwise .* than it did with 1.0"):
+        read_calibration(path)
+
+
+@given(st.floats(-1e30, 1e30), st.integers(-3, 3))
+def test_thresholds_are_compared_as_scikit_learn_does(threshold, ulps):
+    bound = single_threshold(np.array([threshold]))[0]
+    x = bound
+    for _ in range(abs(ulps)):
+        x = np.nextafter(x, np.inf if ulps > 0 else -np.inf)
+    assert (float(np.float32(x)) <= threshold) == (x <= bound)
+
+
+def test_bounds_of_both_sides_agree():
+    assert tree_arrays.MAX_NODES * 8 * 4 < 200 * 2**20
+    assert scikit_learn.MAX_BYTES * 2 < 200 * 2**20
+
+
+def test_the_documented_example_holds(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    page = Path(__file__).parents[2] / "docs" / "estimators.md"
+    failed, tried = doctest.testfile(str(page), module_relative=False)
+    assert tried > 5
+    assert not failed
+
+
+class Mine(LinearRegressor):
+    """Learns in a way of its own what a family of truejoint runs."""
+
+    def _learn(self, X, y, dt, progress):
+        return super()._learn(X, 2.0 * y, dt, progress)
+
+
+def test_a_class_of_the_users_own_on_a_known_family_is_kept(tmp_path):
+    calibration = streams.trained(Mine())
+    path = tmp_path / "model.safetensors"
+    calibration.save(path)
+    test = streams.recording(np.arange(0.0, 5.0, 1 / 30))
+    assert read_calibration(path).correct(test).tobytes() == calibration.correct(test).tobytes()
+
+
+def test_a_family_that_nobody_could_find_again_is_not_written(tmp_path):
+    own = type("Own", (LinearRegressor,), {"family": replace(LinearRegressor.family, name="own")})
+    calibration = streams.trained(own())
+    assert np.isfinite(calibration.correct(streams.recording(np.arange(0.0, 5.0, 0.1)))).all()
+    with pytest.raises(CalibrationError, match="no estimator family 'own'"):
+        calibration.save(tmp_path / "model.safetensors")
