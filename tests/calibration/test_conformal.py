@@ -23,8 +23,6 @@ from truejoint.calibration import (
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
-    half_widths,
-    range_excess_of,
     trained_on,
 )
 from truejoint.calibration.interval import (
@@ -148,12 +146,12 @@ def test_interval_widens_outside_the_trained_range_by_its_rule(calibration, moti
         + (calibration.upper[0] - highest) + shift
     })  # fmt: skip
     moved = Recording(table, outside.units, outside.provenance)
-    width = half_widths(stated, moved) / stated.interval.half_width(0.9)
+    width = stated.half_widths(moved) / stated.interval.half_width(0.9)
     top = int(np.argmax(moved.column("measured/shoulder")))
     assert width[top] == pytest.approx(1 + 3.0 * 0.5)
-    assert range_excess_of(stated, moved)[top] == pytest.approx(0.5)
+    assert stated.range_excess(moved)[top] == pytest.approx(0.5)
     corrected, lower, upper = stated.correct_with_interval(moved)
-    assert (upper - lower) / 2 == pytest.approx(half_widths(stated, moved))
+    assert (upper - lower) / 2 == pytest.approx(stated.half_widths(moved))
     assert (upper + lower) / 2 == pytest.approx(corrected)
 
 
@@ -164,7 +162,7 @@ def test_scores_shrink_where_the_interval_widens(calibration, build):
         assert moved.size == 200, k
     plain = with_interval(calibration, far, growth=0.0).interval
     growing = with_interval(calibration, far, growth=5.0).interval
-    assert any(range_excess_of(calibration, r).max() > 0.01 for r in far)
+    assert any(calibration.range_excess(r).max() > 0.01 for r in far)
     assert (growing.half_widths <= plain.half_widths).all()
     assert (growing.offset_half_widths == plain.offset_half_widths).all()
 

@@ -17,9 +17,8 @@ from truejoint.calibration.effort_baseline import (
     effort_steps,
     effort_terms,
     encode_effort_baseline,
-    fit_effort_baseline,
-    residual_statistics,
 )
+from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
