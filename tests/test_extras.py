@@ -66,7 +66,7 @@ def test_a_plain_install_evaluates(folder: Path) -> None:
 
 def test_the_loop_needs_neither_extras_nor_the_training_stack(folder: Path) -> None:
     code = "from truejoint.runtime import Corrector; Corrector(sys.argv[1])"
-    needed = {"numpy", "scipy", "numba", "llvmlite", "safetensors", "truejoint"}
+    needed = {"lazy_loader", "llvmlite", "numba", "numpy", "safetensors", "scipy", "truejoint"}
     others = tuple(name for name in packages_distributions() if name.split(".")[0] not in needed)
     loop = run(code, folder / "jaw.safetensors", without=others)
     assert loop.returncode == 0, loop.stderr

@@ -70,7 +70,7 @@ def test_the_example_serves_the_command_line(example: Path) -> None:
         "-e", "linear", "-o", str(model),
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
-    assert "lever of example_lever" in result.stdout
+    assert "joints       lever" in result.stdout
     (example / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
     result = run(
         example, "-c", "import sys; from truejoint.cli.app import main; main()",

@@ -140,7 +140,7 @@ def test_a_file_that_changed_replaces_itself_but_no_other(tool: Path, tmp_path: 
         ("[[100.0, 0.0], [0.5, 20.0]]", "[[2.0]]", "does not fit its 2 joints"),
         ('effort = "motor"', 'effort = "cable"', "effort is 'cable'; want joint or motor"),
         ('effort = "motor"', 'efort = "motor"', "key 'efort' is not known; use name, arm, joints"),
-        ('["lift"]', '["wrist"]', "has no joint 'wrist'"),
+        ('["lift"]', '["wrist"]', "no joint called 'wrist'"),
         ('["lift", "spare", "jaw"]', '["jaw", "lift"]', "must hold every joint, in order"),
         ("lower = -40", 'lower = "x"', "joint 'jaw': lower is 'x'; want a number"),
         ("lower = -40", "lower = -inf", "lower is beyond 1e.09 in size"),

@@ -337,8 +337,9 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     document, arrays = read_model_file(path)
     try:
         data = decode(document, arrays)
-        if data.feature_set.counts_samples and not _has_interval(data.metadata):
-            raise ModelFileError("features count samples, and the sample interval is not stated")
+        counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
+        if counts and not _has_interval(data.metadata):
+            raise ModelFileError("the model counts samples, and the sample interval is not stated")
         models = {"model": data.model, **data.baseline_models}
         shape = (len(data.feature_set), len(data.joints))
         fitted = {name: _fitted(name, model, *shape) for name, model in models.items()}

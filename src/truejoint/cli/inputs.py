@@ -35,8 +35,10 @@ class Files:
     def __post_init__(self) -> None:
         if self.robot is not None:
             truejoint.get_robot(self.robot, self.arm)
-        if self.format is not None and self.format not in truejoint.recordings.FORMATS:
-            raise RecordingError(unknown("format", self.format, truejoint.recordings.FORMATS))
+        if self.format is not None and self.format not in truejoint.recordings.format_names():
+            raise RecordingError(
+                unknown("format", self.format, truejoint.recordings.format_names())
+            )
 
     def find(
         self,

@@ -13,6 +13,7 @@ from .offset import FixedOffset as FixedOffset
 from .play import Play as Play
 from .polynomial import LinearRegressor as LinearRegressor
 from .polynomial import PolynomialRegressor as PolynomialRegressor
+from .recurrent import RecurrentNetwork as RecurrentNetwork
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .registry import get_estimator as get_estimator

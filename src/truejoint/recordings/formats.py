@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, unknown
 from truejoint.plugins import load_plugin, plugins
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.mat_file import VERSION5_MARK
@@ -158,7 +158,7 @@ def _get_format(name: str) -> Format:
     if name in FORMATS:
         return FORMATS[name]
     if name not in format_names():
-        raise RecordingError(f"no format called {name!r}; choose from {', '.join(format_names())}")
+        raise RecordingError(unknown("format", name, format_names()))
     entry: Format = load_plugin(plugins("truejoint.formats", tuple(FORMATS))[name], Format)
     return entry
 
