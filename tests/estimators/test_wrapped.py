@@ -18,11 +18,13 @@ from sklearn.compose import TransformedTargetRegressor
 from sklearn.decomposition import PCA
 from sklearn.ensemble import (
     AdaBoostRegressor,
+    BaggingRegressor,
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
     StackingRegressor,
+    VotingRegressor,
 )
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, WhiteKernel
@@ -85,6 +87,15 @@ IN_THE_LOOP = {
         HistGradientBoostingRegressor(max_iter=6, loss="absolute_error"),
         MultiOutputRegressor(GradientBoostingRegressor(n_estimators=4)),
         MultiOutputRegressor(ExtraTreesRegressor(3, random_state=0)),
+        BaggingRegressor(n_estimators=4, max_features=2, random_state=0),
+        VotingRegressor(
+            [
+                ("forest", RandomForestRegressor(3, random_state=0)),
+                ("none", "drop"),
+                ("boosted", HistGradientBoostingRegressor(max_iter=3)),
+            ],
+            weights=[1.0, 5.0, 2.0],
+        ),
         make_pipeline(StandardScaler(), RandomForestRegressor(3, random_state=0)),
         make_pipeline(RobustScaler(), HistGradientBoostingRegressor(max_iter=3)),
     ],
