@@ -42,6 +42,13 @@ class OnlineState:
         Features of the last sample.
     model : RowState
         What the estimator remembers itself.
+
+    Examples
+    --------
+    >>> state = model.start()
+    >>> sample = [test.column(name)[0] for name in model.signals]
+    >>> model.step(state, 0.0, sample).tolist() == model.correct(test)[0].tolist()
+    True
     """
 
     features: FeatureState

@@ -66,6 +66,12 @@ def with_interval(
     ------
     CalibrationError
         If there are too few trajectories for any level, one was used in the fit, or has no truth.
+
+    Examples
+    --------
+    >>> pieces = [truejoint.evaluation.part_by_time(test, k / 9, (k + 1) / 9) for k in range(9)]
+    >>> with_interval(model, pieces).interval.trajectories
+    9
     """
     wanted = sorted(set(levels))
     if not wanted or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):

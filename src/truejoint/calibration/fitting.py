@@ -21,7 +21,7 @@ from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import BASELINES, DEFAULT, get_estimator
-from truejoint.estimators.wrapped import joint_regressor
+from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
@@ -45,7 +45,7 @@ _BASELINE_SHARE: Final = 0.1  # of the progress bar
 
 def calibrate(
     recordings: Recording | Sequence[Recording],
-    estimator: object = DEFAULT,
+    estimator: str | Regressor = DEFAULT,
     *,
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
@@ -62,7 +62,7 @@ def calibrate(
     ----------
     recordings : Recording or sequence of Recording
         Of one arm, all with the same units.
-    estimator : str, JointRegressor or regressor of scikit-learn
+    estimator : str or Regressor
         A name in `estimator_names`, or an unfitted estimator with parameters of its own: one of
         ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`.
     features : FeatureSet or iterable of str, optional
@@ -178,7 +178,9 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
     return robot
 
 
-def _unfitted(estimator: object, target: Target | None, random_state: int | None) -> JointRegressor:
+def _unfitted(
+    estimator: str | Regressor, target: Target | None, random_state: int | None
+) -> JointRegressor:
     if target not in (None, *TARGETS):
         raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
     named = get_estimator(estimator) if isinstance(estimator, str) else estimator

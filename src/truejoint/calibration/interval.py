@@ -51,6 +51,11 @@ class Interval:
         How many exchangeable units there were.
     homings : int
         How many homings they span; 0 when not known.
+
+    Examples
+    --------
+    >>> model.interval.levels.tolist()
+    [0.8, 0.9]
     """
 
     levels: Array
@@ -108,6 +113,11 @@ def needed_trajectories(level: float) -> int:
     ------
     CalibrationError
         If the level is not between 0 and 1.
+
+    Examples
+    --------
+    >>> needed_trajectories(0.9), needed_trajectories(0.95)
+    (9, 19)
     """
     if not 0.0 < level < 1.0:
         raise CalibrationError(f"level {level!r} is not a share between 0 and 1, such as 0.9")

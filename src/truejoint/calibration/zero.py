@@ -36,6 +36,11 @@ class Zero:
         Readings of the truth.
     duration : float
         From the first to the last of them [s].
+
+    Examples
+    --------
+    >>> truejoint.calibration.find_zero(model, test).rows
+    400
     """
 
     offset: Array
@@ -51,6 +56,11 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
     ------
     CalibrationError
         If the recording does not fit the calibration, or holds no truth.
+
+    Examples
+    --------
+    >>> find_zero(model, test).offset.shape
+    (1,)
     """
     t, error, _ = known_error(calibration, recording)
     chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
@@ -83,6 +93,11 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
     ------
     CalibrationError
         As `find_zero`, or if the estimator has no offset of its own.
+
+    Examples
+    --------
+    >>> "rezeroed" in rezeroed(model, test).metadata
+    True
     """
     zero = find_zero(calibration, recording)
     models = {

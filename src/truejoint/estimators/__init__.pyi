@@ -17,3 +17,5 @@ from .recurrent import RecurrentNetwork as RecurrentNetwork
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .registry import get_estimator as get_estimator
+from .wrapped import Regressor as Regressor
+from .wrapped import WrappedRegressor as WrappedRegressor

@@ -49,6 +49,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     arrays_ : dict of str to ndarray
         What was learnt, float64, by the names of `Family.shapes`; each is also an attribute, with
         an underscore behind its name.
+
+    Examples
+    --------
+    >>> isinstance(truejoint.estimators.get_estimator("linear"), JointRegressor)
+    True
     """
 
     family: ClassVar[Family]

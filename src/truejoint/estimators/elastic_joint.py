@@ -75,6 +75,11 @@ class ElasticJointFilter(JointRegressor):
         How far the load wanders in a second, in standard deviations of the loads calibrated with.
     torque_noise : float
         Standard deviation of the torque's mean over a second, in standard deviations of the torque.
+
+    Examples
+    --------
+    >>> ElasticJointFilter(elements=3).name
+    'ukf_elastic'
     """
 
     family: ClassVar[Family] = model.FAMILY

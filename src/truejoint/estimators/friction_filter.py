@@ -72,6 +72,11 @@ class FrictionFilter(JawEstimator):
         How far each element bends before it slides [m].
     gear_ratio, wheel_radius, jaw_radius : float
         ``z_i``, ``R``, ``r`` [m].
+
+    Examples
+    --------
+    >>> FrictionFilter(widths=(1e-5, 1e-4)).name
+    'ukf_friction'
     """
 
     family: ClassVar[Family] = friction_filter.FAMILY
@@ -158,6 +163,11 @@ class FrictionSmoother(FrictionFilter):
     """`FrictionFilter` with a Rauch-Tung-Striebel smoother: each row from all rows of the record.
 
     Not causal. Parameters as `FrictionFilter`.
+
+    Examples
+    --------
+    >>> FrictionSmoother().name
+    'ukf_friction_smoothed'
     """
 
     family: ClassVar[Family] = friction_smoother.FAMILY

@@ -33,6 +33,11 @@ class GatedPlay(JawEstimator):
         Difference that always does [rad].
     gear_ratio, wheel_radius : float
         As for `Play`.
+
+    Examples
+    --------
+    >>> GatedPlay(gate=4.0).name
+    'play_gated'
     """
 
     family: ClassVar[Family] = gated_play.FAMILY

@@ -35,6 +35,11 @@ class Stiffness:
         It over the stiffness that was assumed.
     deviation : float
         How far the friction of the jaw may have put it off [N/m]: the dead band's half.
+
+    Examples
+    --------
+    >>> Stiffness(drive_stiffness=12e3, ratio=0.86, deviation=300.0).ratio
+    0.86
     """
 
     drive_stiffness: float
@@ -56,6 +61,11 @@ class JawLoad:
         weight, `identify_stiffness`.
     mechanism : ForcepsMechanism
         Gear and radii.
+
+    Examples
+    --------
+    >>> JawLoad(drive_stiffness=12e3).grams(np.array([0.01]), arm=0.02).round(1)
+    array([51.])
     """
 
     inputs = (MOTOR, RESET)
@@ -183,6 +193,17 @@ def identify_stiffness(
     CalibrationError
         If the load does not change within the record, is smaller than the dead band, or asks for a
         stiffness far from the assumed one.
+
+    Examples
+    --------
+    >>> random = np.random.default_rng(0)
+    >>> angle = 0.5 * np.sin(np.linspace(0.0, 20.0, 2000))
+    >>> X = np.column_stack([angle * 14.0, angle * 4e-3])
+    >>> load = JawLoad().fit(X, angle)
+    >>> pulled = X + [[-2e-3 * 35.0 / 9.75, 0.0]]
+    >>> both, rows = np.vstack([X, pulled]), np.arange(4000)
+    >>> identify_stiffness(load, both, rows < 2000, rows >= 2000, 0.1).ratio > 0.3
+    True
     """
     unloaded, loaded = np.asarray(unloaded, dtype=bool), np.asarray(loaded, dtype=bool)
     if not (unloaded.any() and loaded.any()) or (unloaded & loaded).any():

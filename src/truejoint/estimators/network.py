@@ -54,6 +54,13 @@ class NeuralNetwork(JointRegressor):
         Batch that training used.
     loss_curve_ : list of float
         Mean loss over the batches of each epoch, in standardised units.
+
+    Examples
+    --------
+    >>> network = NeuralNetwork(hidden_layer_sizes=(8,), epochs=2)
+    >>> X = np.arange(50.0)[:, None]
+    >>> network.fit(X, X[:, 0]).predict([[3.0]]).shape
+    (1,)
     """
 
     family: ClassVar[Family] = network.FAMILY

@@ -47,7 +47,13 @@ TITLES: Final = {
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Names that `get_estimator` knows."""
+    """Names that `get_estimator` knows.
+
+    Examples
+    --------
+    >>> estimator_names()[:4]
+    ('offset', 'linear', 'poly2', 'dnn')
+    """
     return tuple(_ESTIMATORS)
 
 

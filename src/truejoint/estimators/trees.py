@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.dummy import DummyRegressor
 from sklearn.ensemble import (
+    BaggingRegressor,
     ExtraTreesRegressor,
     GradientBoostingRegressor,
     HistGradientBoostingRegressor,
     RandomForestRegressor,
+    VotingRegressor,
 )
 from sklearn.tree import BaseDecisionTree
 
@@ -56,8 +58,8 @@ class TreeSum:
     trees: Sequence[Tree]
     offset: Array
 
-    def rescaled(self, mean: Array, scale: Array) -> TreeSum:
-        """Give `mean` and `scale` (n_outputs,) times what this gives."""
+    def rescaled(self, mean: Array | float, scale: Array | float) -> TreeSum:
+        """Give `mean` and `scale`, numbers or (n_outputs,), times what this gives."""
         trees = [replace(tree, value=tree.value * scale) for tree in self.trees]
         return TreeSum(trees, mean + scale * self.offset)
 
@@ -73,6 +75,8 @@ def tree_sum(regressor: object) -> TreeSum | None:
         return _gradient_boosted(regressor)
     if isinstance(regressor, HistGradientBoostingRegressor):
         return _histogram_boosted(regressor)
+    if isinstance(regressor, (BaggingRegressor, VotingRegressor)):
+        return _averaged(regressor)
     return None
 
 
@@ -133,6 +137,31 @@ def _histogram_boosted(regressor: Any) -> TreeSum | None:
     if any(nodes["is_categorical"].any() for nodes in stages):
         return None
     return _sum_of([_boosted(nodes) for nodes in stages], regressor._baseline_prediction.item())
+
+
+def _averaged(regressor: Any) -> TreeSum | None:
+    members = [tree_sum(member) for member in regressor.estimators_]
+    sums = [member for member in members if member is not None]
+    if len(sums) != len(members):
+        return None
+    weights = np.ones(len(sums))
+    if isinstance(regressor, VotingRegressor) and regressor.weights is not None:
+        named = zip(regressor.estimators, regressor.weights, strict=True)
+        weights = np.array([weight for (_, member), weight in named if member != "drop"])
+    scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
+    if isinstance(regressor, BaggingRegressor):  # of which each sees some features
+        seen = zip(scaled, regressor.estimators_features_, strict=True)
+        scaled = [_of_columns(one, np.asarray(columns)) for one, columns in seen]
+    offset = np.sum([one.offset for one in scaled], axis=0)
+    return TreeSum([tree for one in scaled for tree in one.trees], offset)
+
+
+def _of_columns(trees: TreeSum, columns: Integers) -> TreeSum:
+    """Trees that ask for the same features by their numbers among all."""
+    moved = [
+        replace(t, feature=np.where(t.feature < 0, -1, columns[t.feature])) for t in trees.trees
+    ]
+    return TreeSum(moved, trees.offset)
 
 
 def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from importlib.metadata import version
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,20 +24,38 @@ _TRIED: Final = 1000
 """Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
 
 
+class Regressor(Protocol):
+    """What scikit-learn's regressors have, and those of other packages that keep to it."""
+
+    def fit(self, X: Any, y: Any, /) -> Any:
+        """Fit to rows `X` (n, k) and targets `y` (n,) or (n, n_outputs)."""
+
+    def predict(self, X: Any, /) -> Any:
+        """Predict (n,) or (n, n_outputs) for rows `X` (n, k)."""
+
+
 class WrappedRegressor(JointRegressor):
     """A regressor of scikit-learn, or of another package that keeps to its interface.
 
     It is fitted to targets less their mean, over their standard deviation, so that a parameter such
     as the `epsilon` of `sklearn.svm.SVR` means the same for a joint in rad and one in m. One that
-    predicts a single output is fitted to each joint alone. What it has learnt becomes
-    arrays of a family of ours where one computes the same (linear models, trees, forests, boosted
-    trees, logistic networks, each also behind a scaler), and then runs in the loop and in C.
-    Anything else is run by scikit-learn, on recordings only, and is kept by the package skops.
+    predicts a single output is fitted to each joint alone. What it has learnt becomes arrays of a
+    family of ours where one computes the same (linear models, trees, forests, boosted trees,
+    logistic networks, each also behind a scaler), and then runs in the loop and in C. Anything else
+    is run by scikit-learn, on recordings only, and is kept by the package skops.
 
     Parameters
     ----------
-    regressor : object
-        Unfitted; a clone of it is fitted.
+    regressor : Regressor
+        Unfitted; clones of it are fitted.
+
+    Attributes
+    ----------
+    parts_ : list of Regressor
+        Clone fitted to all outputs, or one for each; absent where it is of a file and became
+        arrays.
+    params_ : dict
+        Parameters of the family that it became.
 
     Examples
     --------
@@ -111,7 +129,7 @@ class WrappedRegressor(JointRegressor):
         estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
         estimator.single_output_ = False
         estimator.arrays_ = estimator._take(data)
-        if estimator.family.row is not None:
+        if estimator.family is not scikit_learn.FAMILY:
             estimator.memory()
             return estimator
         estimator.parts_ = archive.from_words(data.arrays["words"], int(data.params["n_bytes"]))
@@ -226,7 +244,7 @@ class WrappedRegressor(JointRegressor):
         return found
 
 
-def joint_regressor(estimator: object) -> JointRegressor:
+def joint_regressor(estimator: Regressor) -> JointRegressor:
     """Estimator of ours as it is, anything else wrapped; raises CalibrationError if it is none."""
     if isinstance(estimator, JointRegressor):
         return estimator

@@ -39,6 +39,11 @@ class Gate:
     patience : int
         Measurements left out in a row; the next one is used with an enlarged covariance, so that
         a filter that is wrong finds back.
+
+    Examples
+    --------
+    >>> Gate(probability=0.99).patience
+    10
     """
 
     probability: float = 0.999
@@ -65,6 +70,17 @@ class FilterState:
         Its covariance.
     innovation : (m,) array
         Measured less predicted in the last step, NaN where nothing was measured.
+
+    Examples
+    --------
+    >>> from truejoint.filters import UnscentedFilter, linear_model
+    >>> model = linear_model(
+    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
+    ...     states=("x",), measurements=("z",),
+    ... )
+    >>> state = UnscentedFilter(model).initial_state([0.0], [[1.0]])
+    >>> state.x
+    array([0.])
     """
 
     owner: UnscentedFilter
@@ -109,6 +125,16 @@ class FilterResult:
         Bits of `FilterStatus`.
     u, dt, x0, P0 : arrays
         The inputs (N, inputs), time steps (N,) [s] and prior that it started from.
+
+    Examples
+    --------
+    >>> from truejoint.filters import UnscentedFilter, linear_model
+    >>> model = linear_model(
+    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
+    ...     states=("x",), measurements=("z",),
+    ... )
+    >>> UnscentedFilter(model).run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0).status
+    array([0, 0])
     """
 
     x: Array
@@ -136,6 +162,17 @@ class SmoothedResult:
         Their covariances.
     x0, P0 : (n,), (n, n) array
         The state before the first row and its covariance.
+
+    Examples
+    --------
+    >>> from truejoint.filters import UnscentedFilter, linear_model
+    >>> model = linear_model(
+    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
+    ...     states=("x",), measurements=("z",),
+    ... )
+    >>> unscented = UnscentedFilter(model)
+    >>> unscented.smooth(unscented.run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0)).x.shape
+    (2, 1)
     """
 
     x: Array
@@ -163,6 +200,18 @@ class UnscentedFilter:
         covariance: twice the digits where variances differ wildly, for somewhat more time.
     gate : Gate or None
         Which measurements to leave out; None uses all.
+
+    Examples
+    --------
+    >>> from truejoint.filters import UnscentedFilter, linear_model
+    >>> model = linear_model(
+    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
+    ...     states=("x",), measurements=("z",),
+    ... )
+    >>> unscented = UnscentedFilter(model)
+    >>> state = unscented.initial_state([0.0], [[1.0]])
+    >>> unscented.step(state, [1.1], None, 1.0), state.x.round(3)
+    (0, array([0.576]))
     """
 
     model: StateSpaceModel

@@ -19,7 +19,13 @@ from truejoint.errors import TruejointError
 
 
 class FilterError(TruejointError):
-    """A filter, a state-space model or a record for one that breaks a rule."""
+    """A filter, a state-space model or a record for one that breaks a rule.
+
+    Examples
+    --------
+    >>> issubclass(FilterError, ValueError)
+    True
+    """
 
 
 @dataclass(frozen=True)
@@ -34,6 +40,11 @@ class ScaledSigmaPoints:
         Knowledge of the distribution; 2 is best for a Gaussian.
     kappa : float
         Secondary scaling, kappa > -L for L dimensions.
+
+    Examples
+    --------
+    >>> ScaledSigmaPoints().reach(4) > 0.0
+    True
     """
 
     alpha: float = 1.0
@@ -86,6 +97,11 @@ class LambdaSigmaPoints:
     ----------
     lambda_ : float
         lambda > -L for L dimensions.
+
+    Examples
+    --------
+    >>> round(float(LambdaSigmaPoints(-1.0).reach(4)), 6)
+    1.732051
     """
 
     lambda_: float

@@ -118,6 +118,15 @@ class StateSpaceModel:
     FilterError
         If a function is not compiled, does not compile or writes past `out`, or a covariance or
         a name is wrong.
+
+    Examples
+    --------
+    >>> model = linear_model(
+    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
+    ...     states=("x",), measurements=("z",),
+    ... )
+    >>> model.states
+    ('x',)
     """
 
     transition: Callable[..., None]
@@ -258,6 +267,15 @@ def linear_model(
     ------
     FilterError
         If a shape does not fit the names, or a number is not finite.
+
+    Examples
+    --------
+    >>> model = linear_model(
+    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
+    ...     states=("x",), measurements=("z",),
+    ... )
+    >>> model.measurements
+    ('z',)
     """
     n, m, p = len(states), len(measurements), len(inputs)
     parts = []
@@ -302,6 +320,12 @@ def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Ar
     ------
     FilterError
         If shapes or numbers are wrong.
+
+    Examples
+    --------
+    >>> F, G = discretise([[0.0]], [[1.0]], 0.5)
+    >>> float(G[0, 0])
+    0.5
     """
     from scipy.linalg import expm  # noqa: PLC0415  # a control loop needs none of it
 
@@ -342,6 +366,12 @@ def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array
     ------
     FilterError
         If shapes or numbers are wrong.
+
+    Examples
+    --------
+    >>> F, Q = van_loan([[0.0]], [[2.0]], 0.5)
+    >>> float(Q[0, 0])
+    1.0
     """
     from scipy.linalg import expm, matrix_balance  # noqa: PLC0415  # as in `discretise`
 

@@ -64,6 +64,11 @@ class Feature:
     ------
     CalibrationError
         If a part breaks these rules.
+
+    Examples
+    --------
+    >>> str(Feature.parse("play(measured/jaw, 0.02)"))
+    'play(measured/jaw, 0.02)'
     """
 
     signal: str
@@ -164,6 +169,11 @@ class FeatureSet:
     ------
     CalibrationError
         If there are none, more than 512, or one stands twice.
+
+    Examples
+    --------
+    >>> FeatureSet.parse(["measured/jaw", "rate(measured/jaw, 0.1)"]).signals
+    ('measured/jaw',)
     """
 
     features: tuple[Feature, ...]
@@ -279,7 +289,13 @@ class FeatureSet:
 
 
 def sample_interval(recordings: Sequence[Recording]) -> float:
-    """Median time between the rows [s] of recordings."""
+    """Median time between the rows [s] of recordings.
+
+    Examples
+    --------
+    >>> round(sample_interval(training), 6)
+    0.01
+    """
     return float(np.median(np.concatenate([np.diff(recording.t) for recording in recordings])))
 
 
@@ -302,7 +318,13 @@ def check_sample_interval(recording: Recording, trained: float) -> None:
 
 
 def default_gap_limit(recordings: Sequence[Recording]) -> float:
-    """Ten times the median time between rows [s]: what is longer counts as a gap."""
+    """Ten times the median time between rows [s]: what is longer counts as a gap.
+
+    Examples
+    --------
+    >>> round(default_gap_limit(training), 6)
+    0.1
+    """
     return 10.0 * sample_interval(recordings)
 
 
@@ -315,13 +337,24 @@ def time_steps(t: Array, gap_limit: float) -> Array:
         Time stamps [s].
     gap_limit : float
         Time without a sample [s] after which the history starts anew.
+
+    Examples
+    --------
+    >>> time_steps(np.array([0.0, 0.1, 9.0]), gap_limit=1.0)
+    array([0. , 0.1, 0. ])
     """
     steps = np.diff(t, prepend=t[:1])
     return np.where((steps > 0.0) & (steps <= gap_limit), steps, 0.0)
 
 
 def run_starts(t: Array, gap_limit: float) -> NDArray[np.bool_]:
-    """Rows (n,) at which a history starts: the first, and each after more than `gap_limit` [s]."""
+    """Rows (n,) at which a history starts: the first, and each after more than `gap_limit` [s].
+
+    Examples
+    --------
+    >>> run_starts(np.array([0.0, 0.1, 5.0]), 1.0).tolist()
+    [True, False, True]
+    """
     return np.concatenate([[True], np.diff(t) > gap_limit])
 
 
@@ -335,6 +368,11 @@ def default_features(robot: Robot, recording: Recording) -> FeatureSet:
     ------
     CalibrationError
         If the recording has none of them.
+
+    Examples
+    --------
+    >>> default_features(test.robot, test).names
+    ('measured/jaw', 'effort/jaw')
     """
     names = [
         f"{quantity}/{channel}"

@@ -150,7 +150,13 @@ def read_recording(
 
 
 def format_names() -> tuple[str, ...]:
-    """Names that `read_recording` knows: truejoint's own and those of other packages."""
+    """Names that `read_recording` knows: truejoint's own and those of other packages.
+
+    Examples
+    --------
+    >>> format_names()[:2]
+    ('parquet', 'csv')
+    """
     return (*FORMATS, *plugins("truejoint.formats", tuple(FORMATS)))
 
 

@@ -38,6 +38,11 @@ class StateBlock:
     extra : mapping of str to ndarray, shape (n,)
         Whatever else is read with the state, by its column in a recording: ``cable/drive``,
         ``tension/pitch``, a simulation's ``truth_load/jaw``.
+
+    Examples
+    --------
+    >>> arm.measured_js().position.shape
+    (7,)
     """
 
     t: Array
@@ -71,6 +76,11 @@ class TruthBlock:
         The joints that carry an encoder.
     position : ndarray, shape (m, len(name))
         [rad or m].
+
+    Examples
+    --------
+    >>> TruthBlock(np.zeros(1), ("elbow",), np.zeros((1, 1))).name
+    ('elbow',)
     """
 
     t: Array

@@ -79,6 +79,10 @@ def adopt_robot(values: Mapping[str, Any], source: str) -> None:
     ------
     RobotError
         If the description breaks a rule, or a robot of that name has other joints or channels.
+
+    Examples
+    --------
+    >>> adopt_robot(get_robot("bros").to_dict(), "a recording")
     """
     from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
 

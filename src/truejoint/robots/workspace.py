@@ -28,6 +28,11 @@ class Workspace:
     slowest, fastest : ndarray, optional
         Range of a random motion's peak speeds [rad/s or m/s]; by default from half of `speed`
         up to it.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").workspace.joints
+    ('shoulder', 'elbow', 'insertion')
     """
 
     joints: tuple[str, ...]

@@ -79,6 +79,11 @@ class CalibrationCheck:
         Highest that the monitor raised along the recording; NONE where it has no reference.
     reasons : Reason
         Of all its alarms.
+
+    Examples
+    --------
+    >>> truejoint.runtime.check_calibration(model, test).holds
+    True
     """
 
     joints: tuple[JointCheck, ...]
@@ -140,6 +145,11 @@ def check_calibration(
     ------
     CalibrationError
         If the recording does not fit, holds no truth, or the interval is not of that level.
+
+    Examples
+    --------
+    >>> check_calibration(model, test).rows
+    400
     """
     t, error, known = known_error(calibration, recording)
     zero = find_zero(calibration, recording)

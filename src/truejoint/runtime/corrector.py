@@ -70,6 +70,14 @@ class Corrector:
     Notes
     -----
     The arrays change in place at every step: copy what you want to keep.
+
+    Examples
+    --------
+    >>> corrector = Corrector(model)
+    >>> status = corrector.set_homing(True)
+    >>> status = corrector.step(0.0, [test.column(name)[0] for name in corrector.signals])
+    >>> corrector.position.shape
+    (1,)
     """
 
     __slots__ = (

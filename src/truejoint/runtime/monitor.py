@@ -157,6 +157,11 @@ class Monitor:
     ------
     CalibrationError
         If the calibration has no reference, or `working_time` is not above 0.
+
+    Examples
+    --------
+    >>> int(Monitor(model).run(test).alarm.max())
+    0
     """
 
     def __init__(

@@ -62,6 +62,13 @@ class ReZero:
     ------
     CalibrationError
         If the calibration has no reference, or a number is out of range.
+
+    Examples
+    --------
+    >>> rezero = ReZero(model, truth_sd=1e-4)
+    >>> rezero.update(0.0, model.correct(test)[0], test.columns("truth", ["jaw"])[0])
+    >>> rezero.offset.shape
+    (1,)
     """
 
     def __init__(

@@ -18,7 +18,13 @@ _TWINS: Final = {
 
 
 def twin_names() -> tuple[str, ...]:
-    """Robots that `make_twin` knows."""
+    """Robots that `make_twin` knows.
+
+    Examples
+    --------
+    >>> twin_names()
+    ('raven2', 'forceps')
+    """
     return tuple(_TWINS)
 
 

@@ -28,6 +28,11 @@ class TwinOutput(StateBlock):
         Readings of the temporary joint encoders, on their own clock.
     joint : ndarray, shape (n, n_positioning)
         Where the positioning joints really are [rad or m].
+
+    Examples
+    --------
+    >>> truejoint.simulation.make_twin("forceps", seed=1).home().t.size > 0
+    True
     """
 
     truth: TruthBlock

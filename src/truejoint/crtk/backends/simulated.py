@@ -20,6 +20,11 @@ class SimulatedBackend:
     ----------
     twin : Twin
         Kept by reference: its load may be changed while the arm works.
+
+    Examples
+    --------
+    >>> SimulatedBackend(truejoint.simulation.make_twin("raven2", seed=1)).robot.name
+    'raven2'
     """
 
     def __init__(self, twin: Twin) -> None:
