@@ -67,7 +67,7 @@ def test_the_example_serves_the_command_line(example: Path) -> None:
         example, "-c",
         "import sys; from truejoint.cli.app import main; main()",
         "calibrate", str(example / "run.txt"), "--format", "example_counts",
-        "-e", "linear", "-o", str(model),
+        "-e", "example_ridge", "-o", str(model),
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert "joints       lever" in result.stdout

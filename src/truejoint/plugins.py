@@ -1,4 +1,4 @@
-"""What other installed packages add: robots, file formats and estimators, found by name."""
+"""What other installed packages add: robots, formats, estimators, models; found by name."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from typing import Any, Literal
 
 from truejoint.errors import TruejointError
 
-Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators"]
+Group = Literal[
+    "truejoint.robots", "truejoint.formats", "truejoint.estimators", "truejoint.models"
+]
 
 _log = logging.getLogger("truejoint")
 

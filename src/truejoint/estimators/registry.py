@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.metadata import EntryPoint
 from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import CalibrationError, unknown
+from truejoint.plugins import load_plugin, plugins
 
 if TYPE_CHECKING:  # names are listed without what learns
     from truejoint.estimators.base import JointRegressor
@@ -47,14 +49,14 @@ TITLES: Final = {
 
 
 def estimator_names() -> tuple[str, ...]:
-    """Names that `get_estimator` knows.
+    """Names that `get_estimator` knows: truejoint's own, and those of other packages.
 
     Examples
     --------
     >>> estimator_names()[:4]
     ('offset', 'linear', 'poly2', 'dnn')
     """
-    return tuple(_ESTIMATORS)
+    return (*_ESTIMATORS, *_plugins())
 
 
 def get_estimator(name: str) -> JointRegressor:
@@ -65,9 +67,18 @@ def get_estimator(name: str) -> JointRegressor:
     >>> get_estimator("poly2").degree
     2
     """
-    if name not in _ESTIMATORS:
+    if name in _ESTIMATORS:
+        return _class(name)(**_ESTIMATORS[name][2])
+    if name not in _plugins():
         raise CalibrationError(unknown("estimator", name, estimator_names()))
-    return _class(name)(**_ESTIMATORS[name][2])
+    from truejoint.estimators.wrapped import joint_regressor  # noqa: PLC0415  # names need it not
+
+    return joint_regressor(load_plugin(_plugins()[name], type)())
+
+
+def _plugins() -> dict[str, EntryPoint]:
+    """Regressors of other packages, each a class with scikit-learn's `fit` and `predict`."""
+    return plugins("truejoint.estimators", tuple(_ESTIMATORS))
 
 
 def name_of(estimator: JointRegressor) -> str:

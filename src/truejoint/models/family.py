@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, cast, get_args
 
 import numpy as np
 from numba import types
@@ -30,6 +30,7 @@ from truejoint.compiled import (
 )
 from truejoint.errors import CalibrationError
 from truejoint.layout import Memory
+from truejoint.plugins import load_plugin, plugins
 
 Params = Mapping[str, Any]
 Shape = tuple[int, ...]
@@ -258,6 +259,9 @@ def find_family(name: str) -> Family:
         family = getattr(import_module(f"truejoint.models.{name}"), "FAMILY", None)
         if isinstance(family, Family):
             return family
+    points = plugins("truejoint.models")
+    if name in points:
+        return cast("Family", load_plugin(points[name], Family))
     raise CalibrationError(
         f"no estimator family {name!r:.60}; update truejoint, or install the package that brings it"
     )

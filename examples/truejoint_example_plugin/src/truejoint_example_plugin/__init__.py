@@ -1,8 +1,9 @@
-"""What another package can add to truejoint: a robot by a file, a file format by a function."""
+"""What another package can add to truejoint: a robot by a file, a file format, an estimator."""
 
 from pathlib import Path
 
 import numpy as np
+from sklearn.linear_model import Ridge
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import Format, Provenance, Recording
@@ -25,3 +26,10 @@ def read_counts(path: Path) -> Recording:
 
 
 COUNTS = Format("example_counts", "counts of the example lever", read_counts)
+
+
+class ExampleRidge(Ridge):  # type: ignore[misc]  # sklearn: untyped
+    """Linear regression that shrinks; linear, so that it runs in the loop and in C as it is."""
+
+    def __init__(self, alpha: float = 1e-3) -> None:
+        super().__init__(alpha)
