@@ -171,7 +171,7 @@ def test_missing_columns_are_named(recording):
     refused("no column 'truth/wrist'", recording, joints=["wrist"])
     refused("lacks effort/wrist", [recording, without(recording, "effort/wrist")])
     refused("lacks current/elbow", recording, features=["measured/elbow", "current/elbow"])
-    with pytest.raises(RobotError, match="no joint 'thumb'"):
+    with pytest.raises(RobotError, match="no joint called 'thumb'"):
         calibrate(recording, "linear", joints=["thumb"])
     refused("no joints to correct", recording, joints=[])
 
