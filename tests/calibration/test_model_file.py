@@ -89,7 +89,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, calibration):
 
 
 def test_places_that_cannot_be_used_are_named(tmp_path, calibration):
-    with pytest.raises(ModelFileError, match=r"nowhere does not exist; make it first"):
+    with pytest.raises(ModelFileError, match=r"nowhere does not exist"):
         calibration.save(tmp_path / "nowhere" / "model.safetensors")
     with pytest.raises(ModelFileError, match=r"absent.*cannot be read: No such file"):
         read_calibration(tmp_path / "absent")

@@ -170,5 +170,6 @@ def test_name_family_and_class_lead_to_each_other(name):
     assert set(estimator.model_params()) == set(estimator.family.rules)
 
 
-def test_an_unknown_family_has_no_class():
-    refused("'oracle'", class_of, "oracle")
+def test_data_of_an_unknown_family_is_refused_by_name():
+    data = EstimatorData("oracle", {}, {})
+    refused("'oracle'", lambda: class_of(data.family).from_data(data, 1, 1))
