@@ -10,9 +10,7 @@ from typing import Any, Literal
 
 from truejoint.errors import TruejointError
 
-Group = Literal[
-    "truejoint.robots", "truejoint.formats", "truejoint.estimators", "truejoint.models"
-]
+Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators", "truejoint.models"]
 
 _log = logging.getLogger("truejoint")
 

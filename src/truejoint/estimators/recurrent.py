@@ -92,11 +92,6 @@ class RecurrentNetwork(JointRegressor):
         self.epochs = epochs
         self.random_state = random_state
 
-    @property
-    def name(self) -> str:
-        """``"gru"``, as the literature calls it."""
-        return "gru"
-
     def minimum_rows(self, n_features: int) -> int:
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
@@ -107,7 +102,7 @@ class RecurrentNetwork(JointRegressor):
         longest = int(np.diff([*np.flatnonzero(dt[rows] == 0.0), len(rows)]).max())
         if longest < self.window or not known[rows].any():
             raise CalibrationError(
-                f"gru: too few rows for a history: the longest has {longest}, at least "
+                f"{self.name}: too few rows for a history: the longest has {longest}, at least "
                 f"{self.period:g} s apart, and a window {self.window}; {known[rows].sum()} have a "
                 "target: record longer without a gap, or choose a smaller window or period"
             )
