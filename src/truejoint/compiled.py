@@ -122,3 +122,9 @@ def fill(target: Array, count: int, value: float) -> None:
     """Write one value into `count` elements."""
     for i in range(count):
         target[i] = value
+
+
+@compiled
+def unrolled(n: int) -> int:
+    """Give `n`: a mark for the C source, whose rounds of such a loop are printed one by one."""
+    return n
