@@ -27,7 +27,7 @@ from truejoint import calibrate
 from truejoint.estimators import JointRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.estimators.elastic_joint import ElasticJointFilter
 from truejoint.estimators.linear import LinearRegressor
-from truejoint.estimators.sequence import time_steps
+from truejoint.models.features import time_steps
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, open_dataset

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from truejoint import calibrate, load_calibration
+from truejoint import calibrate, read_calibration
 from truejoint.evaluation.forceps import (
     compare_forces,
     compare_homing,
@@ -53,7 +53,7 @@ for name in ("ukf_compensated", "play_gated", "ukf_friction"):
 # One sample at a time gives the same numbers to the last bit.
 
 # %%
-model = load_calibration(folder / "play_gated.safetensors")
+model = read_calibration(folder / "play_gated.safetensors")
 state = model.start()
 samples = np.column_stack([verification.column(name) for name in model.signals])
 online = [model.step(state, t, s) for t, s in zip(verification.t[:500], samples, strict=False)]

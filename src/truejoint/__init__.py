@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from truejoint.errors import TruejointError
 
 if TYPE_CHECKING:
-    from truejoint.calibration import Calibration, calibrate, load_calibration
+    from truejoint.calibration import Calibration, calibrate, read_calibration
     from truejoint.evaluation import evaluate, write_report
     from truejoint.recordings import Recording, read_recording, write_parquet
     from truejoint.robots import get_robot
@@ -31,7 +31,7 @@ __all__ = [
     "calibrate",
     "evaluate",
     "get_robot",
-    "load_calibration",
+    "read_calibration",
     "read_recording",
     "write_parquet",
     "write_report",
@@ -45,7 +45,7 @@ _HOMES = {
     "calibrate": "truejoint.calibration",
     "evaluate": "truejoint.evaluation",
     "get_robot": "truejoint.robots",
-    "load_calibration": "truejoint.calibration",
+    "read_calibration": "truejoint.calibration",
     "read_recording": "truejoint.recordings",
     "write_parquet": "truejoint.recordings",
     "write_report": "truejoint.evaluation",

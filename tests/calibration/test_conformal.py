@@ -14,7 +14,7 @@ from truejoint.calibration import (
     Calibration,
     calibrate,
     cross_check,
-    load_calibration,
+    read_calibration,
     measure_coverage,
     needed_trajectories,
     rezeroed,
@@ -259,7 +259,7 @@ def test_measured_coverage_is_the_share_of_samples_inside(calibration, motions, 
 def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_path):
     stated = with_interval(calibration, motions, rezero=1.0)
     stated.save(tmp_path / "m.safetensors")
-    back = load_calibration(tmp_path / "m.safetensors").interval
+    back = read_calibration(tmp_path / "m.safetensors").interval
     for name, array in encode_interval(stated.interval).items():
         assert encode_interval(back)[name].tobytes() == array.tobytes(), name
 

@@ -9,15 +9,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, load_calibration
+from truejoint.calibration import calibrate, read_calibration
 from truejoint.calibration.effort_baseline import (
     MAX_JOINTS,
     count_effort_terms,
-    decode_reference,
+    decode_effort_baseline,
     effort_steps,
     effort_terms,
-    encode_reference,
-    fit_reference,
+    encode_effort_baseline,
+    fit_effort_baseline,
     residual_statistics,
 )
 from truejoint.errors import ModelFileError
@@ -75,7 +75,7 @@ def test_terms_are_gravity_and_friction(shares, speed):
 
 
 def test_reference_recovers_the_efforts_and_their_noise(calibration):
-    reference = calibration.reference
+    reference = calibration.effort_baseline
     assert reference.monitored.tolist() == [1.0, 1.0, 1.0]
     assert reference.scale == pytest.approx(0.004, rel=0.3)  # and speeds at 30 Hz are rough
     test = motion(5, noise=0.0)
@@ -113,13 +113,13 @@ def test_standstill_makes_no_steps():
 def test_a_joint_that_hardly_moved_is_not_monitored():
     calibration = calibrate([motion(0, shoulder=0.2), motion(1, shoulder=0.2)], "linear",
                             features=FEATURES)  # fmt: skip
-    assert calibration.reference.monitored.tolist() == [0.0, 1.0, 1.0]
+    assert calibration.effort_baseline.monitored.tolist() == [0.0, 1.0, 1.0]
 
 
 def test_a_joint_whose_effort_the_calibration_does_not_see_is_not_monitored():
     calibration = calibrate(motion(0), "linear", features=FEATURES[:5])
-    assert calibration.reference.monitored.tolist() == [1.0, 1.0, 0.0]
-    assert calibration.reference.coef[2].tolist() == [0.0] * count_effort_terms(3)
+    assert calibration.effort_baseline.monitored.tolist() == [1.0, 1.0, 0.0]
+    assert calibration.effort_baseline.coef[2].tolist() == [0.0] * count_effort_terms(3)
 
 
 def test_recordings_that_disagree_raise_the_limits():
@@ -155,15 +155,15 @@ def test_size_and_correlation_time_of_errors_are_found():
 def test_too_many_joints_or_a_joint_at_rest_give_no_reference(calibration):
     test = motion(3, duration=20.0)
     still = test.table.assign(**{"measured/elbow": 1.0})
-    assert fit_reference(calibration, [Recording(still, test.units, test.provenance)]) is None
+    assert fit_effort_baseline(calibration, [Recording(still, test.units, test.provenance)]) is None
     many = replace(calibration, joints=("elbow",) * (MAX_JOINTS + 1))
-    assert fit_reference(many, [test]) is None
+    assert fit_effort_baseline(many, [test]) is None
 
 
 def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
     calibration.save(tmp_path / "m.safetensors")
-    back = encode_reference(load_calibration(tmp_path / "m.safetensors").reference)
-    for name, array in encode_reference(calibration.reference).items():
+    back = encode_effort_baseline(read_calibration(tmp_path / "m.safetensors").reference)
+    for name, array in encode_effort_baseline(calibration.effort_baseline).items():
         assert back[name].tobytes() == array.tobytes(), name
 
 
@@ -180,10 +180,10 @@ def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
     ],
 )
 def test_an_edited_reference_is_refused(calibration, name, change):
-    arrays = encode_reference(calibration.reference)
+    arrays = encode_effort_baseline(calibration.effort_baseline)
     arrays[name] = change(arrays.get(name, np.zeros(3)))
     with pytest.raises(ModelFileError, match="reference"):
-        decode_reference(arrays, 3)
+        decode_effort_baseline(arrays, 3)
 
 
 def test_the_public_robots_have_joints_enough():

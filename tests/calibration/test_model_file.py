@@ -13,7 +13,7 @@ import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, load_calibration, model_file
+from truejoint.calibration import calibrate, read_calibration, model_file
 from truejoint.calibration.encoding import encode
 from truejoint.calibration.model_file import from_bytes, to_bytes
 from truejoint.errors import ModelFileError
@@ -60,7 +60,7 @@ def test_round_trip_is_bit_for_bit(tmp_path, recording, build, estimator, target
     made = made.with_metadata(held_out={"elbow": 0.1}, command="truejoint calibrate é.parquet")
     path = tmp_path / "model.safetensors"
     made.save(path)
-    read = load_calibration(path)
+    read = read_calibration(path)
     assert same(made, read, build(100, 4))
     assert read.metadata == made.metadata
     assert (read.robot, read.arm, read.joints) == (made.robot, made.arm, made.joints)
@@ -84,7 +84,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, calibration):
         calibration.save(path)
     assert path.read_bytes() == b"precious"
     calibration.save(path, overwrite=True)
-    assert load_calibration(path).joints == calibration.joints
+    assert read_calibration(path).joints == calibration.joints
     assert [p.name for p in tmp_path.iterdir()] == ["model.safetensors"]
 
 
@@ -92,9 +92,9 @@ def test_places_that_cannot_be_used_are_named(tmp_path, calibration):
     with pytest.raises(ModelFileError, match=r"nowhere.*cannot be written: No such file"):
         calibration.save(tmp_path / "nowhere" / "model.safetensors")
     with pytest.raises(ModelFileError, match=r"absent.*cannot be read: No such file"):
-        load_calibration(tmp_path / "absent")
+        read_calibration(tmp_path / "absent")
     with pytest.raises(ModelFileError, match="cannot be read"):
-        load_calibration(tmp_path)
+        read_calibration(tmp_path)
 
 
 def test_model_that_could_not_be_read_back_is_not_written(tmp_path, calibration):
@@ -109,7 +109,7 @@ def test_model_that_could_not_be_read_back_is_not_written(tmp_path, calibration)
 def load_bytes(tmp_path, data: bytes):
     path = tmp_path / "model.safetensors"
     path.write_bytes(data)
-    return load_calibration(path)
+    return read_calibration(path)
 
 
 def refused(tmp_path, data: bytes, said: str) -> None:

@@ -1,4 +1,4 @@
-"""The training envelope: what it observes, against a plain count, and its place in the file."""
+"""The training domain: what it observes, against a plain count, and its place in the file."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, load_calibration
+from truejoint.calibration import calibrate, read_calibration
 from truejoint.calibration.encoding import decode, encode
 from truejoint.calibration.training_domain import (
     SMALLEST_VARIANCE,
-    decode_envelope,
-    encode_envelope,
-    fit_envelope,
+    decode_training_domain,
+    encode_training_domain,
+    fit_training_domain,
     partners,
 )
 from truejoint.errors import ModelFileError
@@ -53,25 +53,25 @@ def test_changes_and_standstill_as_counted_by_hand():
     ]
     t = [0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 7.0, 7.1]
     X, error = np.array(rows), np.array(rows)[:, :1]
-    envelope = fit_envelope([table(t, rows)], SIGNALS, 1.0, X, error)
-    np.testing.assert_allclose(envelope.signal_step, [0.5, 0.4, 0.0], rtol=1e-12)
-    np.testing.assert_allclose(envelope.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12)
-    assert envelope.hold == pytest.approx(0.3, rel=1e-12)
-    assert envelope.interval == pytest.approx(0.1)
-    np.testing.assert_array_equal(envelope.signal_lower, [1.0, -0.1, 5.0])
-    np.testing.assert_array_equal(envelope.signal_upper, [9.0, 0.9, 5.0])
-    np.testing.assert_array_equal([envelope.error_lower[0], envelope.error_upper[0]], [1.0, 9.0])
+    training_domain = fit_training_domain([table(t, rows)], SIGNALS, 1.0, X, error)
+    np.testing.assert_allclose(training_domain.signal_step, [0.5, 0.4, 0.0], rtol=1e-12)
+    np.testing.assert_allclose(training_domain.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12)
+    assert training_domain.hold == pytest.approx(0.3, rel=1e-12)
+    assert training_domain.interval == pytest.approx(0.1)
+    np.testing.assert_array_equal(training_domain.signal_lower, [1.0, -0.1, 5.0])
+    np.testing.assert_array_equal(training_domain.signal_upper, [9.0, 0.9, 5.0])
+    np.testing.assert_array_equal([training_domain.error_lower[0], training_domain.error_upper[0]], [1.0, 9.0])
 
 
 def test_whitened_rows_are_uncorrelated(calibration, recording):
-    envelope = calibration.envelope
+    training_domain = calibration.training_domain
     X = calibration.feature_set.compute(recording, calibration.gap_limit)
-    white = (X - envelope.feature_mean) @ envelope.whitening.T
+    white = (X - training_domain.feature_mean) @ training_domain.whitening.T
     covariance = white.T @ white / len(X)
     varies = np.diag(covariance) > 1e-6
     assert varies.sum() == 14  # two of the sixteen belong to the unused channel
     np.testing.assert_allclose(covariance, np.diag(varies.astype(float)), rtol=0, atol=1e-9)
-    assert np.linalg.norm(white, axis=1).max() == envelope.distance
+    assert np.linalg.norm(white, axis=1).max() == training_domain.distance
 
 
 def test_copies_of_a_feature_are_told_apart_but_not_without_end():
@@ -79,25 +79,25 @@ def test_copies_of_a_feature_are_told_apart_but_not_without_end():
     x = rng.normal(size=500)
     X = np.column_stack([x, x, rng.normal(size=500)])
     rows = np.column_stack([x, rng.normal(size=(500, 2))])
-    envelope = fit_envelope([table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1])
-    split = np.linalg.norm(envelope.whitening @ [0.5, -0.5, 0.0])
+    training_domain = fit_training_domain([table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1])
+    split = np.linalg.norm(training_domain.whitening @ [0.5, -0.5, 0.0])
     expected = np.sqrt(0.5) / x.std() / np.sqrt(SMALLEST_VARIANCE)
     assert split == pytest.approx(expected, rel=1e-6)
 
 
 def test_the_file_keeps_it_bit_for_bit(tmp_path, calibration):
     calibration.save(tmp_path / "model.safetensors")
-    read = load_calibration(tmp_path / "model.safetensors").envelope
+    read = read_calibration(tmp_path / "model.safetensors").training_domain
     for field in fields(read):
         np.testing.assert_array_equal(
-            getattr(read, field.name), getattr(calibration.envelope, field.name)
+            getattr(read, field.name), getattr(calibration.training_domain, field.name)
         )
 
 
 def test_files_without_it_are_read(tmp_path, calibration, recording):
-    replace(calibration, envelope=None).save(tmp_path / "model.safetensors")
-    read = load_calibration(tmp_path / "model.safetensors")
-    assert read.envelope is None
+    replace(calibration, training_domain=None).save(tmp_path / "model.safetensors")
+    read = read_calibration(tmp_path / "model.safetensors")
+    assert read.training_domain is None
     np.testing.assert_array_equal(read.correct(recording), calibration.correct(recording))
 
 
@@ -120,11 +120,11 @@ def test_damaged_envelopes_are_refused(calibration, name, value, said):
     n = len(calibration.signals)
     if isinstance(value, np.ndarray) and len(value) == 17:
         value = value[:n]
-    arrays.pop(f"envelope/{name}", None)
+    arrays.pop(f"training_domain/{name}", None)
     if value is not None:
-        arrays[f"envelope/{name}"] = value
+        arrays[f"training_domain/{name}"] = value
     with pytest.raises(ModelFileError, match=said):
         decode(document, arrays)
     shape = (n, len(calibration.feature_set), 2)
-    sound = decode_envelope(encode_envelope(calibration.envelope), *shape)
-    np.testing.assert_array_equal(sound.whitening, calibration.envelope.whitening)
+    sound = decode_training_domain(encode_training_domain(calibration.training_domain), *shape)
+    np.testing.assert_array_equal(sound.whitening, calibration.training_domain.whitening)

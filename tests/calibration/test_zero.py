@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, find_zero, load_calibration, rezeroed
+from truejoint.calibration import calibrate, find_zero, read_calibration, rezeroed
 from truejoint.calibration.zero import _shifted
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
@@ -54,7 +54,7 @@ def test_every_estimator_moves_by_the_offset_and_nothing_else(
     assert moved.metadata["homing_ids"] == ["h2"]
     assert moved.metadata["rezeroed"]["rows"] == 40
     moved.save(tmp_path / "m.safetensors")
-    again = load_calibration(tmp_path / "m.safetensors")
+    again = read_calibration(tmp_path / "m.safetensors")
     assert again.correct(test).tobytes() == moved.correct(test).tobytes()
 
 
@@ -81,15 +81,15 @@ def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
     zero = find_zero(calibration, brief)
     rng = np.random.default_rng(0)
     for k in range(3):
-        size = calibration.reference.residual[k]
-        time = calibration.reference.correlation[k]
+        size = calibration.effort_baseline.residual[k]
+        time = calibration.effort_baseline.correlation[k]
         t = brief.t[:60]
         covariance = size**2 * np.exp(-np.abs(t[:, None] - t) / time)
         means = rng.multivariate_normal(np.zeros(60), covariance, 4000).mean(axis=1)
         assert zero.sd[k] == pytest.approx(means.std(), rel=0.06)
     one = homed_again(build(300, 4), np.zeros(3), slice(7, 8))
-    assert find_zero(calibration, one).sd == pytest.approx(calibration.reference.residual)
-    bare = replace(calibration, reference=None)
+    assert find_zero(calibration, one).sd == pytest.approx(calibration.effort_baseline.residual)
+    bare = replace(calibration, effort_baseline=None)
     assert np.isnan(find_zero(bare, one).sd).all()
     assert rezeroed(bare, one).metadata["rezeroed"]["sd"] is None
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from tests.cli.conftest import Call
 
-from truejoint import load_calibration, read_recording
+from truejoint import read_calibration, read_recording
 from truejoint.motion import Trajectory
 
 COMMANDS = [
@@ -43,7 +43,7 @@ def test_session_is_what_was_asked_for(session: Path) -> None:
     assert recording.duration == pytest.approx(60.0, abs=30.0)
     assert recording.provenance.command.startswith("truejoint collect")
     assert recording.provenance.load == 0.0
-    model = load_calibration(session / "m.st")
+    model = read_calibration(session / "m.st")
     assert model.joints == path.joints
     assert len(model.feature_set) == 16
 
@@ -82,7 +82,7 @@ def test_held_out_accuracy_goes_into_the_model(call: Call, session: Path, tmp_pa
         session / "random.parquet", "--out", model, "--json",
     )  # fmt: skip
     assert result.code == 0
-    held_out = load_calibration(model).metadata["held_out"]
+    held_out = read_calibration(model).metadata["held_out"]
     assert {row["estimator"] for row in held_out} >= {"raw", "offset", "linear", "poly2"}
     assert json.loads(result.out)["metadata"]["held_out"] == held_out
 
@@ -101,7 +101,7 @@ def test_settings_reach_the_estimator(call: Call, session: Path, tmp_path: Path)
         "--set", "hidden_layer_sizes=7,5",
     )  # fmt: skip
     assert result.code == 0
-    parameters = load_calibration(model).model.get_params()
+    parameters = read_calibration(model).model.get_params()
     assert parameters["epochs"] == 2
     assert tuple(parameters["hidden_layer_sizes"]) == (7, 5)
 

@@ -33,7 +33,7 @@ def columns(run: ForcepsRun, names: tuple[str, ...]) -> np.ndarray:
 
 
 def target(run: ForcepsRun) -> np.ndarray:
-    """Reference encoder, unknown while the motion swells."""
+    """EffortBaseline encoder, unknown while the motion swells."""
     return np.where(run.t > SETTLED, run.reference, np.nan)
 
 

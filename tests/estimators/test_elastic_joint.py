@@ -8,10 +8,10 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
 
-from truejoint import calibrate, load_calibration
+from truejoint import calibrate, read_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators.elastic_joint import MIN_ROWS, ElasticJointFilter
-from truejoint.estimators.sequence import time_steps
+from truejoint.models.features import time_steps
 from truejoint.recordings import Provenance, Recording
 
 RATE = 100.0
@@ -151,7 +151,7 @@ def test_from_recordings_to_a_model_file_and_back(tmp_path):
     assert error.std() < 0.1 * raw.std()
     path = tmp_path / "jaw.safetensors"
     calibration.save(path)
-    np.testing.assert_array_equal(load_calibration(path).correct(unseen), corrected)
+    np.testing.assert_array_equal(read_calibration(path).correct(unseen), corrected)
     state = calibration.start()
     signals = np.column_stack([unseen.table[s].to_numpy() for s in calibration.signals])
     steps = [calibration.step(state, unseen.t[i], signals[i]) for i in range(200)]

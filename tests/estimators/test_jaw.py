@@ -9,7 +9,7 @@ import pytest
 from sklearn.base import clone
 from tests.estimators.conftest import Pair
 
-from truejoint.calibration import calibrate, load_calibration
+from truejoint.calibration import calibrate, read_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.registry import JAW_ESTIMATORS
@@ -30,7 +30,7 @@ def test_names_lead_to_estimators():
 def test_file_and_loop_give_the_same_bits(calibrated, pair, tmp_path):
     verification = pair.recordings()[1]
     calibrated.save(tmp_path / "jaw.safetensors")
-    loaded = load_calibration(tmp_path / "jaw.safetensors")
+    loaded = read_calibration(tmp_path / "jaw.safetensors")
     expected = calibrated.correct(verification)
     assert np.array_equal(loaded.correct(verification), expected)
     assert loaded.target == "position"

@@ -8,7 +8,7 @@ import numpy as np
 
 from truejoint.calibration import Calibration
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.training_domain import fit_envelope
+from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.estimators.base import JointRegressor
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
@@ -84,7 +84,7 @@ def calibration(
         metadata={
             "sample_interval": 1 / 30, "data_sha256": "0" * 64, "homing_ids": list(homing_ids),
         },
-        envelope=fit_envelope([training], needed, 0.3, X, error),
+        training_domain=fit_training_domain([training], needed, 0.3, X, error),
         interval=None
         if rezero is None
         else Interval(np.array([0.8, 0.9]), widths, widths, widths, 2.0, rezero, 12, 12),

@@ -173,7 +173,7 @@ def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
 def test_many_signals_are_checked_in_a_loop(tmp_path):
     names = [f"measured/s{i}" for i in range(40)]
     model = calibration(LinearRegressor(), names, ("elbow",), rezero=0.0)
-    model = replace(model, envelope=replace(model.envelope, distance=1e4))
+    model = replace(model, training_domain=replace(model.training_domain, distance=1e4))
     assert 0.3 < assert_same_as_corrector(exported(tmp_path, model), model, 300, 3) < 1.0
 
 
@@ -270,7 +270,7 @@ def test_what_cannot_be_exported_is_refused_in_one_line(tmp_path):
     cases = [
         (ExportError, "double' or 'float", {"precision": "half"}, model),
         (CalibrationError, "95 %", {"level": 0.95}, model),
-        (ModelFileError, "calibrate it again", {}, replace(model, envelope=None)),
+        (ModelFileError, "calibrate it again", {}, replace(model, training_domain=None)),
     ]
     model.model.coef_[0, 0] = 1e200
     cases.append((ExportError, "export in double", {"precision": "float"}, model))

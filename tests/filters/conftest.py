@@ -1,4 +1,4 @@
-"""Reference data of other people's filters, and no deadlines on a busy machine."""
+"""EffortBaseline data of other people's filters, and no deadlines on a busy machine."""
 
 from __future__ import annotations
 

@@ -8,8 +8,7 @@ import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.registry import JAW_ESTIMATORS, MOTOR_SIDE_ESTIMATORS
+from truejoint.estimators.registry import estimator_names, get_estimator
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
@@ -31,24 +30,37 @@ def forceps() -> tuple[Recording, Recording]:
     return calibration, verification
 
 
+def in_loop() -> list[str]:
+    """Names of the estimators that run in a loop."""
+    return [name for name in estimator_names() if get_estimator(name).family.row is not None]
+
+
+def inputs(name: str) -> tuple[str, ...]:
+    """Features that the estimator insists on; empty where it takes any."""
+    estimator = get_estimator(name)
+    own = estimator.family.inputs
+    return own(estimator.model_params()) if own else ()
+
+
 @cache
 def model(name: str) -> Calibration:
     """Calibration by the estimator called `name`, without an interval."""
-    if name in JAW_ESTIMATORS:
-        return calibrate(forceps()[0], name)
-    if name in MOTOR_SIDE_ESTIMATORS:
+    if "driver/jaw" in inputs(name):
         return calibrate([grasper_recording(seed) for seed in range(4)], name)
-    if name == "dnn":
-        return streams.trained(NeuralNetwork(hidden_layer_sizes=(9, 7), epochs=2))
-    return streams.trained(name)
+    if inputs(name):
+        return calibrate(forceps()[0], name)
+    estimator = get_estimator(name)
+    small = {"hidden_layer_sizes": (9, 7), "epochs": 2, "units": 5, "n_estimators": 5}
+    estimator.set_params(**{k: v for k, v in small.items() if k in estimator.get_params()})
+    return streams.trained(estimator)
 
 
 def unseen(name: str) -> Recording:
     """Recording that the estimator was not fitted to, of the sample interval of its training."""
-    if name in JAW_ESTIMATORS:
-        return forceps()[1].rows(np.arange(500, 3500))
-    if name in MOTOR_SIDE_ESTIMATORS:
+    if "driver/jaw" in inputs(name):
         return grasper_recording(50)
+    if inputs(name):
+        return forceps()[1].rows(np.arange(500, 3500))
     return streams.recording(np.arange(0.0, 60.0, 1 / 30), seed=5)
 
 

@@ -89,7 +89,7 @@ def test_one_joint_off_is_enough_to_fail(calibration):
 
 
 def test_without_an_interval_there_are_figures_but_no_verdict(calibration):
-    bare = replace(calibration, interval=None, reference=None)
+    bare = replace(calibration, interval=None, effort_baseline=None)
     found = check_calibration(bare, motion(23))
     assert found.holds is None
     assert all(joint.holds is None and math.isnan(joint.inside) for joint in found.joints)

@@ -59,8 +59,8 @@ def test_corrects_bit_for_bit_as_the_calibration(tmp_path, estimator, features, 
         target = "error"
     made = trained(estimator, features, target)
     # Small networks that predict positions are wrong enough to be refused otherwise.
-    tolerant = replace(made.envelope, error_lower=-np.ones(2), error_upper=np.ones(2))
-    made = replace(made, envelope=tolerant)
+    tolerant = replace(made.training_domain, error_lower=-np.ones(2), error_upper=np.ones(2))
+    made = replace(made, training_domain=tolerant)
     # A lag counts samples, so only 30 Hz is as trained; without one the loop may run faster.
     t = LOOP if features != HISTORY else 100.0 + np.arange(0.0, 20.0, 1 / 30)
     moving = recording(t, seed=1)
@@ -152,7 +152,7 @@ def test_half_width_is_that_of_the_level_and_grows_outside_the_range(calibration
     beyond[0] = model.upper[0] + 0.25 * span[0]
     corrector.step(0.0, beyond)
     assert not corrector.step(0.0, beyond) & Status.OUT_OF_RANGE
-    wide = ready(replace(model, envelope=replace(model.envelope, distance=1e9)))
+    wide = ready(replace(model, training_domain=replace(model.training_domain, distance=1e9)))
     assert wide.step(0.0, beyond) == Status.OK
     np.testing.assert_allclose(wide.half_width, [0.003 * 1.5, 0.004 * 1.5], rtol=1e-12)
     with pytest.raises(CalibrationError, match="99"):
@@ -186,7 +186,7 @@ def test_rezeroing_adds_an_offset_and_makes_its_interval_hold(calibration):
 
 def test_models_that_cannot_be_checked_are_refused(tmp_path, calibration):
     path = tmp_path / "model.safetensors"
-    replace(calibration, envelope=None).save(path)
+    replace(calibration, training_domain=None).save(path)
     with pytest.raises(ModelFileError, match=r"model\.safetensors: .*calibrate it again"):
         Corrector(path)
     with pytest.raises(ModelFileError, match="absent"):

@@ -19,7 +19,7 @@ SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4
 def rezero(noise=NOISE, **settings) -> ReZero:
     reference = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN)
     calibration = SimpleNamespace(robot="raven2", joints=("elbow", "insertion"),
-                                  reference=reference)  # fmt: skip
+                                  effort_baseline=reference)  # fmt: skip
     return ReZero(calibration, truth_sd=noise, **settings)
 
 
@@ -176,6 +176,6 @@ def test_senseless_settings_are_refused(settings, said):
 def test_shapes_and_a_missing_reference_are_refused():
     with pytest.raises(CalibrationError, match="must hold 2 joints"):
         rezero().update(0.0, [0.0], [0.0])
-    bare = SimpleNamespace(robot="raven2", joints=("elbow",), reference=None)
+    bare = SimpleNamespace(robot="raven2", joints=("elbow",), effort_baseline=None)
     with pytest.raises(CalibrationError, match="does not say how large its errors are"):
         ReZero(bare)

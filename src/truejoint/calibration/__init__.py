@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from truejoint.calibration.calibration import Calibration, OnlineState, load_calibration
+    from truejoint.calibration.calibration import Calibration, OnlineState, read_calibration
     from truejoint.calibration.conformal import with_interval
     from truejoint.calibration.fitting import calibrate
     from truejoint.calibration.interval import Interval, needed_trajectories
@@ -26,9 +26,9 @@ __all__ = [
     "calibrate",
     "cross_check",
     "find_zero",
-    "load_calibration",
     "measure_coverage",
     "needed_trajectories",
+    "read_calibration",
     "rezeroed",
     "with_interval",
 ]
@@ -43,9 +43,9 @@ _HOMES = {
     "calibrate": "truejoint.calibration.fitting",
     "cross_check": "truejoint.calibration.interval_coverage",
     "find_zero": "truejoint.calibration.zero",
-    "load_calibration": "truejoint.calibration.calibration",
     "measure_coverage": "truejoint.calibration.interval_coverage",
     "needed_trajectories": "truejoint.calibration.interval",
+    "read_calibration": "truejoint.calibration.calibration",
     "rezeroed": "truejoint.calibration.zero",
     "with_interval": "truejoint.calibration.conformal",
 }

@@ -16,11 +16,10 @@ from truejoint.calibration.conformal import half_widths
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators.base import JointRegressor
-from truejoint.estimators.registry import families
-from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
-from truejoint.models.families import EstimatorData
-from truejoint.models.features import FeatureState, check_sample_interval
+from truejoint.estimators.base import JointRegressor, RowState
+from truejoint.estimators.registry import class_of
+from truejoint.models.family import EstimatorData
+from truejoint.models.features import FeatureState, check_sample_interval, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
@@ -34,22 +33,22 @@ class OnlineState:
     Attributes
     ----------
     features : FeatureState
-    row : ndarray, shape (1, k)
+    row : ndarray, shape (k,)
         Features of the last sample.
-    model : object
-        What a `SequenceRegressor` remembers itself; None for any other estimator.
+    model : RowState
+        What the estimator remembers itself.
     """
 
     features: FeatureState
     row: Array
-    model: Any = None
+    model: RowState
 
 
 @dataclass(frozen=True, eq=False)
 class Calibration(CalibrationData[JointRegressor]):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
-    Made by `calibrate` or `load_calibration`. See `CalibrationData` for what it holds.
+    Made by `calibrate` or `read_calibration`. See `CalibrationData` for what it holds.
     """
 
     @property
@@ -72,7 +71,7 @@ class Calibration(CalibrationData[JointRegressor]):
                 target="error",
                 baseline_models={},
                 interval=None,
-                reference=None,
+                effort_baseline=None,
             )
             for name, model in self.baseline_models.items()
         }
@@ -97,9 +96,7 @@ class Calibration(CalibrationData[JointRegressor]):
         """
         self._check(recording)
         X = self.feature_set.compute(recording, self.gap_limit)
-        if isinstance(self.model, SequenceRegressor):
-            return self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
-        predicted = self.model.evaluate(X)
+        predicted = self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
         if self.target == "position":
             return predicted
         return recording.columns("measured", self.joints) + predicted
@@ -137,8 +134,8 @@ class Calibration(CalibrationData[JointRegressor]):
 
     def start(self) -> OnlineState:
         """State before the first sample, for `step`."""
-        memory = self.model.start() if isinstance(self.model, SequenceRegressor) else None
-        return OnlineState(self.feature_set.start(), np.empty((1, len(self.feature_set))), memory)
+        row = np.empty(len(self.feature_set))
+        return OnlineState(self.feature_set.start(), row, self.model.start())
 
     def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
         """Correct one sample; the same bits as `correct` gives for the whole recording.
@@ -175,10 +172,8 @@ class Calibration(CalibrationData[JointRegressor]):
         seen, last = state.features.clock
         if not math.isfinite(t) or (seen and not t > last):
             raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
-        fresh = self.feature_set.step(state.features, t, values, self.gap_limit, state.row[0])
-        if isinstance(self.model, SequenceRegressor):
-            return self.model.step(state.model, 0.0 if fresh else t - last, state.row[0])
-        predicted: Array = self.model.evaluate(state.row)[0]
+        fresh = self.feature_set.step(state.features, t, values, self.gap_limit, state.row)
+        predicted = self.model.step(state.model, 0.0 if fresh else t - last, state.row)
         if self.target == "position":
             return predicted
         measured = [self.signals.index(f"measured/{joint}") for joint in self.joints]
@@ -202,7 +197,7 @@ class Calibration(CalibrationData[JointRegressor]):
         return replace(self, metadata={**self.metadata, **plain})
 
     def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the calibration as one safetensors file; `load_calibration` reads it back.
+        """Write the calibration as one safetensors file; `read_calibration` reads it back.
 
         Raises
         ------
@@ -232,11 +227,11 @@ class Calibration(CalibrationData[JointRegressor]):
                     f"{source}: {signal!r} is in {recording.units[signal]}, the calibration was "
                     f"made with {self.units[signal]}; convert it where the file is read"
                 )
-        if self.feature_set.counts_samples or counts_samples(self.model):
+        if self.feature_set.counts_samples or self.model.family.counts_samples:
             check_sample_interval(recording, float(self.metadata["sample_interval"]))
 
 
-def load_calibration(path: str | os.PathLike[str]) -> Calibration:
+def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     """Read a calibration that `Calibration.save` wrote; it predicts bit for bit as before.
 
     Nothing in the file is run.
@@ -261,14 +256,10 @@ def load_calibration(path: str | os.PathLike[str]) -> Calibration:
 
 
 def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> JointRegressor:
-    known = families()
-    if data.family not in known:
-        raise ModelFileError(
-            f"estimator {name!r} is of family {data.family!r:.60}; known: {', '.join(known)}"
-        )
-    return known[data.family].from_arrays(
-        data.params, data.arrays, n_features=n_features, n_outputs=n_outputs
-    )
+    try:
+        return class_of(data.family).from_data(data, n_features, n_outputs)
+    except CalibrationError as error:
+        raise ModelFileError(f"estimator {name!r}: {error}") from None
 
 
 def _has_interval(metadata: Mapping[str, Any]) -> bool:

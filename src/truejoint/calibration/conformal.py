@@ -48,8 +48,8 @@ def with_interval(
     What counts as one trajectory is what was recorded after one homing, where the recordings
     span several homings and are not re-zeroed; otherwise it is one recording.
 
-    Where the calibration keeps a `Reference`, its size of errors becomes that of these recordings,
-    which the fit could not adapt to.
+    Where the calibration keeps an `EffortBaseline`, its size of errors becomes that of these
+    recordings, which the fit could not adapt to.
 
     Parameters
     ----------
@@ -105,11 +105,11 @@ def with_interval(
         trajectories=len(units),
         homings=len({r.provenance.homing_id for r in recordings} - {""}),
     )
-    reference = calibration.reference
+    reference = calibration.effort_baseline
     if reference is not None:
         size, time = residual_statistics(calibration, recordings)
         reference = replace(reference, residual=size, correlation=time)
-    stated = replace(calibration, interval=interval, reference=reference)
+    stated = replace(calibration, interval=interval, effort_baseline=reference)
     return stated.with_metadata(interval_sessions=[_origin(recording) for recording in recordings])
 
 

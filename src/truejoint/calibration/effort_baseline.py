@@ -47,8 +47,8 @@ N_TRAVEL: Final = 5
 
 
 @dataclass(frozen=True, eq=False)
-class Reference:
-    """What was seen while the calibration held; made by `fit_reference`.
+class EffortBaseline:
+    """What was seen while the calibration held; made by `fit_effort_baseline`.
 
     Attributes
     ----------
@@ -230,7 +230,9 @@ def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float,
     return shift, friction
 
 
-def fit_reference(calibration: Calibration, recordings: Sequence[Recording]) -> Reference | None:
+def fit_effort_baseline(
+    calibration: Calibration, recordings: Sequence[Recording]
+) -> EffortBaseline | None:
     """Learn efforts and errors from recordings in which the calibration holds.
 
     Parameters
@@ -241,7 +243,7 @@ def fit_reference(calibration: Calibration, recordings: Sequence[Recording]) -> 
 
     Returns
     -------
-    Reference or None
+    EffortBaseline or None
         None when there are more than 12 joints or one of them never moves. A joint is `monitored`
         when its effort is a signal of the calibration and it travels at least five of its ranges
         each way.
@@ -266,7 +268,7 @@ def fit_reference(calibration: Calibration, recordings: Sequence[Recording]) -> 
         shift[j], friction[j] = _held_out_shifts(own)
         monitored[j] = 1.0
     residual, correlation = residual_statistics(calibration, recordings)
-    return Reference(
+    return EffortBaseline(
         lower=lower,
         upper=upper,
         monitored=monitored,
@@ -299,14 +301,14 @@ def residual_statistics(
     return np.maximum(sizes, smallest), np.maximum(np.median(times, axis=0), 1e-3)
 
 
-def encode_reference(reference: Reference) -> dict[str, Array]:
+def encode_effort_baseline(reference: EffortBaseline) -> dict[str, Array]:
     """Arrays for the model file, by name."""
     return {field.name: getattr(reference, field.name) for field in fields(reference)}
 
 
-def decode_reference(arrays: Mapping[str, Array], n_joints: int) -> Reference:
-    """Inverse of `encode_reference`; raises ModelFileError when any part is not as it must be."""
-    shapes = {field.name: (n_joints,) for field in fields(Reference)}
+def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> EffortBaseline:
+    """Inverse of `encode_effort_baseline`; raises ModelFileError when any part is wrong."""
+    shapes = {field.name: (n_joints,) for field in fields(EffortBaseline)}
     wanted = {**shapes, "coef": (n_joints, count_effort_terms(n_joints))}
     if {name: array.shape for name, array in arrays.items()} != wanted:
         raise ModelFileError("the arrays of the reference are not those of the model's joints")
@@ -318,7 +320,7 @@ def decode_reference(arrays: Mapping[str, Array], n_joints: int) -> Reference:
         or not np.isin(arrays["monitored"], (0.0, 1.0)).all()
     ):
         raise ModelFileError("the reference holds values that no recording gives")
-    return Reference(**arrays)
+    return EffortBaseline(**arrays)
 
 
 def _pieces(recordings: Sequence[Recording]) -> list[Recording]:

@@ -6,16 +6,24 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Generic, Literal, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.calibration.effort_baseline import Reference, decode_reference, encode_reference
+from truejoint.calibration.effort_baseline import (
+    EffortBaseline,
+    decode_effort_baseline,
+    encode_effort_baseline,
+)
 from truejoint.calibration.interval import Interval, decode_interval, encode_interval
-from truejoint.calibration.training_domain import Envelope, decode_envelope, encode_envelope
+from truejoint.calibration.training_domain import (
+    TrainingDomain,
+    decode_training_domain,
+    encode_training_domain,
+)
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.models.families import BASELINES, EstimatorData, is_number
+from truejoint.models.family import EstimatorData, Target, is_number
 from truejoint.models.features import FeatureSet
 
 if TYPE_CHECKING:  # a control loop decodes without scikit-learn
@@ -23,14 +31,13 @@ if TYPE_CHECKING:  # a control loop decodes without scikit-learn
 
 Array = NDArray[np.float64]
 Model = TypeVar("Model")
-Target = Literal["error", "position"]
 
 MAX_JOINTS: Final = 64
 
 _KIND: Final = "calibration"
-_ENVELOPE: Final = "envelope"
+_TRAINING_DOMAIN: Final = "training_domain"
 _INTERVAL: Final = "interval"
-_REFERENCE: Final = "reference"
+_EFFORT_BASELINE: Final = "effort_baseline"
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
@@ -69,13 +76,13 @@ class CalibrationData(Generic[Model]):
         Fitted to the error on the same rows.
     metadata : mapping
         Where it comes from, as JSON values.
-    envelope : Envelope, optional
+    training_domain : TrainingDomain, optional
         What the training rows looked like, for the checks of a control loop; None in files that
         were made without.
     interval : Interval, optional
         How far off a corrected position may be; None until trajectories that the fit has not
         seen were given for it.
-    reference : Reference, optional
+    effort_baseline : EffortBaseline, optional
         How the arm behaves while the calibration holds, for the monitors; None in files that
         were made without.
     """
@@ -92,9 +99,9 @@ class CalibrationData(Generic[Model]):
     model: Model
     baseline_models: Mapping[str, Model]
     metadata: Mapping[str, Any]
-    envelope: Envelope | None = None
+    training_domain: TrainingDomain | None = None
     interval: Interval | None = None
-    reference: Reference | None = None
+    effort_baseline: EffortBaseline | None = None
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
@@ -120,18 +127,18 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
         "baselines": {name: _encode_estimator(m) for name, m in data.baseline_models.items()},
         "metadata": dict(data.metadata),
     }
-    arrays = {f"model/{name}": array for name, array in data.model.to_arrays().items()}
+    arrays = {f"model/{name}": array for name, array in data.model.arrays_.items()}
     for baseline, model in data.baseline_models.items():
-        arrays |= {f"{baseline}/{name}": array for name, array in model.to_arrays().items()}
-    if data.envelope is not None:
-        envelope = encode_envelope(data.envelope)
-        arrays |= {f"{_ENVELOPE}/{name}": array for name, array in envelope.items()}
+        arrays |= {f"{baseline}/{name}": array for name, array in model.arrays_.items()}
+    if data.training_domain is not None:
+        training_domain = encode_training_domain(data.training_domain)
+        arrays |= {f"{_TRAINING_DOMAIN}/{name}": array for name, array in training_domain.items()}
     if data.interval is not None:
         interval = encode_interval(data.interval)
         arrays |= {f"{_INTERVAL}/{name}": array for name, array in interval.items()}
-    if data.reference is not None:
-        reference = encode_reference(data.reference)
-        arrays |= {f"{_REFERENCE}/{name}": array for name, array in reference.items()}
+    if data.effort_baseline is not None:
+        baseline_arrays = encode_effort_baseline(data.effort_baseline)
+        arrays |= {f"{_EFFORT_BASELINE}/{name}": array for name, array in baseline_arrays.items()}
     return document, arrays
 
 
@@ -144,7 +151,7 @@ def decode(
     ------
     ModelFileError
         If any part is not as it must be. Parameters and arrays of the estimators are not looked
-        into: that is up to `families.check_data`, or to `JointRegressor.from_arrays`.
+        into: that is up to `Family.check`, or to `JointRegressor.from_data`.
     """
     if document.get("kind") != _KIND:
         raise ModelFileError(f"kind {document.get('kind')!r:.60} is not a calibration")
@@ -160,7 +167,7 @@ def decode(
         name: _decode_estimator(entry, name, _within(arrays, name))
         for name, entry in _estimators(document).items()
     }
-    known = {*models, _ENVELOPE, _INTERVAL, _REFERENCE}
+    known = {*models, _TRAINING_DOMAIN, _INTERVAL, _EFFORT_BASELINE}
     left_over = {name for name in arrays if name.partition("/")[0] not in known}
     if left_over:
         raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
@@ -196,21 +203,21 @@ def _with_extras(
     """Add what a file may hold beside the estimators."""
     n_joints = len(data.joints)
     shape = (len(data.signals), len(data.feature_set), n_joints)
-    envelope = _within(arrays, _ENVELOPE)
+    domain = _within(arrays, _TRAINING_DOMAIN)
     interval = _within(arrays, _INTERVAL)
-    reference = _within(arrays, _REFERENCE)
+    baseline = _within(arrays, _EFFORT_BASELINE)
     return replace(
         data,
-        envelope=decode_envelope(envelope, *shape) if envelope else None,
+        training_domain=decode_training_domain(domain, *shape) if domain else None,
         interval=decode_interval(interval, n_joints) if interval else None,
-        reference=decode_reference(reference, n_joints) if reference else None,
+        effort_baseline=decode_effort_baseline(baseline, n_joints) if baseline else None,
     )
 
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
     return {
-        "family": model.family,
-        "params": {name: _plain(value) for name, value in model.get_params().items()},
+        "family": model.family.name,
+        "params": {name: _plain(value) for name, value in model.model_params().items()},
     }
 
 
@@ -225,8 +232,11 @@ def _plain(value: Any) -> Any:
 
 def _estimators(document: Mapping[str, Any]) -> dict[str, Any]:
     baselines = document["baselines"]
-    if not isinstance(baselines, dict) or not set(baselines) <= set(BASELINES):
-        raise ModelFileError(f"the baselines are not among {', '.join(BASELINES)}")
+    known = {"model", _TRAINING_DOMAIN, _INTERVAL, _EFFORT_BASELINE}
+    if not isinstance(baselines, dict) or known & set(baselines):
+        raise ModelFileError("the baselines are not estimators by name")
+    for name in baselines:
+        _name(name, "a baseline")
     return {"model": document["model"], **baselines}
 
 

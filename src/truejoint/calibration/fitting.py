@@ -9,28 +9,26 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any, Final, get_args
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.effort_baseline import fit_reference
-from truejoint.calibration.encoding import Target
-from truejoint.calibration.training_domain import fit_envelope
+from truejoint.calibration.effort_baseline import fit_effort_baseline
+from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
-from truejoint.estimators.linear import FixedOffset
-from truejoint.estimators.registry import get_estimator
-from truejoint.estimators.sequence import SequenceRegressor, counts_samples, time_steps
-from truejoint.models.families import BASELINES
+from truejoint.estimators.registry import BASELINES, get_estimator
+from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
     check_sample_interval,
     default_features,
     default_gap_limit,
     sample_interval,
+    time_steps,
 )
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
@@ -94,14 +92,13 @@ def calibrate(
     recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
     robot = _common_robot(recordings)
     model = _unfitted(estimator, target, random_state)
-    target = target or ("position" if isinstance(model, SequenceRegressor) else "error")
-    if isinstance(model, SequenceRegressor):
-        model.check_recordings(recordings)
-        features = _own_features(model, features)
+    target = target or model.family.targets[0]
+    model.check_recordings(recordings)
+    features = _own_features(model, features)
     chosen = _chosen_joints(robot, recordings, joints)
     feature_set = _chosen_features(robot, recordings, features)
     interval, gap_limit = sample_interval(recordings), default_gap_limit(recordings)
-    if feature_set.counts_samples or counts_samples(model):
+    if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
             check_sample_interval(recording, interval)
     units = _common_units(recordings, feature_set, chosen)
@@ -114,8 +111,9 @@ def calibrate(
     def model_report(fraction: float) -> None:
         report((1.0 - _BASELINE_SHARE) * fraction)
 
-    if isinstance(model, SequenceRegressor):
-        _fit_in_order(model, recordings, feature_set, chosen, gap_limit, stride, model_report)
+    if model.family.remembers:
+        sequence = _sequence(recordings, feature_set, chosen, target, gap_limit, stride)
+        model.fit(*sequence[:2], model_report, sequence[2])
     else:
         model.fit(rows.X, rows.error if target == "error" else rows.truth, model_report)
     baselines, notes = _fit_baselines(rows, len(feature_set) - len(unused))
@@ -132,7 +130,9 @@ def calibrate(
         upper=rows.X.max(axis=0),
         model=model,
         baseline_models=baselines,
-        envelope=fit_envelope(recordings, tuple(units), gap_limit, rows.X, rows.error),
+        training_domain=fit_training_domain(
+            recordings, tuple(units), gap_limit, rows.X, rows.error
+        ),
         metadata={
             **_origin(recordings, rows),
             "estimator": model.name,
@@ -140,7 +140,7 @@ def calibrate(
             "baseline_notes": notes,
         },
     )
-    return replace(fitted, reference=fit_reference(fitted, recordings))
+    return replace(fitted, effort_baseline=fit_effort_baseline(fitted, recordings))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,16 +172,13 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
 def _unfitted(
     estimator: str | JointRegressor, target: Target | None, random_state: int | None
 ) -> JointRegressor:
-    if target not in (None, *get_args(Target)):
+    if target not in (None, *TARGETS):
         raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
     model = get_estimator(estimator) if isinstance(estimator, str) else clone(estimator)
-    if isinstance(model, SequenceRegressor) and target == "error":
+    if target is not None and target not in model.family.targets:
         raise CalibrationError(
-            f"{model.name} estimates a position, not an error; use target 'position'"
-        )
-    if isinstance(model, FixedOffset) and target == "position":
-        raise CalibrationError(
-            "a fixed offset knows no position; use target 'error' with the estimator 'offset'"
+            f"{model.name} cannot predict the {target}; use target "
+            f"{' or '.join(map(repr, model.family.targets))}"
         )
     if random_state is not None and "random_state" in model.get_params():
         model.set_params(random_state=random_state)
@@ -190,39 +187,38 @@ def _unfitted(
 
 
 def _own_features(
-    model: SequenceRegressor, features: FeatureSet | Iterable[str] | None
-) -> FeatureSet | Iterable[str]:
+    model: JointRegressor, features: FeatureSet | Iterable[str] | None
+) -> FeatureSet | Iterable[str] | None:
     """Features asked for, which must be as many as the model takes; its own by default."""
+    params = model.model_params()
     if features is None:
-        return model.inputs
+        return model.family.inputs(params) if model.family.inputs else None
+    if isinstance(features, str):
+        features = [features]
     chosen = features if isinstance(features, FeatureSet) else FeatureSet.parse(features)
-    if len(chosen) != len(model.inputs):
-        raise CalibrationError(
-            f"{model.name} takes {len(model.inputs)} features, in the order of "
-            f"{', '.join(model.inputs)}; {len(chosen)} are given"
-        )
+    model.family.check_size(params, len(chosen))
     return chosen
 
 
-def _fit_in_order(
-    model: SequenceRegressor,
+def _sequence(
     recordings: Sequence[Recording],
     feature_set: FeatureSet,
     joints: tuple[str, ...],
+    target: Target,
     gap_limit: float,
     stride: int,
-    progress: Progress,
-) -> None:
-    """Fit a model that remembers: it sees every row, and truth in those that are fitted to."""
-    inputs, truths, steps = [], [], []
+) -> tuple[Array, Array, Array]:
+    """Features, targets and time steps of every row; targets only where they are fitted to."""
+    inputs, targets, dt = [], [], []
     for recording in recordings:
         truth = np.array(recording.columns("truth", joints))
         truth[~np.isfinite(truth).all(axis=1)] = np.nan
         truth[np.arange(len(truth)) % stride != 0] = np.nan
         inputs.append(feature_set.compute(recording, gap_limit))
-        truths.append(truth)
-        steps.append(time_steps(np.array(recording.t), gap_limit))
-    model.fit(np.concatenate(inputs), np.concatenate(truths), progress, np.concatenate(steps))
+        measured = recording.columns("measured", joints)
+        targets.append(truth - measured if target == "error" else truth)
+        dt.append(time_steps(np.array(recording.t), gap_limit))
+    return np.concatenate(inputs), np.concatenate(targets), np.concatenate(dt)
 
 
 def _chosen_joints(

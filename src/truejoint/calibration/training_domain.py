@@ -23,7 +23,7 @@ SMALLEST_VARIANCE: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Envelope:
+class TrainingDomain:
     """Bounds of the training rows, all observed, none assumed.
 
     Attributes
@@ -62,14 +62,14 @@ class Envelope:
     error_upper: Array
 
 
-def fit_envelope(
+def fit_training_domain(
     recordings: Sequence[Recording],
     signals: Sequence[str],
     gap_limit: float,
     features: Array,
     error: Array,
-) -> Envelope:
-    """Envelope of training recordings.
+) -> TrainingDomain:
+    """TrainingDomain of training recordings.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def fit_envelope(
         watch_changes(t, table, gap_limit, upper > lower, partners(signals), step, travel, hold)
     span = np.where(upper > lower, upper - lower, 1.0)
     mean, whitening = _whitening(features)
-    return Envelope(
+    return TrainingDomain(
         interval=float(np.median(np.concatenate([np.diff(t) for t in times]))),
         signal_lower=lower,
         signal_upper=upper,
@@ -124,18 +124,18 @@ def partners(signals: Sequence[str]) -> Integers:
     return partner
 
 
-def encode_envelope(envelope: Envelope) -> dict[str, Array]:
+def encode_training_domain(domain: TrainingDomain) -> dict[str, Array]:
     """Arrays for the model file, by name."""
     return {
-        field.name: np.atleast_1d(np.asarray(getattr(envelope, field.name), dtype=np.float64))
-        for field in fields(envelope)
+        field.name: np.atleast_1d(np.asarray(getattr(domain, field.name), dtype=np.float64))
+        for field in fields(domain)
     }
 
 
-def decode_envelope(
+def decode_training_domain(
     arrays: Mapping[str, Array], n_signals: int, n_features: int, n_joints: int
-) -> Envelope:
-    """Inverse of `encode_envelope`; raises ModelFileError when any part is not as it must be."""
+) -> TrainingDomain:
+    """Inverse of `encode_training_domain`; raises ModelFileError when any part is wrong."""
     per_signal, per_joint = (n_signals,), (n_joints,)
     shapes = {
         "interval": (1,),
@@ -151,9 +151,9 @@ def decode_envelope(
         "error_upper": per_joint,
     }
     if {name: array.shape for name, array in arrays.items()} != shapes:
-        raise ModelFileError("the arrays of the training envelope are not those of the model")
+        raise ModelFileError("the arrays of the training domain are not those of the model")
     if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise ModelFileError("the training envelope is not finite")
+        raise ModelFileError("the training domain is not finite")
     sizes = ("signal_step", "signal_travel", "hold", "distance")
     if (
         any((arrays[name] < 0.0).any() for name in sizes)
@@ -161,9 +161,9 @@ def decode_envelope(
         or (arrays["signal_lower"] > arrays["signal_upper"]).any()
         or (arrays["error_lower"] > arrays["error_upper"]).any()
     ):
-        raise ModelFileError("the training envelope is inside out")
+        raise ModelFileError("the training domain is inside out")
     alone = {n: float(arrays[n][0]) for n in ("interval", "hold", "distance")}
-    return Envelope(**{**arrays, **alone})  # type: ignore[arg-type]  # names were compared
+    return TrainingDomain(**{**arrays, **alone})  # type: ignore[arg-type]  # names were compared
 
 
 @compiled

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
@@ -11,24 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.calibration.conformal import known_error
-from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
-    from truejoint.estimators.base import JointRegressor
     from truejoint.recordings import Recording
 
 Array = NDArray[np.float64]
 
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
-
-# The array of each estimator that is added to its output as it is.
-_ADDED: Final[Mapping[str, str]] = {
-    "offset": "offset",
-    "linear": "intercept",
-    "polynomial": "intercept",
-    "dnn": "target_mean",
-}
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +31,7 @@ class Zero:
     sd : ndarray, shape (n_joints,)
         Standard deviation of that as an estimate of the offset of a whole motion [rad or m].
         Errors of a model resemble each other over seconds, so a brief truth knows less than its
-        number of readings suggests. NaN where the calibration keeps no `Reference`.
+        number of readings suggests. NaN where the calibration keeps no `EffortBaseline`.
     rows : int
         Readings of the truth.
     duration : float
@@ -67,8 +56,12 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
     chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
     apart = np.abs(np.subtract.outer(t[chosen], t[chosen]))
     sd = np.full(len(calibration.joints), math.nan)
-    if calibration.reference is not None:
-        sizes = zip(calibration.reference.residual, calibration.reference.correlation, strict=True)
+    if calibration.effort_baseline is not None:
+        sizes = zip(
+            calibration.effort_baseline.residual,
+            calibration.effort_baseline.correlation,
+            strict=True,
+        )
         sd = np.array([size * math.sqrt(np.exp(-apart / time).mean()) for size, time in sizes])
     return Zero(np.median(error, axis=0), sd, len(t), float(t[-1] - t[0]))
 
@@ -93,7 +86,7 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
     """
     zero = find_zero(calibration, recording)
     models = {
-        name: _shifted(baseline.model, find_zero(baseline, recording).offset)
+        name: baseline.model.shifted(find_zero(baseline, recording).offset)
         for name, baseline in calibration.baselines.items()
     }
     origin = recording.provenance
@@ -105,34 +98,19 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
         "rows": zero.rows,
         "duration": zero.duration,
     }
-    envelope = calibration.envelope
-    if envelope is not None:
-        envelope = replace(
-            envelope,
-            error_lower=envelope.error_lower + zero.offset,
-            error_upper=envelope.error_upper + zero.offset,
+    training_domain = calibration.training_domain
+    if training_domain is not None:
+        training_domain = replace(
+            training_domain,
+            error_lower=training_domain.error_lower + zero.offset,
+            error_upper=training_domain.error_upper + zero.offset,
         )
     moved = replace(
         calibration,
-        model=_shifted(calibration.model, zero.offset),
+        model=calibration.model.shifted(zero.offset),
         baseline_models=models,
-        envelope=envelope,
+        training_domain=training_domain,
     )
     if origin.homing_id:
         moved = moved.with_metadata(homing_ids=[origin.homing_id])
     return moved.with_metadata(rezeroed=facts)
-
-
-def _shifted(model: JointRegressor, offset: Array) -> JointRegressor:
-    """Estimator that gives `offset` (n_outputs,) more than `model`."""
-    name = _ADDED.get(model.family)
-    if name is None:
-        raise CalibrationError(
-            f"{model.name} has no offset that could be moved; it finds its own zero, or has to be "
-            "fitted anew"
-        )
-    arrays = {key: np.array(array) for key, array in model.to_arrays().items()}
-    arrays[name] += offset
-    return type(model).from_arrays(
-        model.get_params(), arrays, n_features=int(model.n_features_in_), n_outputs=len(offset)
-    )

@@ -16,6 +16,7 @@ from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recor
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import JointRegressor, estimator_names, get_estimator
 from truejoint.evaluation import DataCheck, check_data, evaluate
+from truejoint.models.family import Target
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, get_dataset
 from truejoint.units import display_unit

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 from rich.table import Table
 
-from truejoint.calibration import Calibration, CrossCheck, cross_check, load_calibration, rezeroed
+from truejoint.calibration import Calibration, CrossCheck, cross_check, read_calibration, rezeroed
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED
 from truejoint.cli.inputs import load_recordings
@@ -63,14 +63,14 @@ def check(
         raise ModelFileError(f"{rezero}: is there already; choose another --rezero, or --force")
     if rezero is not None and against is not None:
         raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
-    calibration = load_calibration(model)
+    calibration = read_calibration(model)
     context = {"reader": reader, "columns": columns, "robot": robot, "arm": arm}
     loaded = load_recordings([recording], part=part, **context)  # type: ignore[arg-type]
     if len(loaded) != 1:
         raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
     level = level_percent / 100.0
     if against is not None:
-        other = load_calibration(against)
+        other = read_calibration(against)
         with progress("Comparing the two calibrations"):
             agreement = cross_check(calibration, other, loaded[0], level)
         _report_agreement(calibration, agreement, as_json)

@@ -92,7 +92,7 @@ def _tell_what_next(folder: Path) -> None:
         f"\nOpen {folder / 'report.html'} in a browser.\n"
         f"Correct a recording in Python:\n"
         f"  import truejoint\n"
-        f"  model = truejoint.load_calibration({str(folder / 'left_arm.safetensors')!r})\n"
+        f"  model = truejoint.read_calibration({str(folder / 'left_arm.safetensors')!r})\n"
         f"  recording = truejoint.read_recording({str(folder / 'random.parquet')!r})\n"
         f"  corrected = model.correct(recording)  # shoulder, elbow [rad], insertion [m]",
         highlight=False,

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from truejoint import evaluation
-from truejoint.calibration import Calibration, load_calibration
+from truejoint.calibration import Calibration, read_calibration
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import load_recordings, parse_tolerances
 from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Split
@@ -55,7 +55,7 @@ def evaluate(
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None and report.exists() and not force:
         raise RecordingError(f"{report}: is there already; choose another --report, or --force")
-    models = [load_calibration(path) for path in (model, *(seeds or []))]
+    models = [read_calibration(path) for path in (model, *(seeds or []))]
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(

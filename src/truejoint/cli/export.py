@@ -7,7 +7,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from truejoint.calibration import load_calibration
+from truejoint.calibration import read_calibration
 from truejoint.cli.console import out, result_json
 from truejoint.cli.options import Force, Json
 from truejoint.errors import ExportError
@@ -55,7 +55,7 @@ def export(
         raise ExportError(
             "--level and --range-margin are for --to c; an ONNX graph has no interval and no checks"
         )
-    calibration = load_calibration(model)
+    calibration = read_calibration(model)
     if kind == "c":
         paths = export_c(
             calibration,

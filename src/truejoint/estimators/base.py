@@ -1,10 +1,11 @@
-"""What every estimator has: scikit-learn's interface, and plain arrays for the model file."""
+"""What every estimator has: scikit-learn's interface, and a `Family` that runs what it learnt."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from typing import Any, ClassVar, Self
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,29 +13,58 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
-from truejoint.models.families import Shape, check_arrays, check_names
-from truejoint.models.known_families import FAMILIES
+from truejoint.errors import CalibrationError
+from truejoint.layout import Memory
+from truejoint.models import family as families
+from truejoint.models.family import EstimatorData, Family, Params
+
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
 
 Array = NDArray[np.float64]
 Progress = Callable[[float], None]
 
+_REGULAR: Final = 5e-3  # [s], 200 Hz
+
+
+@dataclass(frozen=True, eq=False)
+class RowState:
+    """What an estimator remembers between rows; made by `JointRegressor.start`."""
+
+    memory: Memory
+    out: Array
+    half_width: Array
+
 
 class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]  # sklearn: untyped
-    """Base of the estimators that see one row at a time and keep no history.
+    """Base of the estimators: a subclass names its family, and learns the family's arrays.
 
-    What is learnt stands in plain float64 arrays (`to_arrays`), which together with the
-    parameters (`get_params`) are the whole estimator: `from_arrays` restores it bit for bit.
+    Rows of a family that remembers are in the order of time. Beside them goes `dt` (n,): the time
+    since the row before [s], 0 where a history starts. A target that is NaN is then unknown: its
+    row is seen, but not fitted to.
+
+    Attributes
+    ----------
+    arrays_ : dict of str to ndarray
+        What was learnt, float64, by the names of `Family.shapes`; each is also an attribute, with
+        an underscore behind its name.
     """
 
-    family: ClassVar[str]
-    """Name of the class in model files."""
+    family: ClassVar[Family]
+    """What runs it."""
 
     @property
     def name(self) -> str:
         """Name in tables and on the command line."""
-        return self.family
+        return self.family.name
 
-    def fit(self, X: ArrayLike, y: ArrayLike, progress: Progress | None = None) -> Self:
+    def fit(
+        self,
+        X: ArrayLike,
+        y: ArrayLike,
+        progress: Progress | None = None,
+        dt: ArrayLike | None = None,
+    ) -> Self:
         """Fit to rows.
 
         Parameters
@@ -43,6 +73,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         y : array_like, shape (n,) or (n, n_outputs)
         progress : callable, optional
             Called with the fraction done, 0 to 1.
+        dt : array_like, shape (n,), optional
+            Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
 
         Returns
         -------
@@ -50,104 +82,199 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Raises
         ------
+        CalibrationError
+            If a parameter breaks its rule, or the rows cannot tell what is to be learnt.
         ValueError
-            If a shape or a value is wrong, or a parameter breaks its rule.
+            If a shape or a value is wrong.
         """
         self.check_params()
-        inputs, targets = validate_data(
-            self, X, y, dtype=np.float64, order="C", multi_output=True, y_numeric=True
-        )
+        if self.family.remembers:
+            inputs, targets = self._sequence(X, y)
+        else:
+            inputs, targets = validate_data(
+                self, X, y, dtype=np.float64, order="C", multi_output=True, y_numeric=True
+            )
         targets = np.asarray(targets, dtype=np.float64)
         self.single_output_ = targets.ndim == 1
+        targets = targets.reshape(len(targets), -1)
+        self.n_outputs_ = targets.shape[1]
+        self.family.shapes(self.model_params(), inputs.shape[1], self.n_outputs_)
         # One thread: blocks of a few thousand rows are too small to share. Two threads on two busy
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with threadpool_limits(1, user_api="blas"):
-            self._fit(inputs, targets.reshape(len(targets), -1), progress or _no_progress)
+            times = self.time_steps(dt, len(inputs))
+            self.arrays_ = self._learn(inputs, targets, times, progress or _no_progress)
         return self
 
-    def predict(self, X: ArrayLike) -> Array:
+    def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
         """Predict for rows.
 
         Parameters
         ----------
         X : array_like, shape (n, k)
+        dt : array_like, shape (n,), optional
+            As for `fit`.
 
         Returns
         -------
         ndarray, shape (n, n_outputs), or (n,) if it was fitted to a 1-D target
         """
         check_is_fitted(self)
-        inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        outputs = self.evaluate(inputs)
+        if self.family.remembers:
+            inputs = self._rows(X)
+        else:
+            inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        outputs = self.evaluate(inputs, self.time_steps(dt, len(inputs)))
         return outputs[:, 0] if self.single_output_ else outputs
 
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        tags.target_tags.multi_output = True
-        return tags
-
-    @abstractmethod
-    def evaluate(self, X: Array) -> Array:
+    def evaluate(self, X: Array, dt: Array | None = None) -> Array:
         """Predict (n, n_outputs) for finite, C-ordered rows `X` (n, k), without checks."""
+        times = self.time_steps(dt, len(X))
+        return families.evaluate(self.family, self.memory(), X, times, self.n_outputs_)
 
-    @abstractmethod
-    def _fit(self, X: Array, y: Array, progress: Progress) -> None:
-        """Fit to checked rows `X` (n, k) and `y` (n, n_outputs)."""
+    def start(self) -> RowState:
+        """State before the first row, for `step`; raises CalibrationError if it works offline."""
+        n = self.n_outputs_
+        return RowState(self.memory(), np.empty(n), np.full(n, np.inf))
 
-    def check_params(self) -> None:
-        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
-        FAMILIES[self.family].check(self.get_params())
+    def step(self, state: RowState, dt: float, row: Array) -> Array:
+        """Predict one row; the same bits as `evaluate` gives for all rows together.
 
-    def array_shapes(self, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        """Name and shape of each array of the fitted estimator; raises CalibrationError."""
-        return FAMILIES[self.family].shapes(self.get_params(), n_features, n_outputs)
+        Parameters
+        ----------
+        state : RowState
+            From `start`; changed in place.
+        dt : float
+            Time since the row before [s], 0 where the history starts.
+        row : ndarray, shape (k,)
+            Finite.
+
+        Returns
+        -------
+        ndarray, shape (n_outputs,)
+        """
+        memory = state.memory
+        self.family.row(memory.numbers, memory.memory, dt, row, state.out, state.half_width)
+        return state.out.copy()
+
+    def memory(self) -> Memory:
+        """Memory of the row before the first row."""
+        return self.family.memory(self.data, int(self.n_features_in_), int(self.n_outputs_))
+
+    @property
+    def data(self) -> EstimatorData:
+        """The fitted estimator as data."""
+        return EstimatorData(self.family.name, self.model_params(), self.arrays_)
+
+    def model_params(self) -> Params:
+        """Parameters as the family knows them."""
+        return dict(self.get_params(deep=False))
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Unfitted estimator of the parameters of its family."""
+        return cls(**params)
+
+    @classmethod
+    def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
+        """Fitted estimator of its data; predicts bit for bit as the one it came from.
+
+        Raises
+        ------
+        CalibrationError
+            If a parameter or an array is unknown, missing, or breaks a rule.
+        """
+        cls.family.check(data, n_features, n_outputs)
+        estimator = cls.from_params(data.params)
+        estimator.arrays_ = dict(data.arrays)
+        estimator.n_features_in_ = n_features
+        estimator.n_outputs_ = n_outputs
+        estimator.single_output_ = False
+        if cls.family.row is not None:
+            estimator.memory()
+        return estimator
+
+    def shifted(self, offset: Array) -> Self:
+        """Fitted estimator that gives `offset` (n_outputs,) more than this one.
+
+        Raises
+        ------
+        CalibrationError
+            If it finds its own zero.
+        """
+        moved = self.family.moved_by
+        if not moved or moved not in self.arrays_:
+            raise CalibrationError(
+                f"{self.name} has no offset that could be moved; it finds its own zero, or has to "
+                "be fitted anew"
+            )
+        arrays = {**self.arrays_, moved: self.arrays_[moved] + offset}
+        data = EstimatorData(self.family.name, self.model_params(), arrays)
+        return type(self).from_data(data, int(self.n_features_in_), len(offset))
 
     @abstractmethod
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
 
     @abstractmethod
-    def to_arrays(self) -> dict[str, Array]:
-        """Give what was learnt, by name."""
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+        """Learn from checked rows `X` (n, k), `y` (n, n_outputs) and `dt` (n,)."""
 
-    @abstractmethod
-    def _set_arrays(self, arrays: Mapping[str, Array]) -> None:
-        """Take over what `to_arrays` gave; shapes have been checked."""
+    def check_params(self) -> None:
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        self.family.check_params(self.model_params())
 
-    @classmethod
-    def from_arrays(
-        cls,
-        params: Mapping[str, Any],
-        arrays: Mapping[str, Array],
-        *,
-        n_features: int,
-        n_outputs: int,
-    ) -> Self:
-        """Fitted estimator of its parameters and arrays.
+    def check_recordings(self, recordings: Sequence[Recording]) -> None:
+        """Raise CalibrationError when recordings cannot serve to fit this estimator."""
 
-        Parameters
-        ----------
-        params : mapping
-            As `get_params` gave them.
-        arrays : mapping of str to ndarray
-            As `to_arrays` gave them.
-        n_features, n_outputs : int
+    def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
+        """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""
+        if dt is None:
+            times = np.full(n, _REGULAR)
+            times[:1] = 0.0
+            return times
+        times = np.array(dt, dtype=np.float64)
+        if times.shape != (n,) or not (np.isfinite(times) & (times >= 0.0)).all():
+            raise CalibrationError(
+                f"{self.name}: time steps have shape {times.shape}; give {n} times since the row "
+                "before [s], not negative, 0 where a history starts"
+            )
+        times[:1] = 0.0
+        return times
 
-        Raises
-        ------
-        CalibrationError
-            If a parameter is unknown, missing or out of its range, or an array is missing, left
-            over, of another shape or not finite.
-        """
-        check_names(cls.family, params, set(cls().get_params()))
-        estimator = cls(**params)
-        estimator.check_params()
-        check_arrays(cls.family, arrays, estimator.array_shapes(n_features, n_outputs))
-        estimator.n_features_in_ = n_features
-        estimator.n_outputs_ = n_outputs
-        estimator.single_output_ = False
-        estimator._set_arrays(arrays)
-        return estimator
+    def _sequence(self, X: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+        rows = self._rows(X)
+        targets = np.array(y, dtype=np.float64)
+        if targets.ndim not in (1, 2) or len(targets) != len(rows) or np.isinf(targets).any():
+            raise CalibrationError(
+                f"{self.name}: y has shape {targets.shape} for {len(rows)} rows; give a finite "
+                "value for each row, NaN where unknown"
+            )
+        self.n_features_in_ = rows.shape[1]
+        return rows, targets
+
+    def _rows(self, X: ArrayLike) -> Array:
+        rows = np.ascontiguousarray(X, dtype=np.float64)
+        if rows.ndim != 2 or not len(rows):
+            raise CalibrationError(f"{self.name}: rows have shape {rows.shape}; give (n, k)")
+        self.family.check_size(self.model_params(), rows.shape[1])
+        if not np.isfinite(rows).all():
+            row, column = np.argwhere(~np.isfinite(rows))[0]
+            raise CalibrationError(
+                f"{self.name}: column {column} of row {row} is not finite; leave it out"
+            )
+        return rows
+
+    def __getattr__(self, name: str) -> Any:
+        arrays: Mapping[str, Array] = vars(self).get("arrays_", {})
+        if name.endswith("_") and name[:-1] in arrays:
+            return arrays[name[:-1]]
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.target_tags.multi_output = True
+        return tags
 
 
 def standardisation(X: Array) -> tuple[Array, Array]:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Progress
+from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.elastic_joint_identification import (
     SETTLED,
     Motion,
@@ -21,15 +20,12 @@ from truejoint.estimators.elastic_joint_identification import (
     run,
 )
 from truejoint.estimators.jaw import has_jump, reversals
-from truejoint.estimators.sequence import SequenceRegressor
-from truejoint.filters import FilterState, UnscentedFilter
 from truejoint.models import elastic_joint as model
-from truejoint.models.elastic_joint import NOISE, ElasticJoint, output_terms
+from truejoint.models.elastic_joint import DRIVER, NOISE, TORQUE, ElasticJoint, output_terms
+from truejoint.models.family import Family
 
 Array = NDArray[np.float64]
 
-DRIVER: Final = "driver/jaw"
-TORQUE: Final = "effort/jaw"
 MIN_ROWS: Final = 400
 """Rows with truth that a fit needs at least."""
 LEAST_LOAD_SPREAD: Final = 0.1
@@ -58,15 +54,7 @@ class JointEstimate:
     load_deviation: Array
 
 
-@dataclass
-class ElasticMemory:
-    """What the filter remembers between rows: its state, and where the driver was."""
-
-    state: FilterState | None = None
-    angle: float = 0.0
-
-
-class ElasticJointFilter(SequenceRegressor):
+class ElasticJointFilter(JointRegressor):
     """Unscented filter for a cable-driven jaw whose driver alone is measured: angle and torque.
 
     State: deflections of friction elements in series with springs (Prandtl-Ishlinskii, Maxwell
@@ -89,8 +77,7 @@ class ElasticJointFilter(SequenceRegressor):
         Standard deviation of the torque's mean over a second, in standard deviations of the torque.
     """
 
-    family: ClassVar[str] = "ukf_elastic"
-    inputs: ClassVar[tuple[str, ...]] = (DRIVER, TORQUE)
+    family: ClassVar[Family] = model.FAMILY
 
     def __init__(
         self,
@@ -106,39 +93,24 @@ class ElasticJointFilter(SequenceRegressor):
         """Four hundred rows."""
         return MIN_ROWS
 
-    def to_arrays(self) -> dict[str, Array]:
-        """Scales, noise, widths, and responses of torque and outputs; see `ElasticJoint`."""
-        return {
-            "scales": self.scales_,
-            "noise": np.array([getattr(self.joint_, name) for name in NOISE]),
-            "widths": self.joint_.widths,
-            "torque": self.joint_.torque,
-            "outputs": self.output_,
-            "misfit": self.misfit_,
-        }
+    @property
+    def name(self) -> str:
+        """``"ukf_elastic"``."""
+        return "ukf_elastic"
 
-    def _set_arrays(self, arrays: Mapping[str, Array]) -> None:
-        self.joint_ = ElasticJoint.from_arrays(arrays)
-        self.scales_ = arrays["scales"]
-        self.output_ = np.ascontiguousarray(arrays["outputs"])
-        self.misfit_ = arrays["misfit"]
-        self._filter = UnscentedFilter(self.joint_.state_space(float(self.scales_[3])))
-
-    def _fit_sequence(self, X: Array, y: Array, steps: Array, progress: Progress) -> None:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         if y.shape[1] > 2:
             raise CalibrationError(
                 f"{self.name}: y has {y.shape[1]} columns; give the jaw's angle, or angle and "
                 "torque"
             )
         known = np.asarray(np.isfinite(y).all(axis=1))
-        self._check_motion(X, known, steps)
+        self._check_motion(X, known, dt)
         angle, torque = X[:, 0], X[:, 1]
         low, high = float(angle.min()), float(angle.max())
-        self.scales_ = np.array(
-            [0.5 * (low + high), 0.5 * (high - low), torque.std(), mean_interval(steps)]
-        )
-        whole = self._motion(X, steps)
-        kept = _thinned(steps, known)
+        scales = np.array([0.5 * (low + high), 0.5 * (high - low), torque.std(), mean_interval(dt)])
+        whole = _motion(X, scales, dt)
+        kept = _thinned(dt, known)
         motion, targets = whole.pick(kept), y[kept]
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = known[kept][settled]
@@ -164,30 +136,29 @@ class ElasticJointFilter(SequenceRegressor):
         columns = output_terms(motion.angle[rows], states[rows])
         outputs = np.array([regress(columns, target) for target in targets[rows].T])
         left = np.mean((targets[rows] - columns @ outputs.T) ** 2, axis=0)
-        by_state = _output_variance(motion.angle[rows], states[rows], spread[rows], outputs)
-        arrays = {
-            "scales": self.scales_,
+        by_state = _variances(motion.angle[rows], states[rows], spread[rows], outputs)
+        progress(1.0)
+        return {
+            "scales": scales,
             "noise": np.array([getattr(joint, name) for name in NOISE]),
             "widths": joint.widths,
             "torque": joint.torque,
             "outputs": outputs,
             "misfit": np.sqrt(np.maximum(left - by_state.mean(axis=0), 0.1 * left)),
         }
-        self._set_arrays(arrays)
-        progress(1.0)
 
-    def _check_motion(self, X: Array, known: NDArray[np.bool_], steps: Array) -> None:
+    def _check_motion(self, X: Array, known: NDArray[np.bool_], dt: Array) -> None:
         if known.sum() < MIN_ROWS:
             raise CalibrationError(
                 f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
             )
-        for name, column in zip(self.inputs, X.T, strict=True):
+        for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
             if not np.ptp(column[known]) > 0.0:
                 raise CalibrationError(
                     f"{self.name}: {name} never changes; move the jaw over its range under load, "
                     "and check that the sensor is connected"
                 )
-        edges = [*np.flatnonzero(steps == 0.0).tolist(), len(X)]
+        edges = [*np.flatnonzero(dt == 0.0).tolist(), len(X)]
         turns = 0
         for first, last in pairwise(edges):
             part = X[first:last, 0]
@@ -195,7 +166,7 @@ class ElasticJointFilter(SequenceRegressor):
                 continue
             if has_jump(part):
                 raise CalibrationError(
-                    f"{self.name}: {self.inputs[0]} jumps between two rows further than it ever "
+                    f"{self.name}: {DRIVER} jumps between two rows further than it ever "
                     "moves; check its sensor and cut the recording before the jump"
                 )
             turns += reversals(part)
@@ -213,14 +184,8 @@ class ElasticJointFilter(SequenceRegressor):
                 " be told apart: add recordings under other loads"
             )
 
-    def evaluate(self, X: Array, steps: Array | None = None) -> Array:
-        """Jaw angle (n, 1) [rad] for rows `X` (n, 2); with the torque (n, 2) if fitted to it."""
-        motion = self._motion(X, _regular(X, steps))
-        states, _ = run(self.joint_, motion, interval=float(self.scales_[3]))
-        return self._outputs(motion.angle, states)
-
     def estimate(
-        self, X: Array, steps: Array | None = None, *, smoothed: bool = False
+        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
     ) -> JointEstimate:
         """Angle, torque and load with their standard deviations.
 
@@ -228,7 +193,7 @@ class ElasticJointFilter(SequenceRegressor):
         ----------
         X : ndarray, shape (n, 2)
             Driver angle [rad] and torque [Nm], in the order of time.
-        steps : ndarray, shape (n,), optional
+        dt : array_like, shape (n,), optional
             Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
         smoothed : bool
             Use later rows as well, which no controller can.
@@ -237,80 +202,47 @@ class ElasticJointFilter(SequenceRegressor):
         -------
         JointEstimate
         """
-        motion = self._motion(X, _regular(X, steps))
+        times = self.time_steps(dt, len(X))
+        arrays = self.arrays_
+        motion = _motion(X, arrays["scales"], times)
         states, spread = run(
-            self.joint_, motion, smoothed=smoothed, interval=float(self.scales_[3])
+            ElasticJoint.from_arrays(arrays),
+            motion,
+            smoothed=smoothed,
+            interval=float(arrays["scales"][3]),
         )
-        load = int(self.elements)
-        scale = float(self.scales_[2])
-        variance = _output_variance(motion.angle, states, spread, self.output_) + self.misfit_**2
+        outputs = np.empty((len(X), len(arrays["outputs"])))
+        elements = int(self.elements)
+        model.outputs(motion.angle, states, elements, arrays["outputs"], outputs)
+        variance = _variances(motion.angle, states, spread, arrays["outputs"])
+        scale = float(arrays["scales"][2])
         return JointEstimate(
-            outputs=self._outputs(motion.angle, states),
-            deviations=np.sqrt(variance),
-            load=states[:, load] * scale,
-            load_deviation=np.sqrt(np.maximum(spread[:, load, load], 0.0)) * scale,
+            outputs=outputs,
+            deviations=np.sqrt(variance + arrays["misfit"] ** 2),
+            load=states[:, elements] * scale,
+            load_deviation=np.sqrt(np.maximum(spread[:, elements, elements], 0.0)) * scale,
         )
 
-    def start(self) -> ElasticMemory:
-        """Memory before the first row."""
-        return ElasticMemory()
 
-    def step(self, state: ElasticMemory, interval: float, row: Array) -> Array:
-        """Jaw angle (1,) [rad] of one row; see `SequenceRegressor.step`."""
-        motion = self._motion(row[None], np.zeros(1))
-        angle = float(motion.angle[0])
-        if state.state is None or interval == 0.0:
-            state.state = self._filter.initial_state(*self.joint_.prior())
-            state.angle, interval = angle, 0.0
-        self._filter.step(
-            state.state, (float(motion.torque[0]),), (angle, angle - state.angle), interval
-        )
-        state.angle = angle
-        return np.asarray(self._outputs(motion.angle, state.state.x[None])[0])
-
-    def _motion(self, X: Array, steps: Array) -> Motion:
-        middle, scale, torque, _interval = self.scales_
-        return Motion(
-            np.ascontiguousarray((X[:, 0] - middle) / scale),
-            np.ascontiguousarray(X[:, 1] / torque),
-            steps,
-        )
-
-    def _outputs(self, angle: Array, states: Array) -> Array:
-        return _outputs(angle, states, self.output_)
+def _motion(X: Array, scales: Array, dt: Array) -> Motion:
+    middle, half_range, torque, _interval = scales
+    return Motion(
+        np.ascontiguousarray((X[:, 0] - middle) / half_range),
+        np.ascontiguousarray(X[:, 1] / torque),
+        dt,
+    )
 
 
-def _outputs(angle: Array, states: Array, coefficients: Array) -> Array:
+def _variances(angle: Array, states: Array, spread: Array, coefficients: Array) -> Array:
+    """Variance (n, k) of the outputs for states (n, m + 2) with covariances `spread`."""
     out = np.empty((len(states), len(coefficients)))
-    model.outputs(angle, states, states.shape[1] - 2, coefficients, out)
+    model.output_variances(angle, states, spread, coefficients, out)
     return out
 
 
-def _output_variance(angle: Array, states: Array, spread: Array, coefficients: Array) -> Array:
-    """Variance (n, k) of the outputs for states (n, m + 2) with covariances `spread`."""
-    slopes = []
-    for i in range(states.shape[1]):
-        width = np.sqrt(np.maximum(spread[:, i, i], 1e-12))
-        ahead, behind = states.copy(), states.copy()
-        ahead[:, i] += width
-        behind[:, i] -= width
-        difference = _outputs(angle, ahead, coefficients) - _outputs(angle, behind, coefficients)
-        slopes.append(difference / (2.0 * width[:, None]))
-    slope = np.stack(slopes, axis=2)
-    return np.asarray(np.maximum(np.einsum("nki,nij,nkj->nk", slope, spread, slope), 0.0))
-
-
-def _thinned(steps: Array, known: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _thinned(dt: Array, known: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
-    stride = max(1, round(_FILTER_INTERVAL / mean_interval(steps)))
-    fresh = steps == 0.0
-    count = np.arange(len(steps)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
+    stride = max(1, round(_FILTER_INTERVAL / mean_interval(dt)))
+    fresh = dt == 0.0
+    count = np.arange(len(dt)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
     return np.flatnonzero(known | (count % stride == 0))
-
-
-def _regular(X: Array, steps: Array | None) -> Array:
-    if steps is not None:
-        return steps
-    regular = np.full(len(X), 5e-3)
-    regular[:1] = 0.0
-    return regular

@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from truejoint.estimators.base import standardisation
 from truejoint.filters import UnscentedFilter
 from truejoint.models.elastic_joint import LOAD_TERMS, ElasticJoint, terms
-from truejoint.models.jaw_kernels import bank_rows
+from truejoint.models.play import bank_columns
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -63,7 +63,7 @@ class Motion:
     def deflections(self, widths: Array) -> Array:
         """Deflections (n, m) of friction elements that start in the middle of each history."""
         out = np.empty((len(self.angle), len(widths)))
-        bank_rows(self.steps, self.angle, 1.0, 0, widths, out)
+        bank_columns(self.steps, self.angle, 1.0, widths, out)
         return out
 
     def pick(self, rows: Integers) -> Motion:

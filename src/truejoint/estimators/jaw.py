@@ -10,21 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Progress
-from truejoint.estimators.sequence import SequenceRegressor
+from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.recordings import Recording
 
 Array = NDArray[np.float64]
 
-MOTOR: Final = "motor/jaw"
-DRIVE: Final = "cable/drive"
-RESET: Final = "cable/reset"
 MIN_ROWS: Final = 400
 """Rows that a fit needs at least: two seconds at 200 Hz."""
 _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
 
 
-class JawEstimator(SequenceRegressor):
+class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
     Calibrated as the paper does, on an unloaded motion with reversals: forward and backward
@@ -47,7 +43,7 @@ class JawEstimator(SequenceRegressor):
                     "motor and cables relate without one: record the calibration unloaded"
                 )
 
-    def _fit_sequence(self, X: Array, y: Array, steps: Array, progress: Progress) -> None:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
         known = np.isfinite(y[:, 0])
@@ -56,23 +52,25 @@ class JawEstimator(SequenceRegressor):
                 f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
             )
         self._check_motion(X[known], y[known, 0])
-        self._fit_jaw(X, y[:, 0], steps, known, progress)
+        arrays = self._learn_jaw(X, y[:, 0], dt, known, progress)
         progress(1.0)
+        return arrays
 
     @abstractmethod
-    def _fit_jaw(
-        self, X: Array, y: Array, steps: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> None:
-        """Fit to rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
+    ) -> dict[str, Array]:
+        """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
 
     def _check_motion(self, X: Array, y: Array) -> None:
-        for name, column in (*zip(self.inputs, X.T, strict=True), ("the jaw's truth", y)):
+        inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
+        for name, column in (*zip(inputs, X.T, strict=True), ("the jaw's truth", y)):
             if not np.ptp(column) > 0.0:
                 raise CalibrationError(
                     f"{self.name}: {name} never changes; move the jaw over its range, and check "
                     "that the sensor is connected"
                 )
-            own = self.inputs.index(name) if name in self.inputs else None
+            own = inputs.index(name) if name in inputs else None
             if has_jump(column):
                 raise CalibrationError(
                     f"{self.name}: {name} jumps between two rows further than it ever moves; check "

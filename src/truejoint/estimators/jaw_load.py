@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.jaw import MOTOR, RESET
-from truejoint.estimators.play import BankMemory, ResetPlay
-from truejoint.models.jaw_families import check_numbers
+from truejoint.estimators.base import RowState
+from truejoint.estimators.play import Play
+from truejoint.models.family import POSITIVE
+from truejoint.models.jaw import MOTOR, RESET
 from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 
 Array = NDArray[np.float64]
@@ -65,14 +66,12 @@ class JawLoad:
         reset_stiffness: float = 14e3,
         mechanism: ForcepsMechanism = TABLE_1,
     ) -> None:
-        check_numbers(
-            "load", {"drive_stiffness": drive_stiffness, "reset_stiffness": reset_stiffness}
-        )
+        _check_positive(drive_stiffness=drive_stiffness, reset_stiffness=reset_stiffness)
         self.drive_stiffness = drive_stiffness
         self.reset_stiffness = reset_stiffness
         self.mechanism = mechanism
 
-    def fit(self, X: ArrayLike, y: ArrayLike, steps: ArrayLike | None = None) -> Self:
+    def fit(self, X: ArrayLike, y: ArrayLike, dt: ArrayLike | None = None) -> Self:
         """Learn how both sides move together without a load.
 
         Parameters
@@ -81,7 +80,7 @@ class JawLoad:
             Motor angle [rad] and ``x2`` [m] of an unloaded motion with reversals.
         y : array_like, shape (n,)
             Jaw angle [rad], NaN where unknown; it tells the jaw's friction from the slider's.
-        steps : array_like, shape (n,), optional
+        dt : array_like, shape (n,), optional
             Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
 
         Raises
@@ -91,9 +90,9 @@ class JawLoad:
         """
         rows = self._rows(X)
         angle = np.asarray(y, dtype=np.float64)
-        self.angle_ = ResetPlay().fit(rows[:, 1:], angle, steps=steps)
+        self.angle_ = Play(("reset",)).fit(rows[:, 1:], angle, dt=dt)
         drive = np.where(np.isfinite(angle), self._drive(rows), np.nan)
-        self.drive_ = ResetPlay().fit(rows[:, 1:], drive, steps=steps)
+        self.drive_ = Play(("reset",)).fit(rows[:, 1:], drive, dt=dt)
         return self
 
     @property
@@ -113,24 +112,24 @@ class JawLoad:
         """Load [Nm] that may hang against the last motion without showing: twice the friction."""
         return 2.0 * self.jaw_friction
 
-    def predict(self, X: ArrayLike, steps: ArrayLike | None = None) -> Array:
+    def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
         """External torque (n,) [Nm] in every row, positive where it opens the jaw."""
         rows = self._rows(X)
-        unloaded = self.drive_.predict(rows[:, 1:], steps)
+        unloaded = self.drive_.predict(rows[:, 1:], dt)
         return self._torque(self._drive(rows) - unloaded)
 
-    def start(self) -> BankMemory:
+    def start(self) -> RowState:
         """Memory before the first row."""
         return self.drive_.start()
 
-    def step(self, state: BankMemory, interval: float, row: Array) -> float:
-        """External torque [Nm] of one row; see `SequenceRegressor.step`."""
-        unloaded = self.drive_.step(state, interval, row[1:])
+    def step(self, state: RowState, dt: float, row: Array) -> float:
+        """External torque [Nm] of one row; see `JointRegressor.step`."""
+        unloaded = self.drive_.step(state, dt, row[1:])
         return float(self._torque(self._drive(row[None]) - unloaded)[0])
 
     def grams(self, torque: Array, arm: float) -> Array:
         """Weights (n,) [g] that make torques (n,) [Nm] at a lever of `arm` [m]."""
-        check_numbers("load", {"arm": arm})
+        _check_positive(arm=arm)
         return np.asarray(1e3 * torque / (GRAVITY * arm))
 
     def with_stiffness(self, drive_stiffness: float) -> JawLoad:
@@ -160,7 +159,7 @@ def identify_stiffness(
     unloaded: NDArray[np.bool_],
     loaded: NDArray[np.bool_],
     torque: float,
-    steps: ArrayLike | None = None,
+    dt: ArrayLike | None = None,
 ) -> Stiffness:
     """Find the drive cable's stiffness from one known weight on the jaw.
 
@@ -176,7 +175,7 @@ def identify_stiffness(
         Rows at rest before and after.
     torque : float
         Of the weight [Nm], positive where it opens the jaw.
-    steps : array_like, shape (n,), optional
+    dt : array_like, shape (n,), optional
         As in `JawLoad.fit`.
 
     Raises
@@ -196,7 +195,7 @@ def identify_stiffness(
             f"a weight of {1e3 * abs(torque):.1f} mNm does not show above the jaw's friction, "
             f"which holds {1e3 * load.dead_band:.1f} mNm; hang a heavier one"
         )
-    estimate = load.predict(X, steps)
+    estimate = load.predict(X, dt)
     change = float(estimate[loaded].mean() - estimate[unloaded].mean())
     ratio = torque / change if change != 0.0 else math.inf
     if not SMALLEST_RATIO <= ratio <= 1.0 / SMALLEST_RATIO:
@@ -208,8 +207,14 @@ def identify_stiffness(
     return Stiffness(found, ratio, found * load.jaw_friction / abs(torque))
 
 
-def _turning(model: ResetPlay) -> float:
+def _turning(model: Play) -> float:
     """Half of what turning round adds to a fitted hysteresis, in its unit."""
     widths = len(model.reset_widths)
     plays = model.weights_[int(model.degree) : int(model.degree) + widths]
     return float(plays.sum())
+
+
+def _check_positive(**values: float) -> None:
+    for name, value in values.items():
+        if not POSITIVE.holds(value):
+            raise CalibrationError(f"load: {name} is {value!r:.60}; it must be {POSITIVE.text}")

@@ -41,7 +41,7 @@ class Zero:
         return rows
 
 
-def find_zero(load: JawLoad, X: ArrayLike, steps: ArrayLike | None = None) -> Zero:
+def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
     Unloaded, motor and reset cable move together as in calibration. The motor keeps its zero, at
@@ -55,7 +55,7 @@ def find_zero(load: JawLoad, X: ArrayLike, steps: ArrayLike | None = None) -> Ze
         Fitted to the calibration.
     X : array_like, shape (n, 2)
         Motor angle [rad] and ``x2`` [m] of a short unloaded motion, whole cycles there and back.
-    steps : array_like, shape (n,), optional
+    dt : array_like, shape (n,), optional
         As in `JawLoad.fit`.
 
     Raises
@@ -73,7 +73,7 @@ def find_zero(load: JawLoad, X: ArrayLike, steps: ArrayLike | None = None) -> Ze
         )
 
     def misfit(shift: float) -> Array:
-        return load.predict(rows - np.array([0.0, shift]), steps)
+        return load.predict(rows - np.array([0.0, shift]), dt)
 
     def mean(shift: float) -> float:
         return float(np.mean(misfit(shift)))

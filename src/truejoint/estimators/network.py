@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -11,8 +10,8 @@ from sklearn.utils import check_random_state
 
 from truejoint.estimators.base import JointRegressor, Progress, standardisation
 from truejoint.estimators.training import Layers, train
-from truejoint.models import kernels
-from truejoint.models.families import layer_sizes
+from truejoint.models import network
+from truejoint.models.family import Family
 
 Array = NDArray[np.float64]
 
@@ -49,15 +48,15 @@ class NeuralNetwork(JointRegressor):
 
     Attributes
     ----------
-    weights_ : list of ndarray, shape (inputs, units)
-    biases_ : list of ndarray, shape (units,)
+    weight_0_, weight_1_, ... : ndarray, shape (inputs, units)
+    bias_0_, bias_1_, ... : ndarray, shape (units,)
     batch_size_ : int
         Batch that training used.
     loss_curve_ : list of float
         Mean loss over the batches of each epoch, in standardised units.
     """
 
-    family: ClassVar[str] = "dnn"
+    family: ClassVar[Family] = network.FAMILY
 
     def __init__(
         self,
@@ -75,22 +74,33 @@ class NeuralNetwork(JointRegressor):
         self.epochs = epochs
         self.random_state = random_state
 
+    @property
+    def name(self) -> str:
+        """``"dnn"``, as the paper calls it."""
+        return "dnn"
+
     def minimum_rows(self, n_features: int) -> int:
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
 
-    def _fit(self, X: Array, y: Array, progress: Progress) -> None:
-        self.n_outputs_ = y.shape[1]
-        self.mean_, self.inverse_scale_ = standardisation(X)
-        self.target_mean_, inverse = standardisation(y)
-        self.target_scale_ = np.where(inverse > 0, y.std(axis=0), 1.0)
+    def _learn(
+        self,
+        X: Array,
+        y: Array,
+        dt: Array,  # noqa: ARG002  # rows are alone
+        progress: Progress,
+    ) -> dict[str, Array]:
+        mean, inverse_scale = standardisation(X)
+        target_mean, inverse = standardisation(y)
+        target_scale = np.where(inverse > 0, y.std(axis=0), 1.0)
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         rng = check_random_state(self.random_state)
-        layers = Layers.glorot(layer_sizes(self.get_params(), X.shape[1], y.shape[1]), rng)
+        sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
+        layers = Layers.glorot(sizes, rng)
         self.loss_curve_ = train(
             layers,
-            ((X - self.mean_) * self.inverse_scale_).astype(np.float32),
-            ((y - self.target_mean_) / self.target_scale_).astype(np.float32),
+            ((X - mean) * inverse_scale).astype(np.float32),
+            ((y - target_mean) / target_scale).astype(np.float32),
             weight_decay=float(self.weight_decay),
             learning_rate=float(self.learning_rate),
             batch_size=self.batch_size_,
@@ -98,49 +108,16 @@ class NeuralNetwork(JointRegressor):
             rng=rng,
             progress=progress,
         )
-        self.weights_ = [weight.astype(np.float64) for weight in layers.weights]
-        self.biases_ = [bias.astype(np.float64) for bias in layers.biases]
-        self._pack()
-
-    def _pack(self) -> None:
-        """Lay the layers out as the kernel takes them."""
-        self._layer_sizes = np.array(
-            layer_sizes(self.get_params(), self.n_features_in_, self.n_outputs_), dtype=np.int64
-        )
-        self._flat_weights = np.concatenate([weight.ravel() for weight in self.weights_])
-        self._flat_biases = np.concatenate(self.biases_)
-
-    def evaluate(self, X: Array) -> Array:
-        """Predict (n, n_outputs) for finite, C-ordered rows `X` (n, k), without checks."""
-        out = np.empty((len(X), self.n_outputs_))
-        kernels.network_rows(
-            X, self.mean_, self.inverse_scale_, self._layer_sizes, self._flat_weights,
-            self._flat_biases, self.target_mean_, self.target_scale_, out,
-        )  # fmt: skip
-        return out
-
-    def to_arrays(self) -> dict[str, Array]:
-        """Give scaling, weights and biases, named as in `array_shapes`."""
         arrays = {
-            "mean": self.mean_,
-            "inverse_scale": self.inverse_scale_,
-            "target_mean": self.target_mean_,
-            "target_scale": self.target_scale_,
+            "mean": mean,
+            "inverse_scale": inverse_scale,
+            "target_mean": target_mean,
+            "target_scale": target_scale,
         }
-        for i, (weight, bias) in enumerate(zip(self.weights_, self.biases_, strict=True)):
-            arrays[f"weight_{i}"] = weight
-            arrays[f"bias_{i}"] = bias
+        for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
+            arrays[f"weight_{i}"] = weight.astype(np.float64)
+            arrays[f"bias_{i}"] = bias.astype(np.float64)
         return arrays
-
-    def _set_arrays(self, arrays: Mapping[str, Array]) -> None:
-        self.mean_ = arrays["mean"]
-        self.inverse_scale_ = arrays["inverse_scale"]
-        self.target_mean_ = arrays["target_mean"]
-        self.target_scale_ = arrays["target_scale"]
-        n_layers = len(self.hidden_layer_sizes) + 1
-        self.weights_ = [arrays[f"weight_{i}"] for i in range(n_layers)]
-        self.biases_ = [arrays[f"bias_{i}"] for i in range(n_layers)]
-        self._pack()
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution, least_squares, minimize
 
 from truejoint.errors import CalibrationError
-from truejoint.models.jaw_families import METHODS, Method
-from truejoint.models.jaw_kernels import COEFFICIENTS, NEAREST, rational_rows
+from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST, rational_errors
 
 Array = NDArray[np.float64]
 
@@ -22,7 +21,6 @@ _TUBE: Final = 0.15  # half-width round the curve that the data follow, of the s
 _REACH: Final = 1.3  # how far the tube goes on beyond the data
 _PENALTY: Final = 30.0  # of a denominator that is short by one, in spreads of the error
 _ROWS: Final = 1500  # rows that the search looks at; the last solution uses all
-_NEAREST: Final = NEAREST
 _BOUND: Final = 3.0  # on the five denominator coefficients in the global search
 _STARTS: Final = np.vstack([np.zeros(5), np.random.default_rng(0).uniform(-1.0, 1.0, (4, 5))])
 
@@ -46,7 +44,7 @@ class RationalModel:
     def __call__(self, motor: Array, reset: Array) -> Array:
         """Error (n,) [rad] at motor angles (n,) [rad] and displacements (n,) [m]."""
         out = np.empty(len(motor))
-        rational_rows(motor, reset, self.scale, self.coefficients, out)
+        rational_errors(motor, reset, self.scale, self.coefficients, out)
         return out
 
     def denominator(self, motor: Array, reset: Array) -> Array:
@@ -56,7 +54,7 @@ class RationalModel:
 
 
 def fit_rational(
-    motor: Array, reset: Array, error: Array, method: Method = "projection"
+    motor: Array, reset: Array, error: Array, method: str = "projection"
 ) -> RationalModel:
     """Fit (25) to the error of an estimate.
 
@@ -82,8 +80,8 @@ def fit_rational(
     CalibrationError
         If there are fewer than 110 rows, a variable does not vary, or the method is unknown.
     """
-    if method not in METHODS:
-        raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(METHODS)}")
+    if method not in FIT_METHODS:
+        raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(FIT_METHODS)}")
     if len(error) < 10 * COEFFICIENTS:
         raise CalibrationError(
             f"{len(error)} rows for the {COEFFICIENTS} coefficients of an error model; it needs "
@@ -166,7 +164,7 @@ class _Projection:
 
     def _below(self, d: Array) -> Array:
         below = 1.0 + self.below @ d
-        return np.where(np.abs(below) < _NEAREST, _NEAREST, below)
+        return np.where(np.abs(below) < NEAREST, NEAREST, below)
 
     def coefficients(self, d: Array, motor: Array, reset: Array, error: Array, s: Array) -> Array:
         """All eleven, the numerator's from every row."""

@@ -1,58 +1,71 @@
-"""Every estimator by the name that a user writes."""
+"""Every estimator by the name that a user writes: one line each, and nothing else names them."""
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Final
+import difflib
+from importlib import import_module
+from typing import Any, Final
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor
-from truejoint.estimators.linear import FixedOffset, LinearRegressor, PolynomialRegressor
-from truejoint.estimators.network import NeuralNetwork
 
-ESTIMATORS: Final[dict[str, type[JointRegressor]]] = {
-    "offset": FixedOffset,
-    "linear": LinearRegressor,
-    "poly2": PolynomialRegressor,
-    "dnn": NeuralNetwork,
+BASELINES: Final = ("offset", "linear", "poly2")
+"""What every calibration carries along to be compared with."""
+
+_ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
+    "offset": ("offset", "FixedOffset", {}),
+    "linear": ("polynomial", "LinearRegressor", {}),
+    "poly2": ("polynomial", "PolynomialRegressor", {}),
+    "dnn": ("network", "NeuralNetwork", {}),
+    "lsm": ("cable_least_squares", "CableLeastSquares", {}),
+    "lsm_intercept": ("cable_least_squares", "CableLeastSquares", {"intercept": True}),
+    "lsm_compensated": ("cable_least_squares", "CableLeastSquares", {"compensated": True}),
+    "ukf": ("jaw_filter", "JawFilter", {}),
+    "ukf_compensated": ("jaw_filter", "JawFilter", {"compensation": "output"}),
+    "play_motor": ("play", "Play", {"displacements": ("motor",)}),
+    "play_reset": ("play", "Play", {"displacements": ("reset",)}),
+    "play_both": ("play", "Play", {"displacements": ("reset", "motor")}),
+    "play_cables": ("play", "Play", {"displacements": ("reset", "drive")}),
+    "play_gated": ("gated_play", "GatedPlay", {}),
+    "ukf_friction": ("friction_filter", "FrictionFilter", {}),
+    "ukf_friction_smoothed": ("friction_filter", "FrictionSmoother", {}),
+    "ukf_elastic": ("elastic_joint", "ElasticJointFilter", {}),
 }
-"""Estimators as a class each, whose defaults are those of peng2024."""
-
-
-JAW_ESTIMATORS: Final = (
-    "lsm", "lsm_intercept", "lsm_compensated", "ukf", "ukf_compensated", "play_motor", "play_reset",
-    "play_both", "play_cables", "play_gated", "ukf_friction", "ukf_friction_smoothed",
-)  # fmt: skip
-"""Estimators of a cable-driven jaw from its cables: those of yan2020, and past them."""
-
-MOTOR_SIDE_ESTIMATORS: Final = ("ukf_elastic",)
-"""Estimators of a cable-driven jaw of which only the driver's angle and torque are measured."""
-
-
-@cache
-def families() -> dict[str, type[JointRegressor]]:
-    """Every class of estimator by the name that stands in model files."""
-    # Imported here because the filters compile for seconds on their first use ever.
-    from truejoint.estimators.elastic_joint import ElasticJointFilter  # noqa: PLC0415
-    from truejoint.estimators.jaw_classes import JAW_CLASSES  # noqa: PLC0415
-
-    classes: tuple[type[JointRegressor], ...] = (
-        *ESTIMATORS.values(),
-        *JAW_CLASSES,
-        ElasticJointFilter,
-    )
-    return {cls.family: cls for cls in classes}
+"""Module of this package, class, and parameters that are not its defaults, by name."""
 
 
 def estimator_names() -> tuple[str, ...]:
     """Names that `get_estimator` knows."""
-    return (*ESTIMATORS, *JAW_ESTIMATORS, *MOTOR_SIDE_ESTIMATORS)
+    return tuple(_ESTIMATORS)
 
 
 def get_estimator(name: str) -> JointRegressor:
-    """Unfitted estimator called `name`; raises CalibrationError naming the known ones."""
-    if name in ESTIMATORS:
-        return ESTIMATORS[name]()
-    if name in estimator_names():
-        return families()[name]()
-    raise CalibrationError(f"no estimator called {name!r}; known: {', '.join(estimator_names())}")
+    """Unfitted estimator called `name`; raises CalibrationError naming the known ones.
+
+    Examples
+    --------
+    >>> get_estimator("poly2").degree
+    2
+    """
+    if name not in _ESTIMATORS:
+        near = difflib.get_close_matches(str(name), _ESTIMATORS, 1)
+        guess = f"; did you mean {near[0]!r}" if near else ""
+        raise CalibrationError(
+            f"no estimator called {name!r:.60}{guess}; known: {', '.join(estimator_names())}"
+        )
+    return _class(name)(**_ESTIMATORS[name][2])
+
+
+def class_of(family: str) -> type[JointRegressor]:
+    """Class of estimators whose family is called so; raises CalibrationError if there is none."""
+    for name in _ESTIMATORS:
+        cls = _class(name)
+        if cls.family.name == family:
+            return cls
+    raise CalibrationError(f"no estimator of family {family!r:.60}")
+
+
+def _class(name: str) -> type[JointRegressor]:
+    module, cls, _params = _ESTIMATORS[name]
+    found: type[JointRegressor] = getattr(import_module(f"truejoint.estimators.{module}"), cls)
+    return found

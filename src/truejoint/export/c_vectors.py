@@ -218,17 +218,17 @@ class _Motion:
     """Samples of a smooth motion, one after the other."""
 
     def __init__(self, data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> None:
-        envelope = data.envelope
-        assert envelope is not None  # noqa: S101  # `limits_of` has refused it
+        training_domain = data.training_domain
+        assert training_domain is not None  # noqa: S101  # `limits_of` has refused it
         self.limits = limits
-        self.lower, self.upper = envelope.signal_lower, envelope.signal_upper
+        self.lower, self.upper = training_domain.signal_lower, training_domain.signal_upper
         self.middle = (self.lower + self.upper) / 2
         for feature, mean in zip(data.feature_set.features, limits.mean, strict=True):
             if feature.operation == "value":
                 self.middle[data.signals.index(feature.signal)] = mean
         room = np.minimum(self.middle - self.lower, self.upper - self.middle)
         self.amplitude = scale * room * (limits.moves > 0)
-        reach = np.where(limits.moves > 0, envelope.signal_step, 1.0) / limits.interval
+        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.interval
         fastest = np.full(len(room), 2 * np.pi * _FASTEST)
         fastest *= 1 + 0.1 * np.arange(len(room)) / len(room)
         some = self.amplitude > 0

@@ -4,7 +4,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from truejoint.models.families import BASELINES
     from truejoint.models.features import (
         Feature,
         FeatureSet,
@@ -12,26 +11,27 @@ if TYPE_CHECKING:
         default_gap_limit,
         run_starts,
         sample_interval,
+        time_steps,
     )
 
 __all__ = [
-    "BASELINES",
     "Feature",
     "FeatureSet",
     "default_features",
     "default_gap_limit",
     "run_starts",
     "sample_interval",
+    "time_steps",
 ]
 
 _HOMES = {
-    "BASELINES": "truejoint.models.families",
     "Feature": "truejoint.models.features",
     "FeatureSet": "truejoint.models.features",
     "default_features": "truejoint.models.features",
     "default_gap_limit": "truejoint.models.features",
     "run_starts": "truejoint.models.features",
     "sample_interval": "truejoint.models.features",
+    "time_steps": "truejoint.models.features",
 }
 
 

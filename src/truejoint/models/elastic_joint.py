@@ -9,16 +9,22 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from math import nan, sqrt
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.compiled import compiled
+from truejoint.compiled import Array, Integers, compiled, copy, matrix, vector
 from truejoint.errors import CalibrationError
-from truejoint.filters.state_space import StateSpaceModel
+from truejoint.filters import StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.models.family import Family, Params, Shape, integer, number
+from truejoint.models.filtered import advance
 
-Array = NDArray[np.float64]
+DRIVER: Final = "driver/jaw"
+TORQUE: Final = "effort/jaw"
 
 POLYNOMIAL: Final = 10
 """Terms of a cubic in driver angle and load."""
@@ -246,3 +252,142 @@ class ElasticJoint:
         variance[elements] = self.load_deviation**2
         variance[elements + 1] = self.rest_deviation**2
         return mean, np.diag(variance)
+
+
+LAYOUT: Final = Layout()
+ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
+N_TERMS: Final = LAYOUT.integer("n_terms", "of an output's response")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges")
+MIDDLE: Final = LAYOUT.scalar("middle", "of the driver's range [rad]")
+HALF_RANGE: Final = LAYOUT.scalar("half_range", "of the driver [rad]")
+TORQUE_SCALE: Final = LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
+RESPONSES: Final = LAYOUT.array("responses", "coefficients of each output")
+OUTPUT_MISFIT: Final = LAYOUT.array("misfit", "standard deviation of what a response misses")
+NEAR: Final = LAYOUT.array("near", "a state beside the estimate")
+SLOPE: Final = LAYOUT.array("slope", "of an output over the state")
+FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
+
+
+@compiled
+def elastic_joint_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter of the elastic joint."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    angle = (x[0] - memory[MIDDLE]) / memory[HALF_RANGE]
+    moved = angle - memory[LAST]
+    if dt == 0.0:
+        restart(own, state)
+        moved = 0.0
+    vector(state, own[at.Z], 1)[0] = x[1] / memory[TORQUE_SCALE]
+    u = vector(state, own[at.U], 2)
+    u[0] = angle
+    u[1] = moved
+    good = advance(own, state, dt)
+    memory[LAST] = angle
+    elements, n_terms = numbers[ELEMENTS], numbers[N_TERMS]
+    n = elements + 2
+    estimate = vector(state, own[at.X], n)
+    spread = matrix(state, own[at.P], n, n)
+    near = vector(memory, numbers[NEAR], n)
+    slope = vector(memory, numbers[SLOPE], n)
+    misfit = vector(memory, numbers[OUTPUT_MISFIT], out.shape[0])
+    responses = matrix(memory, numbers[RESPONSES], out.shape[0], n_terms)
+    for j in range(out.shape[0]):
+        coefficients = responses[j]
+        out[j] = output(angle, estimate, elements, coefficients) if good else nan
+        if memory[DEVIATIONS] > 0.0:
+            variance = output_variance(angle, estimate, spread, coefficients, near, slope)
+            half_width[j] = memory[DEVIATIONS] * sqrt(variance + misfit[j] ** 2)
+
+
+@compiled
+def output_variance(
+    angle: float, x: Array, spread: Array, coefficients: Array, near: Array, slope: Array
+) -> float:
+    """Variance of what a state (n,) of covariance `spread` (n, n) says of one output.
+
+    By differences over a deviation each way, since the responses bend where an element slides;
+    `near` and `slope` (n,) are room to work in.
+    """
+    n = spread.shape[0]
+    elements = n - 2
+    copy(x, near, n)
+    for i in range(n):
+        width = sqrt(max(spread[i, i], 1e-12))
+        near[i] = x[i] + width
+        ahead = output(angle, near, elements, coefficients)
+        near[i] = x[i] - width
+        slope[i] = (ahead - output(angle, near, elements, coefficients)) / (2.0 * width)
+        near[i] = x[i]
+    variance = 0.0
+    for i in range(n):
+        for j in range(n):
+            variance += slope[i] * spread[i, j] * slope[j]
+    return max(variance, 0.0)
+
+
+@compiled
+def output_variances(
+    angles: Array, states: Array, spread: Array, coefficients: Array, out: Array
+) -> None:
+    """`output_variance` of every row for each row of `coefficients` (k, ...), into `out` (n, k)."""
+    near, slope = np.empty(states.shape[1]), np.empty(states.shape[1])
+    for i in range(states.shape[0]):
+        for j in range(coefficients.shape[0]):
+            out[i, j] = output_variance(
+                angles[i], states[i], spread[i], coefficients[j], near, slope
+            )
+
+
+def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    if n_outputs > 2:
+        raise CalibrationError(
+            f"elastic_joint estimates a jaw's angle and torque, not {n_outputs} outputs"
+        )
+    elements = int(params["elements"])
+    n_terms = count_terms(elements)
+    return {
+        "scales": (len(SCALES),),
+        "noise": (len(NOISE),),
+        "widths": (elements,),
+        "torque": (n_terms,),
+        "outputs": (n_outputs, n_terms + 2),
+        "misfit": (n_outputs,),
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    joint = ElasticJoint.from_arrays(arrays)
+    middle, half_range, torque, interval = arrays["scales"].tolist()
+    elements = int(params["elements"])
+    return LAYOUT.pack(
+        elements=elements,
+        n_terms=arrays["outputs"].shape[1],
+        middle=middle,
+        half_range=half_range,
+        torque_scale=torque,
+        responses=arrays["outputs"],
+        misfit=arrays["misfit"],
+        near=np.zeros(elements + 2),
+        slope=np.zeros(elements + 2),
+        filter=UnscentedFilter(joint.state_space(interval)).memory(*joint.prior()),
+    )
+
+
+FAMILY: Final = Family(
+    "elastic_joint",
+    rules={
+        "elements": integer(1, 12),
+        "load_drift": number(0.0, 1e3),
+        "torque_noise": number(1e-6, 1e3),
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=elastic_joint_row,
+    remembers=True,
+    inputs=lambda _params: (DRIVER, TORQUE),
+    targets=("position",),
+    states_deviation=lambda _params: True,
+)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import CalibrationError
-from truejoint.models import kernels
+from truejoint.models import feature_kernels as kernels
 
 if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
     from truejoint.recordings import Recording
@@ -304,6 +304,20 @@ def check_sample_interval(recording: Recording, trained: float) -> None:
 def default_gap_limit(recordings: Sequence[Recording]) -> float:
     """Ten times the median time between rows [s]: what is longer counts as a gap."""
     return 10.0 * sample_interval(recordings)
+
+
+def time_steps(t: Array, gap_limit: float) -> Array:
+    """Time since the row before (n,) [s], 0 where a history starts: first row, and after gaps.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s].
+    gap_limit : float
+        Time without a sample [s] after which the history starts anew.
+    """
+    steps = np.diff(t, prepend=t[:1])
+    return np.where((steps > 0.0) & (steps <= gap_limit), steps, 0.0)
 
 
 def run_starts(t: Array, gap_limit: float) -> NDArray[np.bool_]:

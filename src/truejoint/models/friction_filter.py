@@ -7,18 +7,28 @@ elements, each a bristle that bends with the reset cable's motion until it slide
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, Final
+from math import nan, sqrt
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.compiled import compiled
+from truejoint.compiled import Array, Integers, compiled, matrix, vector
 from truejoint.errors import CalibrationError
-from truejoint.filters import UnscentedFilter
-from truejoint.filters.state_space import StateSpaceModel
-from truejoint.models.families import is_number
-
-Array = NDArray[np.float64]
+from truejoint.filters import StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.models.family import (
+    POSITIVE,
+    Family,
+    Params,
+    Shape,
+    is_number,
+    numbers,
+    only_joint,
+)
+from truejoint.models.filtered import advance
+from truejoint.models.jaw import MOTOR, RESET
 
 DEGREE: Final = 4
 """Highest power of ``x2`` in both polynomials."""
@@ -66,7 +76,7 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
     out[n, n] = parameters[5 + 2 * n + DEGREE] * dt
 
 
-def friction_filter(params: Mapping[str, Any], arrays: Mapping[str, Array]) -> UnscentedFilter:
+def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
     """Build the filter of a fitted `FrictionFilter`, of its parameters and arrays.
 
     Raises
@@ -110,3 +120,120 @@ def friction_prior(elements: int) -> tuple[Array, Array]:
     At rest and unloaded, with friction anywhere within half of what it can hold.
     """
     return np.zeros(elements + 1), np.diag([*([0.25] * elements), 1e-8])
+
+
+LAYOUT: Final = Layout()
+ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
+DRIVE_FACTOR: Final = LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
+INVERSE: Final = LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
+MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
+ANGLE: Final = LAYOUT.array("angle", "constant, powers and elements of the angle [rad]")
+FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the load [Nm]")
+
+
+@compiled
+def friction_filter_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter with friction and load."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    reset = x[1]
+    moved = reset - memory[LAST_RESET]
+    if dt == 0.0:
+        restart(own, state)
+        moved = 0.0
+    vector(state, own[at.Z], 1)[0] = x[0] * memory[DRIVE_FACTOR]
+    u = vector(state, own[at.U], 2)
+    u[0] = moved
+    u[1] = reset
+    good = advance(own, state, dt)
+    memory[LAST_RESET] = reset
+    elements = numbers[ELEMENTS]
+    weights = vector(memory, numbers[ANGLE], 1 + DEGREE + elements)
+    estimate = vector(state, own[at.X], elements + 1)
+    out[0] = jaw_angle(reset * memory[INVERSE], estimate, elements, weights) if good else nan
+    if memory[DEVIATIONS] > 0.0:
+        spread = matrix(state, own[at.P], elements + 1, elements + 1)
+        variance = jaw_variance(spread, elements, weights) + memory[MISFIT] ** 2
+        half_width[0] = memory[DEVIATIONS] * sqrt(variance)
+
+
+@compiled
+def jaw_angle(place: float, x: Array, elements: int, weights: Array) -> float:
+    """Jaw angle [rad] where the reset cable is at a scaled place and the elements at `x`."""
+    angle = weights[0]
+    power = 1.0
+    for i in range(DEGREE):
+        power = power * place
+        angle = angle + weights[1 + i] * power
+    for i in range(elements):
+        angle = angle + weights[1 + DEGREE + i] * x[i]
+    return float(angle)
+
+
+@compiled
+def jaw_variance(spread: Array, elements: int, weights: Array) -> float:
+    """Variance of the jaw's angle [rad2] that the elements' covariance makes."""
+    variance = 0.0
+    for i in range(elements):
+        for j in range(elements):
+            variance += weights[1 + DEGREE + i] * spread[i, j] * weights[1 + DEGREE + j]
+    return max(variance, 0.0)
+
+
+@compiled
+def jaw_angles(
+    places: Array, X: Array, spread: Array, weights: Array, angle: Array, variance: Array
+) -> None:
+    """`jaw_angle` and `jaw_variance` of every row: states (n, m + 1), covariances, into (n,)."""
+    elements = X.shape[1] - 1
+    for i in range(X.shape[0]):
+        angle[i] = jaw_angle(places[i], X[i], elements, weights)
+        variance[i] = jaw_variance(spread[i], elements, weights)
+
+
+def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    """Shapes of the learnt arrays."""
+    count = 1 + DEGREE + len(params["widths"])
+    known: dict[str, Shape] = {
+        "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "interval": (1,)
+    }  # fmt: skip
+    return only_joint("friction_filter", known, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    elements = len(params["widths"])
+    return LAYOUT.pack(
+        elements=elements,
+        drive_factor=params["wheel_radius"] / params["gear_ratio"],
+        inverse_scale=arrays["scale"][0],
+        misfit=arrays["misfit"][1],
+        angle=arrays["angle"],
+        filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
+    )
+
+
+RULES: Final = {
+    **dict.fromkeys(
+        (
+            "drive_stiffness", "load_drift", "friction_drift", "error_time", "gear_ratio",
+            "wheel_radius", "jaw_radius",
+        ),
+        POSITIVE,
+    ),
+    "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
+}  # fmt: skip
+
+FAMILY: Final = Family(
+    "friction_filter",
+    rules=RULES,
+    shapes=shapes,
+    pack=_pack,
+    row=friction_filter_row,
+    remembers=True,
+    inputs=lambda _params: (MOTOR, RESET),
+    targets=("position",),
+    states_deviation=lambda _params: True,
+)

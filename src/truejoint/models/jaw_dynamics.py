@@ -37,14 +37,14 @@ class ForcepsModel:
         If a value is not finite and above 0.
     """
 
-    drive_stiffness: float
-    reset_stiffness: float
-    spring_stiffness: float
-    jaw_inertia: float
-    slider_mass: float
-    gear_ratio: float
-    wheel_radius: float
-    jaw_radius: float
+    drive_stiffness: float = 14e3
+    reset_stiffness: float = 14e3
+    spring_stiffness: float = 656.6
+    jaw_inertia: float = 1e-6
+    slider_mass: float = 0.05
+    gear_ratio: float = 35.0
+    wheel_radius: float = 9.75e-3
+    jaw_radius: float = 4e-3
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():

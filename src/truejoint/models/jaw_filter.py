@@ -1,21 +1,24 @@
-"""Compiled model functions of the filter: (12)-(14) of yan2020 for steps of any length."""
+"""The unscented filter of yan2020 for a jaw, (12)-(26): its model, and its row."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Final
+from dataclasses import dataclass, fields
+from math import nan, sqrt
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.compiled import compiled
-from truejoint.filters import UnscentedFilter
-from truejoint.filters.sigma_points import LambdaSigmaPoints
-from truejoint.filters.state_space import StateSpaceModel
+from truejoint.compiled import Array, Integers, compiled, vector
+from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.models.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
+from truejoint.models.filtered import advance
+from truejoint.models.jaw import COEFFICIENTS, FIT_METHOD, MOTOR, RESET, rational_error
 from truejoint.models.jaw_dynamics import ForcepsModel
-
-Array = NDArray[np.float64]
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
 # by row), jaw inertia, slider mass, torque on the jaw per motor angle, and the spectral densities
@@ -116,28 +119,41 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row + 1, 2 * column + 1] += shape * speed
 
 
-def state_space(
-    model: ForcepsModel, jaw: float, slider: float, correlation_time: float, sensor: Array
-) -> StateSpaceModel:
-    """Build the filter's model: (13), with the noise of neglected friction.
+@dataclass(frozen=True)
+class FilterNoise:
+    """What the filter does not know of the forceps.
 
-    Parameters
+    Attributes
     ----------
-    model : ForcepsModel
-    jaw, slider : float
-        Neglected friction of jaw [Nm] and slider [N].
+    jaw_friction, slider_friction : float
+        Size of the neglected friction [Nm, N].
     correlation_time : float
         Time over which friction counts as one draw [s].
-    sensor : ndarray, shape (2, 2)
-        Covariance of the measured displacement [m] and speed [m/s].
+    displacement_noise, speed_noise : float
+        Standard deviations of the measured displacement [m] and speed [m/s].
     """
+
+    jaw_friction: float = 1.5e-3
+    slider_friction: float = 0.2
+    correlation_time: float = 5e-3
+    displacement_noise: float = 4e-7
+    speed_noise: float = 1e-4
+
+    @property
+    def sensor(self) -> Array:
+        """Covariance (2, 2) of the measured displacement [m] and speed [m/s]."""
+        return np.diag([self.displacement_noise, self.speed_noise]) ** 2
+
+
+def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
+    """Build the filter's model: (13), with the noise of neglected friction."""
     frequencies, shapes = model.modes()
     torque = model.drive_stiffness * model.wheel_radius * model.jaw_radius / model.gear_ratio
     return StateSpaceModel(
         transition=transition,
         measurement=measurement,
         process_noise=process_noise,
-        measurement_noise=sensor,
+        measurement_noise=noise.sensor,
         states=("jaw", "jaw_speed", "reset", "reset_speed"),
         measurements=("reset", "reset_speed"),
         inputs=("motor", "compensation"),
@@ -146,39 +162,146 @@ def state_space(
                 frequencies,
                 shapes.ravel(),
                 [model.jaw_inertia, model.slider_mass, torque],
-                np.array([jaw, slider]) ** 2 * correlation_time,
+                np.array([noise.jaw_friction, noise.slider_friction]) ** 2 * noise.correlation_time,
             ]
         ),
     )
 
 
-def mechanics(params: Mapping[str, Any]) -> ForcepsModel:
+MECHANISM_NAMES: Final = tuple(field.name for field in fields(ForcepsModel))
+NOISE_NAMES: Final = tuple(field.name for field in fields(FilterNoise))
+
+
+def mechanism_of(params: Params) -> ForcepsModel:
     """Model (12) that a filter with these parameters takes the forceps for."""
-    return ForcepsModel(**{name: float(params[name]) for name in ForcepsModel.__annotations__})
+    return ForcepsModel(**{name: float(params[name]) for name in MECHANISM_NAMES})
 
 
-def sensor_noise(params: Mapping[str, Any]) -> Array:
-    """Covariance (2, 2) of the measured displacement [m] and speed [m/s]."""
-    return np.diag([params["displacement_noise"], params["speed_noise"]]) ** 2
+def noise_of(params: Params) -> FilterNoise:
+    """Noise that a filter with these parameters allows for."""
+    return FilterNoise(**{name: float(params[name]) for name in NOISE_NAMES})
 
 
-def rest_spread(params: Mapping[str, Any]) -> Array:
+def rest_spread(model: ForcepsModel, noise: FilterNoise) -> Array:
     """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
-    r, k_r = params["jaw_radius"], params["reset_stiffness"]
-    angle = params["slider_friction"] / (k_r * r) + params["jaw_friction"] / (
-        (k_r + params["drive_stiffness"]) * r**2
+    r, k_r = model.jaw_radius, model.reset_stiffness
+    angle = noise.slider_friction / (k_r * r) + noise.jaw_friction / (
+        (k_r + model.drive_stiffness) * r**2
     )
-    noise = params["displacement_noise"], params["speed_noise"]
-    return np.asarray(np.diag([angle, 1e-2, *noise]) ** 2)
+    sensors = noise.displacement_noise, noise.speed_noise
+    return np.asarray(np.diag([angle, 1e-2, *sensors]) ** 2)
 
 
-def jaw_filter(params: Mapping[str, Any]) -> UnscentedFilter:
-    """Build the filter of a `JawFilter`, of its parameters."""
-    space = state_space(
-        mechanics(params),
-        params["jaw_friction"],
-        params["slider_friction"],
-        params["correlation_time"],
-        sensor_noise(params),
-    )
+def jaw_filter(params: Params) -> UnscentedFilter:
+    """Build the filter (15)-(23), of its parameters."""
+    space = state_space(mechanism_of(params), noise_of(params))
     return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))
+
+
+COMPENSATIONS: Final = ("constant", "output", "scaled", "signed", "literal")
+"""What makes up for the filter's error: a constant, or (25) in one of four readings of (26)."""
+
+LAYOUT: Final = Layout()
+COMPENSATION: Final = LAYOUT.integer("compensation", "which of COMPENSATIONS")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]")
+LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
+INJECTED: Final = LAYOUT.scalar("injected", "what (26) added to the state [rad]")
+DRIVE_PER_ANGLE: Final = LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
+RESET_STIFFNESS: Final = LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
+DIVISOR: Final = LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
+CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle [rad]")
+GAIN: Final = LAYOUT.scalar("loop_gain", "share of what is injected that stays")
+SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
+ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
+FILTER: Final = LAYOUT.part("filter", "of jaw [rad] and its speed, reset cable [m] and its speed")
+
+
+@compiled
+def jaw_filter_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter of yan2020."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    estimate = vector(state, own[at.X], 4)
+    motor, reset = x[0], x[1]
+    speed = nan
+    if dt == 0.0:
+        restart(own, state)
+        tension = memory[DRIVE_PER_ANGLE] * motor + memory[RESET_STIFFNESS] * reset
+        estimate[0] = tension / memory[DIVISOR]
+        estimate[2] = reset
+        memory[LAST_MOTOR] = motor
+        memory[INJECTED] = 0.0
+    else:
+        speed = (reset - memory[LAST_RESET]) / dt
+    z = vector(state, own[at.Z], 2)
+    z[0] = reset
+    z[1] = speed
+    u = vector(state, own[at.U], 2)
+    u[0] = memory[LAST_MOTOR]
+    u[1] = memory[INJECTED]
+    good = advance(own, state, dt)
+    injected = 0.0
+    added = memory[CONSTANT]
+    if numbers[COMPENSATION] > 0:
+        scale = vector(memory, numbers[SCALE], 2)
+        error = rational_error(motor, reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS))
+        if numbers[COMPENSATION] == 1:
+            added = -error
+        elif numbers[COMPENSATION] == 2:
+            injected = -error / memory[GAIN]
+        elif numbers[COMPENSATION] == 3:
+            injected = -error
+        else:
+            injected = error
+    memory[LAST_MOTOR] = motor
+    memory[LAST_RESET] = reset
+    memory[INJECTED] = injected
+    out[0] = estimate[0] + injected + added if good else nan
+    if memory[DEVIATIONS] > 0.0:
+        half_width[0] = memory[DEVIATIONS] * sqrt(max(vector(state, own[at.P], 1)[0], 0.0))
+
+
+def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    shapes: dict[str, Shape] = {"constant": (1,)}
+    if params["compensation"] != "constant":
+        shapes = {"scale": (2,), "error_coef": (COEFFICIENTS,), "loop_gain": (1,)}
+    return only_joint("jaw_filter", shapes, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    model, noise = mechanism_of(params), noise_of(params)
+    return LAYOUT.pack(
+        compensation=COMPENSATIONS.index(params["compensation"]),
+        drive_tension=model.drive_stiffness * model.wheel_radius / model.gear_ratio,
+        reset_stiffness=model.reset_stiffness,
+        divisor=(model.drive_stiffness + model.reset_stiffness) * model.jaw_radius,
+        constant=arrays["constant"][0] if "constant" in arrays else 0.0,
+        loop_gain=arrays["loop_gain"][0] if "loop_gain" in arrays else 1.0,
+        scale=arrays.get("scale", np.ones(2)),
+        error_coef=arrays.get("error_coef", np.zeros(COEFFICIENTS)),
+        filter=jaw_filter(params).memory(np.zeros(4), rest_spread(model, noise)),
+    )
+
+
+FAMILY: Final = Family(
+    "jaw_filter",
+    rules={
+        **dict.fromkeys((*MECHANISM_NAMES, *NOISE_NAMES), POSITIVE),
+        "lambda_": number(-4.0 + 1e-6, 1e6),
+        "compensation": one_of(*COMPENSATIONS),
+        "fit_method": FIT_METHOD,
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=jaw_filter_row,
+    remembers=True,
+    # The gain depends on the step, and what is left to compensate depends on the gain.
+    counts_samples=True,
+    inputs=lambda _params: (MOTOR, RESET),
+    targets=("position",),
+    # What is left by a constant alone is friction that always pulls the same way, which no
+    # covariance tells; that of the bare filter is more than enough for what (25) leaves.
+    states_deviation=lambda params: params["compensation"] != "constant",
+)

@@ -168,7 +168,7 @@ def check_calibration(
 
 def _watched(calibration: Calibration, recording: Recording) -> tuple[Alarm, Reason]:
     """Highest alarm along the recording, and the reasons of all alarms."""
-    if calibration.reference is None:
+    if calibration.effort_baseline is None:
         return Alarm.NONE, Reason.NOTHING
     trace = Monitor(calibration).run(recording)
     return Alarm(int(trace.alarm.max())), Reason(int(np.bitwise_or.reduce(trace.reasons)))

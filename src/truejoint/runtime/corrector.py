@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,11 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.models.families import EstimatorData
-from truejoint.models.known_families import check_data
-from truejoint.models.row_model import RowModel
-from truejoint.models.row_models import row_model
-from truejoint.runtime import layout as lay
+from truejoint.models.family import EstimatorData, find_family
+from truejoint.runtime import fields as at
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
@@ -76,9 +72,9 @@ class Corrector:
     """
 
     __slots__ = (
-        "_base_width", "_homing", "_memory", "_model_memory", "_model_numbers", "_n_signals",
-        "_needs_rezero", "_numbers", "_row", "_sample", "_statuses", "correction", "features",
-        "half_width", "joints", "offset", "position", "signals",
+        "_base_width", "_homing", "_memory", "_n_signals", "_needs_rezero", "_numbers", "_packed",
+        "_sample", "_statuses", "correction", "features", "half_width", "joints", "offset",
+        "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -90,23 +86,19 @@ class Corrector:
     ) -> None:
         if not 0.0 < level < 1.0:
             raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
-        data, row = _read(model)
-        n_joints, n_features = len(data.joints), len(data.feature_set)
+        data = _read(model)
         self.joints, self.signals = data.joints, data.signals
         self._n_signals = len(data.signals)
-        self._row = row
-        self._model_numbers, self._model_memory = row.numbers, row.memory
-        if data.interval is None and row.deviations is not None:
-            row.memory[row.deviations] = NormalDist().inv_cdf(0.5 + 0.5 * level)
-        self._numbers, self._memory = lay.pack(data, limits_of(data, range_margin), level)
-        self._numbers[lay.FUNCTION] = self._row.address()
-        self._sample = self._block(lay.SAMPLE, self._n_signals)
-        self.position = self._block(lay.POSITION, n_joints)
-        self.half_width = self._block(lay.HALF_WIDTH, n_joints)
-        self.correction = self._block(lay.CORRECTION, n_joints)
-        self.offset = self._block(lay.OFFSET, n_joints)
-        self.features = self._block(lay.FEATURES, n_features)
-        self._base_width = self._block(lay.BASE_WIDTH, n_joints).copy()
+        # Packed memory holds on to the compiled functions whose addresses it contains.
+        self._packed = packed = at.pack(data, limits_of(data, range_margin), level)
+        self._numbers, self._memory = packed.numbers, packed.memory
+        self._sample = packed.view("sample")
+        self.position = packed.view("position")
+        self.half_width = packed.view("half_width")
+        self.correction = packed.view("correction")
+        self.offset = packed.view("offset")
+        self.features = packed.view("features")
+        self._base_width = packed.view("base_width").copy()
         self._needs_rezero = data.interval is not None and data.interval.rezero > 0.0
         self._homing = Homing(data.metadata)
         self._statuses = _Statuses()
@@ -136,9 +128,7 @@ class Corrector:
             memory[0] = t
         except (TypeError, ValueError, OverflowError):
             return self._refuse()
-        return self._statuses[
-            correct_sample(self._numbers, memory, self._model_numbers, self._model_memory)
-        ]
+        return self._statuses[correct_sample(self._numbers, memory)]
 
     def set_homing(self, is_homed: bool, homing_id: str | None = None) -> Status:
         """Say whether the robot is homed, and which homing its positions refer to.
@@ -195,22 +185,19 @@ class Corrector:
         """Compile what is not compiled yet; `step` finds everything ready."""
         numbers, memory = self._numbers.copy(), self._memory.copy()
         forget(numbers, memory)
-        correct_sample(numbers, memory, self._model_numbers.copy(), self._model_memory.copy())
+        correct_sample(numbers, memory)
 
     def _apply_homing(self) -> Status:
         status = self._homing.status
-        self._numbers[lay.HOMING] = status
+        self._numbers[at.HOMING] = status
         known = not self._needs_rezero or self._homing.rezeroed
-        self._block(lay.BASE_WIDTH, len(self.joints))[:] = self._base_width if known else np.inf
+        self._packed.view("base_width")[:] = self._base_width if known else np.inf
         return status
 
     def _refuse(self) -> Status:
         self.position[:] = self.correction[:] = np.nan
         self.half_width[:] = np.inf
-        return self._statuses[int(self._numbers[lay.HOMING]) | Status.WRONG_SIZE]
-
-    def _block(self, start: int, length: int) -> Array:
-        return lay.block(self._numbers, self._memory, start, length)
+        return self._statuses[int(self._numbers[at.HOMING]) | Status.WRONG_SIZE]
 
 
 class _Statuses(dict[int, Status]):
@@ -221,18 +208,16 @@ class _Statuses(dict[int, Status]):
         return status
 
 
-def _read(
-    model: str | os.PathLike[str] | Calibration,
-) -> tuple[CalibrationData[EstimatorData], RowModel]:
+def _read(model: str | os.PathLike[str] | Calibration) -> CalibrationData[EstimatorData]:
     if not isinstance(model, (str, os.PathLike)):
-        data = decode(*encode(model))
-        return data, row_model(data.model, len(data.feature_set), len(data.joints))
+        return decode(*encode(model))
     document, arrays = read_model_file(model)
     try:
         data = decode(document, arrays)
-        check_data(data.model, len(data.feature_set), len(data.joints))
+        shape = len(data.feature_set), len(data.joints)
+        find_family(data.model.family).check(data.model, *shape)
         limits_of(data)
-        row = row_model(data.model, len(data.feature_set), len(data.joints))
+        find_family(data.model.family).memory(data.model, *shape)
     except TruejointError as error:
         raise ModelFileError(f"{model}: {error}; copy or calibrate it again") from None
-    return data, row
+    return data

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.training_domain import partners
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.models.families import EstimatorData
+from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import MAX_RATE_RATIO
-from truejoint.models.known_families import family_of
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -62,7 +61,7 @@ class Limits:
     signal_lower, signal_upper : ndarray, shape (n_signals,)
         Beyond these a sample enters no history; infinite for signals that never changed.
     partner : ndarray of int, shape (n_signals,)
-        See `envelope.partners`; -1 also where a signal or its partner never changed.
+        See `training_domain.partners`; -1 also where a signal or its partner never changed.
     travel : ndarray, shape (n_signals,)
         How far the partner may move while the signal stands exactly still, in its unit.
     moves : ndarray of int, shape (n_signals,)
@@ -113,20 +112,20 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     CalibrationError
         If the margin is not from 0 to 1.
     ModelFileError
-        If the calibration was made without the training envelope.
+        If the calibration was made without the training domain.
     """
     if not 0.0 <= range_margin <= REJECT_MARGIN:
         raise CalibrationError(
             f"range margin {range_margin!r:.60} is not a share of the trained range from 0 to "
             f"{REJECT_MARGIN:g}"
         )
-    seen = data.envelope
+    seen = data.training_domain
     if seen is None:
         raise ModelFileError(
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    counts = data.feature_set.counts_samples or family_of(data.model).counts_samples
+    counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low

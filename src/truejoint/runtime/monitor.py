@@ -162,7 +162,7 @@ class Monitor:
     def __init__(
         self, calibration: CalibrationData[Any], *, working_time: float = WORKING_TIME
     ) -> None:
-        reference = calibration.reference
+        reference = calibration.effort_baseline
         if reference is None:
             raise CalibrationError(
                 f"the calibration of {calibration.robot} keeps no reference of how efforts looked; "

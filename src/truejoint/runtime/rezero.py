@@ -71,7 +71,7 @@ class ReZero:
         truth_sd: ArrayLike = 0.0,
         drift: float = DRIFT,
     ) -> None:
-        if calibration.reference is None:
+        if calibration.effort_baseline is None:
             raise CalibrationError(
                 f"the calibration of {calibration.robot} does not say how large its errors are; "
                 "calibrate it again"
@@ -85,8 +85,8 @@ class ReZero:
             )
         if not 0.0 <= drift < math.inf:
             raise CalibrationError(f"drift {drift!r}: give a finite number of 0 or more")
-        self._residual = calibration.reference.residual
-        self._correlation = CORRELATION_MARGIN * calibration.reference.correlation
+        self._residual = calibration.effort_baseline.residual
+        self._correlation = CORRELATION_MARGIN * calibration.effort_baseline.correlation
         # Truth without any noise would make the two states one.
         self._noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * self._residual)
         self._drift = (drift * self._residual) ** 2 / 3600.0

@@ -142,7 +142,7 @@ def compare_forces(
         If the known weight does not show above the jaw's friction.
     """
     calibration = calibration_run(parameters, seed=2 * seed)
-    target = np.where(calibration.t > SETTLED, calibration.reference, np.nan)
+    target = np.where(calibration.t > SETTLED, calibration.effort_baseline, np.nan)
     X, steps = columns(calibration, JawLoad.inputs), _steps(calibration)
     assumed = JawLoad(mechanism=parameters.mechanism).fit(X, target, steps)
     stiffness = _identified(parameters, assumed, seed)

@@ -123,7 +123,7 @@ def compare_homing(
     fitted = fit_methods(calibration, methods)
     load = JawLoad(mechanism=parameters.mechanism).fit(
         columns(calibration, JawLoad.inputs),
-        np.where(calibration.t > SETTLED, calibration.reference, np.nan),
+        np.where(calibration.t > SETTLED, calibration.effort_baseline, np.nan),
     )
     cases = []
     for shift in shifts:

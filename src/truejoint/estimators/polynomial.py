@@ -1,0 +1,150 @@
+"""Linear and polynomial regression: peng2024, II-C."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import ClassVar, Final
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.models import polynomial
+from truejoint.models.family import Family
+
+Array = NDArray[np.float64]
+
+ROWS_PER_COEFFICIENT: Final = 10
+"""Rows that a fit must have for each coefficient per joint; fewer, and it fits the noise."""
+
+_BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
+_RANK_TOLERANCE: Final = 1e-10
+
+
+class PolynomialRegressor(JointRegressor):
+    """Least squares on all products of up to `degree` features: peng2024, II-C, at degree 2.
+
+    Terms that the data do not tell apart (a constant channel, two copies of a signal) share the
+    smallest coefficients that fit; the intercept stays outside of that.
+
+    Parameters
+    ----------
+    degree : int
+        Highest total degree of a term, 1 to 5.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.linspace(-1.0, 1.0, 50)[:, None]
+    >>> PolynomialRegressor().fit(X, X[:, 0] ** 2).predict([[0.5]]).round(6)
+    array([0.25])
+    """
+
+    family: ClassVar[Family] = polynomial.FAMILY
+
+    def __init__(self, degree: int = 2) -> None:
+        self.degree = degree
+
+    @property
+    def name(self) -> str:
+        """``"poly2"`` for degree 2, ``"linear"`` for degree 1."""
+        return "linear" if self.degree == 1 else f"poly{self.degree}"
+
+    def minimum_rows(self, n_features: int) -> int:
+        """Ten rows for each coefficient of a joint."""
+        n_terms = polynomial.count_terms(n_features, int(self.degree))
+        return ROWS_PER_COEFFICIENT * (n_terms + 1)
+
+    def _learn(
+        self,
+        X: Array,
+        y: Array,
+        dt: Array,  # noqa: ARG002  # rows are alone
+        progress: Progress,
+    ) -> dict[str, Array]:
+        mean, inverse_scale = standardisation(X)
+        factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
+        scaled = (X - mean) * inverse_scale
+        blocks = (
+            (polynomial_design(scaled[rows], factors), y[rows])
+            for rows in _blocks(len(X), progress)
+        )
+        coef, intercept = least_squares(blocks)
+        return {
+            "mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept
+        }  # fmt: skip
+
+
+class LinearRegressor(PolynomialRegressor):
+    """Linear least squares with intercept: peng2024, II-C.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> X = np.linspace(0.0, 1.0, 30)[:, None]
+    >>> LinearRegressor().fit(X, 2.0 * X[:, 0] + 1.0).predict([[3.0]]).round(6)
+    array([7.])
+    """
+
+    def __init__(self, degree: int = 1) -> None:
+        super().__init__(degree)
+
+
+def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
+    """Terms (n, n_terms) of scaled features (n, k)."""
+    with_one = np.column_stack([scaled, np.ones(len(scaled))])  # the last is the factor 1
+    design = with_one[:, factors[:, 0]]
+    for factor in factors.T[1:]:
+        design *= with_one[:, factor]
+    return design
+
+
+def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
+    """Coefficients and intercept that minimise the squared error over blocks of rows.
+
+    The rows are folded into one triangular factor block by block, so memory does not grow with
+    their number. With a column of ones in front, the factor below its first row is that of the
+    centred columns. Columns are scaled to unit length, and directions below 1e-10 of the
+    strongest are left out (minimum norm).
+
+    Parameters
+    ----------
+    blocks : iterator of (ndarray (n, m), ndarray (n, n_outputs))
+        Terms and targets.
+
+    Returns
+    -------
+    coef : ndarray, shape (m, n_outputs)
+    intercept : ndarray, shape (n_outputs,)
+    """
+    factor: Array | None = None
+    n_rows, m = 0, 0
+    for terms, y in blocks:
+        n_rows += len(terms)
+        m = terms.shape[1]
+        stack = np.column_stack([np.ones(len(terms)), terms, y])
+        if factor is not None:
+            stack = np.vstack([factor, stack])
+        factor = np.asarray(np.linalg.qr(stack, mode="r"))
+    assert factor is not None  # noqa: S101  # fit is never given zero rows
+    centred = factor[1 : m + 1, 1 : m + 1]
+    length = np.linalg.norm(centred, axis=0)
+    inverse = np.zeros(m)
+    varies = length > _RANK_TOLERANCE * math.sqrt(n_rows)  # of terms of order one
+    inverse[varies] = 1.0 / length[varies]
+    coef = np.zeros((m, factor.shape[1] - m - 1))
+    if varies.any():
+        solution = scipy.linalg.lstsq(
+            centred * inverse, factor[1 : m + 1, m + 1 :], cond=_RANK_TOLERANCE
+        )
+        coef = np.asarray(solution[0]) * inverse[:, None]
+    intercept = (factor[0, m + 1 :] - factor[0, 1 : m + 1] @ coef) / factor[0, 0]
+    return np.ascontiguousarray(coef), intercept
+
+
+def _blocks(n: int, progress: Progress) -> Iterator[slice]:
+    for start in range(0, n, _BLOCK):
+        yield slice(start, start + _BLOCK)
+        progress(min(start + _BLOCK, n) / n)

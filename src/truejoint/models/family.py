@@ -1,0 +1,303 @@
+# ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
+"""What runs of an estimator: its rules, its fitted arrays, and one compiled row.
+
+A `Family` needs numpy and numba alone, so a control loop gets by without what learns. Whatever an
+estimator does once it is fitted follows from its row: predicting a recording, stepping in the
+loop, and the C source.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, Final, Literal, get_args
+
+import numpy as np
+from numba import types
+from numba.extending import intrinsic
+
+from truejoint.compiled import (
+    INTEGERS,
+    VECTOR,
+    Array,
+    Integers,
+    Kernel,
+    address,
+    call_address,
+    compiled,
+)
+from truejoint.errors import CalibrationError
+from truejoint.layout import Memory
+
+Params = Mapping[str, Any]
+Shape = tuple[int, ...]
+Target = Literal["error", "position"]
+
+TARGETS: Final[tuple[Target, ...]] = get_args(Target)
+LARGEST: Final = 1e12
+"""Largest physical parameter, and the inverse of the smallest: squares of products stay finite."""
+
+ROW: Final = types.void(INTEGERS, VECTOR, types.float64, VECTOR, VECTOR, VECTOR)
+"""Signature of a row: see `Family.row`."""
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a parameter must be: a test, and the same in words that end 'it must be ...'."""
+
+    holds: Callable[[Any], bool]
+    text: str
+
+
+def is_number(value: object, low: float, high: float) -> bool:
+    """Whether `value` is a finite real number (no bool) in [low, high]."""
+    return (
+        isinstance(value, (int, float, np.integer, np.floating))
+        and not isinstance(value, bool)
+        and bool(low <= value <= high)
+    )
+
+
+def is_integer(value: object, low: int, high: int) -> bool:
+    """Whether `value` is an integer (no bool) in [low, high]."""
+    return isinstance(value, (int, np.integer)) and is_number(value, low, high)
+
+
+def number(low: float, high: float) -> Rule:
+    """Rule of a number from `low` to `high`."""
+    return Rule(lambda value: is_number(value, low, high), f"a number from {low:g} to {high:g}")
+
+
+def integer(low: int, high: int) -> Rule:
+    """Rule of an integer from `low` to `high`."""
+    return Rule(lambda value: is_integer(value, low, high), f"an integer from {low:g} to {high:g}")
+
+
+def one_of(*choices: object) -> Rule:
+    """Rule of one value among a few."""
+    texts = ", ".join(str(choice) for choice in choices)
+    return Rule(
+        lambda value: any(type(value) is type(c) and value == c for c in choices),
+        f"one of {texts}",
+    )
+
+
+def numbers(most: int, low: float, high: float, what: str) -> Rule:
+    """Rule of 1 to `most` numbers from `low` to `high`."""
+
+    def holds(value: object) -> bool:
+        good = isinstance(value, (tuple, list)) and 1 <= len(value) <= most
+        return good and all(is_number(v, low, high) for v in value)  # type: ignore[attr-defined]
+
+    return Rule(holds, f"1 to {most} {what} from {low:g} to {high:g}")
+
+
+POSITIVE: Final = number(1.0 / LARGEST, LARGEST)
+"""Rule of a physical parameter."""
+
+
+def random_state() -> Rule:
+    """Rule of the seed of an estimator that draws."""
+
+    def holds(value: object) -> bool:
+        known = value is None or isinstance(value, np.random.RandomState)
+        return known or is_integer(value, 0, 2**32 - 1)
+
+    return Rule(holds, "None or an integer from 0 to 2**32 - 1")
+
+
+@dataclass(frozen=True, eq=False)
+class EstimatorData:
+    """A fitted estimator as data.
+
+    Attributes
+    ----------
+    family : str
+        A name that `find_family` knows.
+    params : mapping
+        Parameters by name, as JSON values or tuples of them.
+    arrays : mapping of str to ndarray
+        What was learnt, float64, by name.
+    """
+
+    family: str
+    params: Params
+    arrays: Mapping[str, Array]
+
+
+@dataclass(frozen=True)
+class Family:
+    """One kind of estimator, as far as it runs.
+
+    Attributes
+    ----------
+    name : str
+        In model files; that of the module in `truejoint.models`, which holds it as ``FAMILY``.
+    rules : mapping of str to Rule
+        What each parameter must be.
+    shapes : callable
+        Name and shape of each learnt array, of parameters, number of features and number of
+        outputs; raises CalibrationError for numbers that the estimator does not take.
+    pack : callable, optional
+        Memory of the row, of parameters, arrays, number of features and number of outputs;
+        raises CalibrationError or FilterError where they make no model.
+    row : compiled function, optional
+        ``row(numbers, memory, dt, x, out, half_width)``. Predicts `out` (n_outputs,) for the
+        features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the
+        row before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the
+        calibration; a model that knows better overwrites it. None for an estimator that only
+        works offline.
+    remembers : bool
+        Whether an output depends on the rows before.
+    counts_samples : bool
+        Whether what was learnt belongs to one sample interval, within half.
+    inputs : callable, optional
+        Features that it takes, in order, of its parameters; any where there is none.
+    targets : tuple of str
+        What it can be fitted to, the usual one first.
+    moved_by : str
+        Array that is added to the output as it is, which re-zeroing moves; "" where there is none.
+    states_deviation : callable, optional
+        Whether, of its parameters, the row states a deviation of its own: its layout then has a
+        scalar ``deviations``, by which the row multiplies it.
+    """
+
+    name: str
+    rules: Mapping[str, Rule]
+    shapes: Callable[[Params, int, int], dict[str, Shape]]
+    pack: Callable[[Params, Mapping[str, Array], int, int], Memory] | None = None
+    row: Any = None
+    remembers: bool = False
+    counts_samples: bool = False
+    inputs: Callable[[Params], tuple[str, ...]] | None = None
+    targets: tuple[Target, ...] = TARGETS
+    moved_by: str = ""
+    states_deviation: Callable[[Params], bool] | None = None
+
+    def check_params(self, params: Params) -> None:
+        """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""
+        if set(params) != set(self.rules):
+            raise CalibrationError(
+                f"{self.name} has parameters {sorted(params)}; it needs {sorted(self.rules)}"
+            )
+        for name, rule in self.rules.items():
+            if not rule.holds(params[name]):
+                raise CalibrationError(
+                    f"{self.name} parameter {name} is {params[name]!r:.60}; it must be {rule.text}"
+                )
+
+    def check_size(self, params: Params, n_features: int) -> None:
+        """Raise CalibrationError unless there are as many features as it takes."""
+        inputs = self.inputs(params) if self.inputs else None
+        if inputs is not None and len(inputs) != n_features:
+            raise CalibrationError(
+                f"{self.name} takes {len(inputs)} features, in the order of {', '.join(inputs)}; "
+                f"{n_features} are given"
+            )
+
+    def check(self, data: EstimatorData, n_features: int, n_outputs: int) -> None:
+        """Raise CalibrationError when parameters or arrays are not those of the family."""
+        self.check_params(data.params)
+        self.check_size(data.params, n_features)
+        check_arrays(self.name, data.arrays, self.shapes(data.params, n_features, n_outputs))
+
+    def memory(self, data: EstimatorData, n_features: int, n_outputs: int) -> Memory:
+        """Memory of the row of a fitted estimator, before its first row.
+
+        Raises
+        ------
+        CalibrationError
+            If it only works offline, or its numbers make no model.
+        """
+        if self.pack is None:
+            raise CalibrationError(
+                f"estimator {self.name!r} uses later rows and cannot run in a loop; it corrects "
+                "recordings only"
+            )
+        return self.pack(data.params, data.arrays, n_features, n_outputs)
+
+    def row_address(self) -> int:
+        """Address of the compiled row; compiles it, or takes it from disk."""
+        return address(self.row, ROW)
+
+
+def check_arrays(family: str, arrays: Mapping[str, Array], shapes: Mapping[str, Shape]) -> None:
+    """Raise CalibrationError when an array is missing, left over, mis-shaped or not finite."""
+    if set(shapes) != set(arrays):
+        raise CalibrationError(f"{family} has arrays {sorted(arrays)}; it needs {sorted(shapes)}")
+    for name, shape in shapes.items():
+        array = arrays[name]
+        if array.shape != shape or array.dtype != np.float64:
+            raise CalibrationError(
+                f"{family} array {name!r} is {array.dtype} {array.shape}; "
+                f"it must be float64 {shape}"
+            )
+        if not np.isfinite(array).all():
+            raise CalibrationError(f"{family} array {name!r} is not finite")
+
+
+def only_joint(name: str, shapes: Mapping[str, Shape], n_outputs: int) -> dict[str, Shape]:
+    """Give shapes of an estimator of one joint; raises CalibrationError for another number."""
+    if n_outputs != 1:
+        raise CalibrationError(f"{name} estimates one joint, not {n_outputs}")
+    return dict(shapes)
+
+
+def find_family(name: str) -> Family:
+    """Family by the name that stands in model files; raises CalibrationError if there is none.
+
+    It is the ``FAMILY`` of the module of that name in this package, or of another package's entry
+    point in the group ``truejoint.models``.
+    """
+    if name.isidentifier() and len(name) <= 60 and find_spec(f"truejoint.models.{name}"):
+        family = getattr(import_module(f"truejoint.models.{name}"), "FAMILY", None)
+        if isinstance(family, Family):
+            return family
+    raise CalibrationError(
+        f"no estimator family {name!r:.60}; update truejoint, or install the package that brings it"
+    )
+
+
+def evaluate(
+    family: Family, memory: Memory, X: Array, dt: Sequence[float] | Array, n_outputs: int
+) -> Array:
+    """Predict (n, n_outputs) for finite rows `X` (n, k), `dt` (n,) [s] after those before."""
+    out = np.empty((len(X), n_outputs))
+    run_rows(
+        family.row_address(), memory.numbers, memory.memory, np.asarray(dt, dtype=np.float64),
+        np.ascontiguousarray(X), out, np.full(n_outputs, np.inf),
+    )  # fmt: skip
+    return out
+
+
+@intrinsic
+def call_row(
+    _typing: Any,
+    function: Any,
+    numbers: Any,
+    memory: Any,
+    dt: Any,
+    x: Any,
+    out: Any,
+    half_width: Any,
+) -> Any:
+    """Call the row at an address."""
+    return types.void(types.int64, *ROW.args), call_address
+
+
+@compiled
+def run_rows(
+    row: int, numbers: Integers, memory: Array, dt: Array, X: Array, out: Array, half_width: Array
+) -> None:
+    """Predict every row of `X` (n, k), one after the other, into `out` (n, n_outputs)."""
+    for i in range(X.shape[0]):
+        call_row(row, numbers, memory, dt[i], X[i], out[i], half_width)
+
+
+__all__ = [
+    "LARGEST", "POSITIVE", "ROW", "TARGETS", "EstimatorData", "Family", "Kernel", "Params", "Rule",
+    "Shape", "Target", "call_row", "check_arrays", "evaluate", "find_family", "integer",
+    "is_integer", "is_number", "number", "numbers", "one_of", "only_joint", "random_state",
+]  # fmt: skip

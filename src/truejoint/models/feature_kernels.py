@@ -1,0 +1,141 @@
+"""Per-sample kernels of the features.
+
+Each ``*_row`` kernel handles one sample and allocates nothing; each ``*_rows`` kernel calls it for
+every row of a recording. Offline and in the loop, the same machine code makes the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from truejoint.compiled import Array, Integers, compiled, unrolled, vector
+
+VALUE: Final = 0
+LAG: Final = 1
+LOWPASS: Final = 2
+RATE: Final = 3
+PLAY: Final = 4
+
+
+@compiled
+def lag(length: int, fresh: bool, value: float, memory: Array) -> float:
+    """Value of `length` samples ago; `memory` (length + 1,) is the next slot, then a ring."""
+    if fresh:
+        memory[0] = 0.0
+        for i in range(1, length + 1):
+            memory[i] = value
+    slot = int(memory[0])
+    past = memory[slot + 1]
+    memory[slot + 1] = value
+    memory[0] = (slot + 1) % length
+    return float(past)
+
+
+@compiled
+def lowpass(constant: float, fresh: bool, dt: float, value: float, memory: Array) -> float:
+    """First-order low-pass, exact for a signal that runs straight between its samples.
+
+    Solves ``constant * dy/dt = u - y`` over `dt` [s] with u going linearly from the last value
+    to `value`, so that a recording at 30 Hz and a loop at 1 kHz see nearly the same feature.
+    `memory` (2,) is the output and the input of the last sample.
+    """
+    if fresh:
+        memory[0] = value
+    else:
+        trail = constant * (value - memory[1]) / dt
+        memory[0] = value - trail + (memory[0] - memory[1] + trail) * math.exp(-dt / constant)
+    memory[1] = value
+    return float(memory[0])
+
+
+@compiled
+def play(half_width: float, fresh: bool, value: float, last: float) -> float:
+    """Play (backlash) operator: the output stands still until `value` leaves its dead band.
+
+    `last` is the last output. A fresh start puts the output in the middle of the band.
+    """
+    kept = value if fresh else last
+    return min(max(kept, value - half_width), value + half_width)
+
+
+@compiled
+def feature_row(
+    operation: Integers,
+    source: Integers,
+    parameter: Array,
+    slot: Integers,
+    gap_limit: float,
+    t: float,
+    sample: Array,
+    memory: Array,
+    clock: Array,
+    out: Array,
+) -> bool:
+    """Features of one sample; returns whether their history starts here.
+
+    Parameters
+    ----------
+    operation, source : ndarray of int, shape (k,)
+        What to do (`VALUE`, `LAG`, ...) with which signal.
+    parameter : ndarray, shape (k,)
+        Samples, time constant [s] or half-width [unit of the signal].
+    slot : ndarray of int, shape (k,)
+        Where the feature's state begins in `memory`.
+    gap_limit : float
+        Time without a sample [s] after which the history starts anew.
+    t : float
+        Time stamp [s].
+    sample : ndarray, shape (n_signals,)
+    memory : ndarray, shape (n_memory,)
+        State, changed in place.
+    clock : ndarray, shape (2,)
+        Whether a sample was seen (0 or 1) and its time stamp [s]; changed in place.
+    out : ndarray, shape (k,)
+        Receives the features.
+    """
+    step = t - clock[1]
+    fresh = bool(clock[0] == 0.0 or not (step > 0.0 and step <= gap_limit))
+    dt = float(step)
+    for i in range(unrolled(operation.shape[0])):
+        value = sample[source[i]]
+        if operation[i] == LAG:
+            length = int(parameter[i])
+            out[i] = lag(length, fresh, value, vector(memory, slot[i], length + 1))
+        elif operation[i] == LOWPASS:
+            out[i] = lowpass(parameter[i], fresh, dt, value, vector(memory, slot[i], 2))
+        elif operation[i] == RATE:
+            trail = lowpass(parameter[i], fresh, dt, value, vector(memory, slot[i], 2))
+            out[i] = (value - trail) / parameter[i]
+        elif operation[i] == PLAY:
+            last = vector(memory, slot[i], 1)
+            last[0] = play(parameter[i], fresh, value, last[0])
+            out[i] = last[0]
+        else:
+            out[i] = value
+    clock[0] = 1.0
+    clock[1] = t
+    return fresh
+
+
+@compiled
+def feature_rows(
+    operation: Integers,
+    source: Integers,
+    parameter: Array,
+    slot: Integers,
+    gap_limit: float,
+    t: Array,
+    samples: Array,
+    memory: Array,
+    out: Array,
+) -> None:
+    """Features `out` (n, k) of `samples` (n, n_signals) at stamps `t` (n,) [s]."""
+    clock = np.zeros(2)
+    for row in range(t.shape[0]):
+        feature_row(
+            operation, source, parameter, slot, gap_limit,
+            t[row], samples[row], memory, clock, out[row],
+        )  # fmt: skip

@@ -1,0 +1,88 @@
+"""Plays on both sides while they agree, on the reset cable alone under a load."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+from truejoint.compiled import Array, Integers, compiled
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.models import play
+from truejoint.models.family import POSITIVE, Family, Params, Shape, only_joint
+from truejoint.models.jaw import MOTOR, RESET
+
+LAYOUT: Final = Layout()
+GATE: Final = LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
+RESET_PART: Final = LAYOUT.part("reset", "estimate from the reset cable")
+BOTH_PART: Final = LAYOUT.part("both", "estimate from both sides")
+
+_SIDES: Final = {"reset": ("reset",), "both": ("reset", "motor")}
+
+
+@compiled
+def gated_play_row(
+    numbers: Integers,
+    memory: Array,
+    dt: float,
+    x: Array,
+    out: Array,
+    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+) -> None:
+    """Predict by the reset cable, corrected by both sides as far as the two agree."""
+    fresh = dt == 0.0
+    reset = play.weigh_banks(
+        part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART), fresh, x
+    )
+    both = play.weigh_banks(
+        part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART), fresh, x
+    )
+    out[0] = reset + redescending(both - reset, memory[GATE])
+
+
+@compiled
+def redescending(difference: float, gate: float) -> float:
+    """Hampel's function: the difference itself within the gate, falling to 0 at twice the gate."""
+    size = abs(difference)
+    if size <= gate:
+        return difference
+    if size >= 2.0 * gate:
+        return 0.0
+    return difference * (2.0 * gate - size) / size
+
+
+def side_params(params: Params, side: str) -> dict[str, Any]:
+    """Parameters of one of the two estimates, ``"reset"`` or ``"both"``."""
+    return {
+        "displacements": _SIDES[side], "degree": play.POWERS, "reset_widths": play.RESET_WIDTHS,
+        "drive_widths": play.DRIVE_WIDTHS, "penalty": 1e-5,
+        **{name: params[name] for name in ("gear_ratio", "wheel_radius")},
+    }  # fmt: skip
+
+
+def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    shapes: dict[str, Shape] = {"gate": (1,)}
+    for side in _SIDES:
+        own = play.FAMILY.shapes(side_params(params, side), 1, 1)
+        shapes |= {f"{side}_{name}": shape for name, shape in own.items()}
+    return only_joint("gated_play", shapes, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    def part(side: str) -> Memory:
+        own = {k.removeprefix(f"{side}_"): a for k, a in arrays.items() if k.startswith(side)}
+        return play.pack_banks(side_params(params, side), own, {"motor": 0, "reset": 1})
+
+    return LAYOUT.pack(gate=arrays["gate"][0], reset=part("reset"), both=part("both"))
+
+
+FAMILY: Final = Family(
+    "gated_play",
+    rules=dict.fromkeys(("gate", "smallest_gate", "gear_ratio", "wheel_radius"), POSITIVE),
+    shapes=_shapes,
+    pack=_pack,
+    row=gated_play_row,
+    remembers=True,
+    inputs=lambda _params: (MOTOR, RESET),
+    targets=("position", "error"),
+    moved_by="reset_constant",
+)

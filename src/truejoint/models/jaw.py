@@ -1,0 +1,48 @@
+"""A cable-driven jaw's signals, and the rational error model (25) of yan2020."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from truejoint.compiled import Array, compiled
+from truejoint.models.family import one_of
+
+MOTOR: Final = "motor/jaw"
+DRIVE: Final = "cable/drive"
+RESET: Final = "cable/reset"
+
+COEFFICIENTS: Final = 11
+"""Coefficients of the error model (25)."""
+NEAREST: Final = 1e-3
+"""To which the error model's denominator is kept from zero when evaluated."""
+FIT_METHODS: Final = ("projection", "quasi_newton", "global")
+"""How (25) can be fitted."""
+FIT_METHOD: Final = one_of(*FIT_METHODS)
+
+
+@compiled
+def rational_error(motor: float, reset: float, scale: Array, p: Array) -> float:
+    """Error (25) at one motor angle [rad] and displacement [m]; finite whatever the denominator."""
+    u = motor * scale[0]
+    v = reset * scale[1]
+    above = p[0] + p[2] * u + p[4] * v + p[6] * u * u + p[8] * v * v + p[10] * u * v
+    below = 1.0 + p[1] * u + p[3] * v + p[5] * u * u + p[7] * v * v + p[9] * u * u * v
+    if abs(below) < NEAREST:
+        below = NEAREST if below >= 0.0 else -NEAREST
+    return float(above / below)
+
+
+@compiled
+def rational_errors(motor: Array, reset: Array, scale: Array, p: Array, out: Array) -> None:
+    """Error (25) of every row, into `out` (n,)."""
+    for i in range(out.shape[0]):
+        out[i] = rational_error(motor[i], reset[i], scale, p)
+
+
+@compiled
+def weighted(row: Array, weights: Array) -> float:
+    """Sum of products, in the order of the columns."""
+    total = 0.0
+    for i in range(weights.shape[0]):
+        total += row[i] * weights[i]
+    return total

@@ -1,0 +1,54 @@
+"""Products of a row with a matrix, in an order that any compiler turns into vector instructions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truejoint.compiled import Array, compiled
+
+BLOCK = 4
+"""Columns of a matrix are filled up with zeros to a multiple of this."""
+
+
+def padded(matrix: Array, *, rows: bool = False) -> Array:
+    """Matrix (n, m) with zero columns, and rows if asked for, up to a multiple of `BLOCK`."""
+    n, m = matrix.shape
+    return np.pad(matrix, ((0, -n % BLOCK if rows else 0), (0, -m % BLOCK)))
+
+
+@compiled
+def add_product(x: Array, matrix: Array, out: Array) -> None:
+    """Add ``x @ matrix`` to `out`.
+
+    Four rows in one pass over the columns, summed in pairs, so that no addition waits for three
+    others; one order of sums for one row, a whole recording and C.
+
+    Parameters
+    ----------
+    x : ndarray, shape (n,)
+    matrix : ndarray, shape (n, m)
+        m a multiple of `BLOCK`.
+    out : ndarray, shape (m,)
+    """
+    n, m = matrix.shape[0], matrix.shape[1]
+    whole = n - n % 4
+    for i in range(0, whole, 4):
+        a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
+        row_a, row_b, row_c, row_d = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
+        for j in range(m):
+            out[j] += (a * row_a[j] + b * row_b[j]) + (c * row_c[j] + d * row_d[j])
+    for i in range(whole, n):
+        a = x[i]
+        row_a = matrix[i]
+        for j in range(m):
+            out[j] += a * row_a[j]
+
+
+@compiled
+def add_triangle(x: Array, matrix: Array, out: Array) -> None:
+    """Add ``x @ matrix`` to `out` (n,) for a lower triangle (n, n), n a multiple of `BLOCK`."""
+    for i in range(0, matrix.shape[0], 4):
+        a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
+        row_a, row_b, row_c, row_d = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
+        for j in range(i + 4):
+            out[j] += (a * row_a[j] + b * row_b[j]) + (c * row_c[j] + d * row_d[j])

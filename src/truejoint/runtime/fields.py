@@ -1,0 +1,144 @@
+"""What a corrector keeps in its memory."""
+
+from __future__ import annotations
+
+from statistics import NormalDist
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.interval import inverse_span
+from truejoint.compiled import Array
+from truejoint.layout import Layout, Memory
+from truejoint.models.family import EstimatorData, find_family
+from truejoint.models.products import padded
+from truejoint.runtime.limits import Limits
+
+LAYOUT: Final = Layout()
+N_SIGNALS: Final = LAYOUT.integer("n_signals", "in a sample")
+N_FEATURES: Final = LAYOUT.integer("n_features", "inputs of the model")
+N_JOINTS: Final = LAYOUT.integer("n_joints", "outputs of the model")
+N_WHITE: Final = LAYOUT.integer("n_white", "features, filled up to a multiple of 4")
+IS_POSITION: Final = LAYOUT.integer("is_position", "1: the model predicts it, 0: the error")
+HOMING: Final = LAYOUT.integer("homing", "status bits of the homing")
+HAS_STAMP: Final = LAYOUT.integer("has_stamp", "whether there was a sample")
+HAS_LAST: Final = LAYOUT.integer("has_last", "whether a sample was used")
+ROW: Final = LAYOUT.address("row", "the model's prediction")
+
+T: Final = LAYOUT.scalar("t", "stamp of this sample [s]", is_time=True)
+STAMP: Final = LAYOUT.scalar("stamp", "of the last sample with a usable one [s]", is_time=True)
+LAST_T: Final = LAYOUT.scalar("last_t", "of the last sample that was used [s]", is_time=True)
+CHANGED_T: Final = LAYOUT.scalar("changed_t", "when a signal last changed [s]", is_time=True)
+SHORTEST: Final = LAYOUT.scalar("shortest", "time between two samples [s]", is_time=True)
+LONGEST: Final = LAYOUT.scalar("longest", "that a history bridges [s]", is_time=True)
+PERIOD: Final = LAYOUT.scalar(
+    "period", "in which a signal may change by its reach [s]", is_time=True
+)
+HOLD: Final = LAYOUT.scalar("hold", "that all signals may stand still [s]", is_time=True)
+DISTANCE: Final = LAYOUT.scalar("distance", "largest length of the whitened features")
+GROWTH: Final = LAYOUT.scalar("growth", "of the half-width outside the trained range")
+
+SAMPLE: Final = LAYOUT.array("sample", "a number for each signal")
+LAST: Final = LAYOUT.array("last", "sample that was used")
+LATEST: Final = LAYOUT.array("latest", "sample that could be believed")
+PARTNER_LOW: Final = LAYOUT.array("partner_low", "of the partner since the signal changed")
+PARTNER_HIGH: Final = LAYOUT.array("partner_high", "of the partner since the signal changed")
+FEATURES: Final = LAYOUT.array("features", "of the last sample that was used")
+CENTRED: Final = LAYOUT.array("centred", "features less their mean")
+WHITE: Final = LAYOUT.array("white", "features made uncorrelated")
+POSITION: Final = LAYOUT.array("position", "put out [rad or m]")
+HALF_WIDTH: Final = LAYOUT.array("half_width", "put out [rad or m]")
+CORRECTION: Final = LAYOUT.array("correction", "what the model says [rad or m]")
+OFFSET: Final = LAYOUT.array("offset", "added to the corrected positions [rad or m]")
+PREDICTED: Final = LAYOUT.array("predicted", "position or error [rad or m]")
+PREDICTED_WIDTH: Final = LAYOUT.array("predicted_width", "its half-width [rad or m]")
+BASE_WIDTH: Final = LAYOUT.array("base_width", "half-width within the trained range [rad or m]")
+FEATURE_MEMORY: Final = LAYOUT.array("feature_memory", "what the features remember")
+CLOCK: Final = LAYOUT.array(
+    "clock", "whether the features saw a sample; its stamp [s]", is_time=True
+)
+REACH: Final = LAYOUT.array("reach", "largest change of each signal within one period")
+SIGNAL_LOWER: Final = LAYOUT.array("signal_lower", "below it a sample is not believed")
+SIGNAL_UPPER: Final = LAYOUT.array("signal_upper", "above it a sample is not believed")
+TRAVEL: Final = LAYOUT.array("travel", "of the partner while a signal stands exactly still")
+PARAMETER: Final = LAYOUT.array("parameter", "of each feature")
+MEAN: Final = LAYOUT.array("domain_mean", "of each feature in training")
+FEATURE_LOWER: Final = LAYOUT.array("feature_lower", "below it a feature is out of range")
+FEATURE_UPPER: Final = LAYOUT.array("feature_upper", "above it a feature is out of range")
+TRAINED_LOWER: Final = LAYOUT.array("trained_lower", "range of each feature in training")
+TRAINED_UPPER: Final = LAYOUT.array("trained_upper", "range of each feature in training")
+PER_SPAN: Final = LAYOUT.array("per_span", "inverse length of that range")
+CORRECTION_LOWER: Final = LAYOUT.array("correction_lower", "below it a correction is implausible")
+CORRECTION_UPPER: Final = LAYOUT.array("correction_upper", "above it a correction is implausible")
+WHITENING: Final = LAYOUT.array("whitening", "row i is what feature i adds to columns 0 to i")
+PARTNER: Final = LAYOUT.integers("partner", "signal of the same channel; -1: none")
+MOVES: Final = LAYOUT.integers("moves", "1 for signals that changed in training")
+OPERATION: Final = LAYOUT.integers("operation", "of each feature")
+SOURCE: Final = LAYOUT.integers("source", "signal of each feature")
+SLOT: Final = LAYOUT.integers("slot", "of each feature in the features' memory")
+MEASURED: Final = LAYOUT.integers("measured", "signal that is the joint's measured position")
+MODEL: Final = LAYOUT.part("model", "the estimator")
+
+
+def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> Memory:
+    """Memory of a corrector before its first sample, but for the homing.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    limits : Limits
+    level : float
+        Which half-widths of the interval to use, where there is one.
+
+    Raises
+    ------
+    CalibrationError
+        If the estimator only works offline.
+    """
+    operation, source, parameter, slot = data.feature_set.program
+    n_signals, k, n_joints = len(data.signals), len(data.feature_set), len(data.joints)
+    per_signal, per_joint = np.zeros(n_signals), np.zeros(n_joints)
+    base, growth = _widths(data, level)
+    family = find_family(data.model.family)
+    model = family.memory(data.model, k, n_joints)
+    states = family.states_deviation
+    if data.interval is None and states is not None and states(data.model.params):
+        own = model.layout.fields["deviations"].index
+        model.memory[own] = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    # The length of a whitened row is all that counts, so a triangular factor does as well.
+    factor = np.asarray(np.linalg.qr(limits.whitening.T, mode="r")).T
+    whitening = padded(factor, rows=True)
+    values: dict[str, Any] = {
+        "n_signals": n_signals, "n_features": k, "n_joints": n_joints, "n_white": len(whitening),
+        "is_position": data.target == "position", "row": family.row_address(),
+        "shortest": limits.shortest_step, "longest": limits.longest_step,
+        "period": limits.interval, "hold": limits.hold, "distance": limits.distance,
+        "growth": growth,
+        **dict.fromkeys(("sample", "last", "latest", "partner_low", "partner_high"), per_signal),
+        "features": np.zeros(k), "centred": np.zeros(len(whitening)),
+        "white": np.zeros(len(whitening)),
+        "position": np.full(n_joints, np.nan), "half_width": np.full(n_joints, np.inf),
+        "correction": np.full(n_joints, np.nan), "offset": per_joint, "predicted": per_joint,
+        "predicted_width": per_joint, "base_width": base,
+        "feature_memory": data.feature_set.start().memory, "clock": np.zeros(2),
+        "reach": limits.reach, "signal_lower": limits.signal_lower,
+        "signal_upper": limits.signal_upper, "travel": limits.travel, "parameter": parameter,
+        "domain_mean": limits.mean, "feature_lower": limits.feature_lower,
+        "feature_upper": limits.feature_upper, "trained_lower": data.lower,
+        "trained_upper": data.upper, "per_span": inverse_span(data.lower, data.upper),
+        "correction_lower": limits.correction_lower,
+        "correction_upper": limits.correction_upper, "whitening": whitening,
+        "partner": limits.partner, "moves": limits.moves, "operation": operation,
+        "source": source, "slot": slot,
+        "measured": [data.signals.index(f"measured/{joint}") for joint in data.joints],
+        "model": model,
+    }  # fmt: skip
+    return LAYOUT.pack({"row": family.row}, **values)
+
+
+def _widths(data: CalibrationData[EstimatorData], level: float) -> tuple[Array, float]:
+    """Half-width (n_joints,) [rad or m] within the trained range, and how fast it grows outside."""
+    if data.interval is None:
+        return np.full(len(data.joints), np.inf), 0.0
+    return data.interval.half_width(level), data.interval.growth
