@@ -138,6 +138,7 @@ def print_kernels(
     single: bool = False,
     inputs: Iterable[str] = (),
     enums: Mapping[type, str] | None = None,
+    own: Mapping[str, str] | None = None,
 ) -> Program:
     """Print kernels that take the numbers and the memory of one layout.
 
@@ -157,6 +158,8 @@ def print_kernels(
         Fields that are written from outside.
     enums : mapping of type to str, optional
         Prefixes by which C knows the members of enumerations.
+    own : mapping of str to str, optional
+        Integers at the head of the struct that no kernel knows, with what they mean.
 
     Returns
     -------
@@ -175,7 +178,7 @@ def print_kernels(
         printer = Printer(style, written, dict(enums or {}))
         names = tuple(printer.entry(kernel, struct) for kernel in kernels)
         if len(written.fields) == before:
-            return printer.program(struct, names)
+            return printer.program(struct, names, own or {})
 
 
 @dataclass(eq=False)
@@ -270,7 +273,9 @@ class Printer:
     def has_effect(self, text: str) -> bool:
         return any(name in self.effects for name in re.findall(r"(\w+)\(", text))
 
-    def program(self, struct: Struct, names: tuple[str, ...]) -> Program:
+    def program(
+        self, struct: Struct, names: tuple[str, ...], own: Mapping[str, str]
+    ) -> Program:
         """Put the printed functions together, without those that nothing calls."""
         used, rest = set(names), list(names)
         while rest:
@@ -296,13 +301,13 @@ class Printer:
             if name in words
         ]
         structs = [
-            declaration(part, self.written, self.style)
+            declaration(part, self.written, self.style, own if part is struct else {})
             for part in struct.walk()
             if self.written.has_any(part)
         ]
         return Program(
             "\n\n".join(structs),
-            initial_values(struct, self.written, self.style),
+            initial_values(struct, self.written, self.style, own),
             "\n\n".join(filter(None, ["\n".join(lines), *tables])),
             "\n\n".join([*helpers, whole]),
             names,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -201,9 +201,12 @@ def view_of(
     return View(name, offset, shape, kind, Root(struct, f.name), offset, struct.values(f))
 
 
-def initial_values(struct: Struct, written: Written, style: Style) -> str:
+def initial_values(
+    struct: Struct, written: Written, style: Style, own: Mapping[str, str]
+) -> str:
     """Braced initialiser of a struct with what its fields hold before the first step."""
-    return "\n".join(_initial_lines(struct, written, style, 0))
+    lines = _initial_lines(struct, written, style, 0)
+    return "\n".join([lines[0], *(f"    0, /* {name} */" for name in own), *lines[1:]])
 
 
 def _initial_lines(struct: Struct, written: Written, style: Style, depth: int) -> list[str]:
@@ -270,9 +273,9 @@ def members(struct: Struct, written: Written) -> list[Field]:
     ]
 
 
-def declaration(struct: Struct, written: Written, style: Style) -> str:
+def declaration(struct: Struct, written: Written, style: Style, own: Mapping[str, str]) -> str:
     """Typedef of the C struct, its fields explained."""
-    lines = ["typedef struct {"]
+    lines = ["typedef struct {", *(f"    int {name}; /* {own[name]} */" for name in own)]
     for f in members(struct, written):
         size = f"[{struct.size(f)}]" if f.name in struct.memory.shapes else ""
         if f.kind == "part":
