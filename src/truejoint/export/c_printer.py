@@ -151,7 +151,7 @@ def print_kernels(
     name : str
         Of pointers to it in C.
     type_ : str
-        Of the struct, ``<prefix>_<name>``; those of its parts begin with the same prefix.
+        Of the struct, ``<prefix>_state``; those of its parts are ``<prefix>_<part>_state``.
     single : bool
         Whether the arithmetic is in float.
     inputs : iterable of str
@@ -217,6 +217,7 @@ class Printer:
         self.effects: set[str] = set()
         self.pointers: dict[str, list[tuple[str, str, bool]]] = {}
         self.heads: dict[str, tuple[str, tuple[str, ...]]] = {}
+        self.tables: dict[str, set[str]] = {}
 
     def entry(self, kernel: Any, struct: Struct) -> str:
         """Print a kernel of the whole memory."""
@@ -267,6 +268,7 @@ class Printer:
         about = "\n".join(wrapped_comment(comment, "")) + "\n" if comment else ""
         self.texts[name] = f"{about}@{name}@\n{{\n{lines}\n}}" if lines else f"{about}@{name}@\n{{\n}}"
         self.pointers[name] = one.pointers(parameters)
+        self.tables[name] = one.globals_used & names_in(body)
         self.heads[name] = head
         return printed
 
@@ -279,7 +281,7 @@ class Printer:
         """Put the printed functions together, without those that nothing calls."""
         used, rest = set(names), list(names)
         while rest:
-            for name in re.findall(r"\w+", self.texts[rest.pop()]):
+            for name in re.findall(r"(\w+)\(", self.texts[rest.pop()]):
                 if name in self.texts and name not in used:
                     used.add(name)
                     rest.append(name)
@@ -288,7 +290,8 @@ class Printer:
             for name, text in self.texts.items()
             if name in used
         )
-        words = set(re.findall(r"\w+", whole))
+        words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
+        tabled = set().union(*(self.tables[name] for name in used))
         helpers = [text for name, text in self._helpers().items() if name in words]
         lines = []
         for name, (value, meaning) in self.constants.defines.items():
@@ -298,7 +301,7 @@ class Printer:
         tables = [
             self._table(owner, field_, name)
             for (owner, field_), name in self.constants.arrays.items()
-            if name in words
+            if name in tabled
         ]
         structs = [
             declaration(part, self.written, self.style, own if part is struct else {})
@@ -767,6 +770,7 @@ class _Function:
         """View for a name: itself where its place is known, else through a local pointer."""
         if isinstance(view.offset, Known) or view.text == name:
             return view
+        self.use(view)
         local = self._local(name)
         while (id(self.out), local) in self.declared:
             local += "_"

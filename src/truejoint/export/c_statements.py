@@ -147,10 +147,61 @@ def pruned(
     """Statements without those that only compute what nobody reads."""
     while True:
         used = names_in(body)
-        smaller = _without(body, used, has_effect)
-        if len(list(walk(smaller))) == len(list(walk(body))):
+        smaller = _direct(_without(body, used, has_effect))
+        if _texts(smaller) == _texts(body):
             return smaller
         body = smaller
+
+
+def _texts(body: list[Statement | Block]) -> list[str]:
+    return [s.head if isinstance(s, Block) else s.text for s in walk(body)]
+
+
+def _direct(body: list[Statement | Block]) -> list[Statement | Block]:
+    """Statements in which a value that is only copied on at once goes straight to its place."""
+    kept: list[Statement | Block] = []
+    for i, statement in enumerate(body):
+        if isinstance(statement, Block):
+            kept.append(Block(statement.head, _direct(statement.body)))
+            continue
+        before = kept[-1] if kept else None
+        if (
+            isinstance(before, Statement)
+            and before.target is not None
+            and not before.target.is_pointer
+            and before.operator == "="
+            and statement.target is None
+            and statement.text.endswith(f"] = {before.target.name}")
+            and before.target.name not in _NAME.findall(statement.text.rpartition(" = ")[0])
+            and _is_dead(before.target.name, body[i + 1 :])
+        ):
+            if before.declares:
+                before.target.assigned = 2
+                kept[-1] = Statement("", before.target, declares=True)
+            else:
+                kept.pop()
+            left = statement.text.rpartition(" = ")[0]
+            kept.append(Statement(f"{left} = {before.text}"))
+        else:
+            kept.append(statement)
+    return kept
+
+
+def _is_dead(name: str, rest: list[Statement | Block]) -> bool:
+    """Whether statements set a variable again before they read it, or never name it."""
+    for statement in rest:
+        if isinstance(statement, Block):
+            if name in names_in([statement]) or any(
+                isinstance(s, Statement) and s.target is not None and s.target.name == name
+                for s in walk([statement])
+            ):
+                return False
+            continue
+        if not statement.comment and name in _NAME.findall(statement.text):
+            return False
+        if statement.target is not None and statement.target.name == name:
+            return True
+    return True
 
 
 def _without(

@@ -47,11 +47,8 @@ class Struct:
                 self._by_index[side, f.index + i] = f
         for f in self.memory.layout.fields.values():
             if f.kind == "part":
-                self.parts[f.name] = Struct(f.name, f"{self._prefix}_{f.name}", self._part(f))
-
-    @property
-    def _prefix(self) -> str:
-        return self.type.rpartition("_")[0]
+                name = f"{self.type.removesuffix('_state')}_{f.name}_state"
+                self.parts[f.name] = Struct(f.name, name, self._part(f))
 
     def _part(self, f: Field) -> Memory:
         """Memory of a part as it stands within this one."""
