@@ -5,10 +5,7 @@ from __future__ import annotations
 import ctypes
 import math
 import re
-import shutil
-import subprocess
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,68 +14,17 @@ from hypothesis import strategies as st
 
 from truejoint.errors import CalibrationError, ExportError, ModelFileError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
-from truejoint.export.c_models import model_context
 from truejoint.export.c_source import check_prefix, comment, number
-from truejoint.export.export_c import MEANINGS, export_c
-from truejoint.models.families import EstimatorData
+from truejoint.export.export_c import export_c
 from truejoint.runtime import Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, recording
+from .library import Library, expected, exported, needs_compiler
 
-COMPILER = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
-FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O1", "-shared", "-fPIC")
-needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
-
-# The generated check as a function, and a loop over many samples, in one library.
-BRIDGE = """
-#define main check
-#include "m_check.c"
-#undef main
-int check(void);
-static m_state kept;
-void start(void) {{ m_init(&kept); m_set_homing(&kept, 1, M_HOMING_OF_CALIBRATION); }}
-void forget_all(void) {{ m_reset(&kept); }}
-void run(int n, const double *t, const {real} *sample, int *status, {real} *position,
-    {real} *half_width)
-{{
-    int i;
-    for (i = 0; i < n; i++) {{
-        status[i] = m_step(&kept, t[i], sample + i * M_SIGNALS, position + i * M_JOINTS,
-            half_width + i * M_JOINTS);
-    }}
-}}
-"""
 ESTIMATORS = (
     FixedOffset(), LinearRegressor(), PolynomialRegressor(2), PolynomialRegressor(3),
     NeuralNetwork(hidden_layer_sizes=(9, 7)),
 )  # fmt: skip
-
-
-class Library:
-    """An exported calibration, compiled."""
-
-    def __init__(self, folder: Path, precision: str = "double") -> None:
-        (folder / "bridge.c").write_text(BRIDGE.format(real=precision), encoding="ascii")
-        sources = [str(folder / "m.c"), str(folder / "bridge.c")]
-        path = folder / "library.so"
-        subprocess.run([COMPILER, *FLAGS, *sources, "-lm", "-o", str(path)], check=True)  # noqa: S603  # our own
-        self.functions = ctypes.CDLL(str(path))
-        self.dtype = np.dtype(np.float64 if precision == "double" else np.float32)
-
-    def run(self, t, samples, n_joints: int):
-        """Status (n,), position and half-width (n, n_joints) of samples (n, n_signals)."""
-        n = len(t)
-        t, samples = np.ascontiguousarray(t), np.ascontiguousarray(samples, dtype=self.dtype)
-        status = np.empty(n, dtype=np.int32)
-        position, half_width = np.empty((2, n, n_joints), dtype=self.dtype)
-        arrays = (t, samples, status, position, half_width)
-        self.functions.run(n, *(a.ctypes.data_as(ctypes.c_void_p) for a in arrays))
-        return status, position, half_width
-
-
-def exported(folder: Path, model, precision: str = "double", **options) -> Library:
-    export_c(model, folder, prefix="m", precision=precision, overwrite=True, **options)
-    return Library(folder, precision)
 
 
 def random_stream(model, n: int, seed: int):
@@ -109,19 +55,15 @@ def random_stream(model, n: int, seed: int):
 
 
 def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> float:
-    """Compare on a random stream; returns the share of its samples that are corrected."""
+    """Compare bit for bit on a random stream; returns the share of samples that are corrected."""
     t, samples = random_stream(model, n, seed)
     corrector = Corrector(model)
     corrector.set_homing(True, "h1")
     library.functions.start()
-    status, position, half_width = library.run(t, samples, len(model.joints))
-    expected = np.empty((2, *position.shape))
-    for row in range(n):
-        assert corrector.step(t[row], samples[row]) == status[row], row
-        expected[:, row] = corrector.position, corrector.half_width
-    np.testing.assert_allclose(position, expected[0], rtol=0, atol=1e-12)
-    np.testing.assert_allclose(half_width, expected[1], rtol=0, atol=1e-12)
-    return float((status == 0).mean())
+    given = library.run(t, samples, len(model.joints))
+    for got, wanted in zip(given, expected(corrector, t, samples), strict=True):
+        np.testing.assert_array_equal(got, wanted)
+    return float((given[0] == 0).mean())
 
 
 @needs_compiler
@@ -165,7 +107,7 @@ def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
     assert assert_same_as_corrector(library, model, 400, 3) > 0.3
     library.functions.start()
     t, samples = random_stream(model, 400, 3)
-    status, _position, half_width = library.run(t, samples, 3)
+    status, _, half_width, _ = library.run(t, samples, 3)
     assert np.isfinite(half_width[status == 0]).all()
 
 
