@@ -22,13 +22,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
+from truejoint.estimators.linear import LinearRegressor
 
 from truejoint import calibrate
 from truejoint.estimators import JointRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.estimators.elastic_joint import ElasticJointFilter
-from truejoint.estimators.linear import LinearRegressor
-from truejoint.models.features import time_steps
-from truejoint.models.features import FeatureSet
+from truejoint.models.features import FeatureSet, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, open_dataset
 

@@ -1,10 +1,37 @@
 """What truejoint raises when an input breaks a rule: one line that a user can act on."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
+from difflib import get_close_matches
+
+
+def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+    """Say that no `kind` is called `name`, which one may be meant, and which there are.
+
+    Examples
+    --------
+    >>> unknown("estimator", "lin", ["offset", "linear"])
+    "no estimator called 'lin'; did you mean 'linear'? known: offset, linear"
+    """
+    names = list(known)
+    near = get_close_matches(name, names, 1)
+    meant = f" did you mean {near[0]!r}?" if near else ""
+    return f"no {kind} called {name!r:.60};{meant} known: {', '.join(names) or 'none'}"
+
 
 class TruejointError(ValueError):
     """Base of every error that a caller can cause; the message is one line and says what to do.
 
     The command line prints it without a traceback and exits with code 2.
+
+    Examples
+    --------
+    >>> try:
+    ...     truejoint.get_robot("raven3")
+    ... except TruejointError as error:
+    ...     print(str(error)[:50])
+    no robot called 'raven3'; did you mean 'raven2'? k
     """
 
 

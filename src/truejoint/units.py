@@ -37,3 +37,17 @@ def display_unit(unit: str) -> DisplayUnit:
         Degrees for radians and millimetres for metres; any other unit is shown as it is.
     """
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
+
+
+def with_unit(value: float, unit: str) -> str:
+    """Write an SI value for a person: three decimals in the unit of `display_unit`, "-" for NaN.
+
+    Examples
+    --------
+    >>> with_unit(0.002, "m"), with_unit(0.01, "rad")
+    ('2.000 mm', '0.573 deg')
+    """
+    if math.isnan(value):
+        return "-"
+    display = display_unit(unit)
+    return f"{value * display.scale:.3f} {display.name}"

@@ -3,36 +3,45 @@
 from __future__ import annotations
 
 import json
+import shlex
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 from tests.cli.conftest import Call
+from typer.main import get_command
 
 from truejoint import read_calibration, read_recording
+from truejoint.cli.app import app
 from truejoint.motion import Trajectory
 
-COMMANDS = [
-    ["demo"],
-    ["trajectory", "zigzag"],
-    ["trajectory", "random"],
-    ["trajectory", "show"],
-    ["collect"],
-    ["calibrate"],
-    ["evaluate"],
-    ["datasets"],
-    ["datasets", "show"],
-    ["datasets", "fetch"],
-]
+
+def _walk(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
+    yield words, command
+    for name, below in getattr(command, "commands", {}).items():
+        yield from _walk(below, (*words, name))
 
 
-@pytest.mark.parametrize("command", COMMANDS, ids=" ".join)
-def test_help_has_an_example(call: Call, command: list[str]) -> None:
-    result = call(*command, "--help")
+ROOT = get_command(app)
+COMMANDS = dict(_walk(ROOT))
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=lambda words: " ".join(words) or "truejoint")
+def test_help_ends_in_an_example_that_is_understood(call: Call, words: tuple[str, ...]) -> None:
+    result = call(*words, "--help")
     assert result.code == 0
-    assert f"truejoint {' '.join(command)}" in " ".join(result.out.split())
-    assert "Example" in result.out
+    example = " ".join(result.out.partition("Example: ")[2].split()).removesuffix(
+        " shows the whole way on a simulated RAVEN-II."
+    )
+    called = shlex.split(example)
+    assert called[: len(words) + 1] == ["truejoint", *words]
+    command, rest = ROOT, called[1:]
+    while hasattr(command, "commands"):
+        command, rest = command.commands[rest[0]], rest[1:]
+    command.make_context("truejoint", rest)
 
 
 def test_session_is_what_was_asked_for(session: Path) -> None:
@@ -208,6 +217,13 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
         ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
         ["nothing"],
         ["calibrate"],
+        ["calibrate", "x.parquet"],
+        ["calibrate", "x.parquet", "-o", "m.st", "--target", "both"],
+        ["export", "m.st", "-o", "c"],
+        ["export", "m.st", "-o", "c", "--to", "rust"],
+        ["evaluate", "m.st", "x.parquet", "--window-s", "long"],
+        ["datasets", "show"],
+        ["demo", "--sed", "3"],
     ],
     ids=" ".join,
 )
@@ -217,6 +233,13 @@ def test_wrong_calls_are_exit_code_2(
     monkeypatch.chdir(tmp_path)
     result = call(*arguments)
     assert result.code == 2
-    assert result.err
-    assert "Traceback" not in result.err
+    assert result.err.startswith("truejoint: ")
+    assert len(result.err.splitlines()) == 1
     assert list(tmp_path.iterdir()) == []
+
+
+def test_no_words_are_answered_with_the_help(call: Call) -> None:
+    result = call()
+    assert result.code == 2
+    assert "Commands" in result.out
+    assert not result.err

@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.estimators.conftest import columns, rms_deg, steps, target
+from truejoint.estimators.friction_smoother import SmoothedFrictionFilter
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.friction_filter import DEGREE, FrictionFilter
-from truejoint.estimators.friction_smoother import SmoothedFrictionFilter
 from truejoint.simulation.forceps_load import LoadTest
 from truejoint.simulation.forceps_twin import simulate_load_test
 

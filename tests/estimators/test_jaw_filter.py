@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.estimators.conftest import Pair, columns, rms_deg, steps, target
+from truejoint.models.jaw_families import READINGS
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw_filter import CompensatedJawFilter, JawFilter
-from truejoint.models.jaw_families import READINGS
 
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 

@@ -3,11 +3,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.estimators.conftest import columns, rms_deg, steps, target
+from truejoint.models.jaw_kernels import bank_rows
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.gated_play import GatedPlay, redescending
 from truejoint.estimators.play import BothPlay, ResetPlay, ridge
-from truejoint.models.jaw_kernels import bank_rows
 from truejoint.simulation.forceps_load import LoadTest
 from truejoint.simulation.forceps_twin import simulate_load_test
 

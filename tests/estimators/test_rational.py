@@ -3,6 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from truejoint.models.jaw_kernels import rational_row
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.rational import (
@@ -10,7 +11,6 @@ from truejoint.estimators.rational import (
     RationalModel,
     fit_rational,
 )
-from truejoint.models.jaw_kernels import rational_row
 
 
 def loop(n: int = 1200) -> tuple[np.ndarray, np.ndarray]:

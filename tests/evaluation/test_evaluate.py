@@ -172,7 +172,7 @@ def test_nothing_to_evaluate_is_refused(grasper: tuple[Any, Recording]) -> None:
         evaluate({"dnn": []}, [test])
     with pytest.raises(RecordingError, match="no recording"):
         evaluate({"dnn": [calibration]}, [])
-    with pytest.raises(CalibrationError, match="'linear', which is not among"):
+    with pytest.raises(CalibrationError, match="no calibration called 'linear'"):
         evaluate({"dnn": [calibration]}, [test], chosen="linear")
     with pytest.raises(CalibrationError, match="window"):
         evaluate({"dnn": [calibration]}, [test], window=0.0)

@@ -70,5 +70,5 @@ def test_a_tolerance_that_is_no_length_is_refused(value: float) -> None:
 
 
 def test_a_tolerance_of_an_unknown_joint_is_refused() -> None:
-    with pytest.raises(CalibrationError, match="'wrist', which is not calibrated"):
+    with pytest.raises(CalibrationError, match="no calibrated joint called 'wrist'"):
         judge(_scores(shoulder=0.5), "dnn", tolerance={"wrist": 0.1})

@@ -10,6 +10,7 @@ from truejoint.calibration import Calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.estimators.base import JointRegressor
+from truejoint.models.family import EstimatorData
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
@@ -54,15 +55,16 @@ def calibration(
     feature_set = FeatureSet.parse(features)
     training = recording(columns(features, joints), seed=seed)
     X = feature_set.compute(training)
-    shapes = estimator.array_shapes(len(feature_set), len(joints))
+    family, params = estimator.family, estimator.model_params()
+    shapes = family.shapes(params, len(feature_set), len(joints))
     arrays = {name: rng.normal(0, 0.5, shape) for name, shape in shapes.items()}
     arrays |= {n: 0.01 * arrays[n] for n in ("coef", "offset", "target_scale") if n in arrays}
     if "mean" in arrays:
         spread = X.std(axis=0)
         arrays["mean"] = X.mean(axis=0)
         arrays["inverse_scale"] = np.where(rng.random(len(spread)) < 0.1, 0.0, 1.0 / spread)
-    model = type(estimator).from_arrays(
-        estimator.get_params(), arrays, n_features=len(feature_set), n_outputs=len(joints)
+    model = type(estimator).from_data(
+        EstimatorData(family.name, params, arrays), len(feature_set), len(joints)
     )
     needed = columns(features, joints)
     error = model.evaluate(X)

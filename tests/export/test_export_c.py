@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from truejoint.models.families import EstimatorData
 
 from truejoint.errors import CalibrationError, ExportError, ModelFileError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
@@ -19,7 +20,7 @@ from truejoint.export.export_c import export_c
 from truejoint.runtime import Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, recording
-from .library import Library, expected, exported, needs_compiler
+from .library import Library, expected, exported, faulty, needs_compiler
 
 ESTIMATORS = (
     FixedOffset(), LinearRegressor(), PolynomialRegressor(2), PolynomialRegressor(3),
@@ -29,29 +30,10 @@ ESTIMATORS = (
 
 def random_stream(model, n: int, seed: int):
     """Stamps and samples of a smooth motion, with faults of every kind here and there."""
-    rng = np.random.default_rng(seed)
     source = recording(model.signals, n, seed)
-    t, samples = np.array(source.t), source.table[list(model.signals)].to_numpy().copy()
-    samples += rng.normal(0, 1e-4, samples.shape)
-    for row in rng.choice(np.arange(20, n - 20), n // 40, replace=False):
-        kind, column = rng.integers(8), rng.integers(samples.shape[1])
-        if kind == 0:
-            samples[row, column] = rng.choice([np.nan, np.inf, -np.inf])
-        elif kind == 1:
-            t[row] = rng.choice([np.nan, t[row - 1], t[row - 3]])
-        elif kind == 2:
-            t[row:] += rng.uniform(0.2, 3.0)
-        elif kind == 3:
-            t[row:] -= rng.uniform(0.2, 3.0)
-        elif kind == 4:
-            samples[row, column] += rng.normal(0, 0.3)
-        elif kind == 5:
-            samples[row : row + 15, column] = samples[row, column]
-        elif kind == 6:
-            samples[row : row + 15] = samples[row]
-        else:
-            samples[row : row + 10, column] += 0.03 * np.arange(10)
-    return t, samples
+    samples = source.table[list(model.signals)].to_numpy()
+    noise = np.random.default_rng(seed).normal(0, 1e-4, samples.shape)
+    return faulty(source.t, samples + noise, seed)
 
 
 def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> float:

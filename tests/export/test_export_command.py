@@ -54,10 +54,8 @@ def test_onnx_graph_is_written_where_asked(model, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--to", "rust"), "'rust' is neither 'c' nor 'onnx'"),
         (("--to", "onnx", "--level", "0.9"), "are for --to c"),
         (("--to", "onnx", "--prefix", "a b"), "prefix"),
-        (("--to", "c", "--precision", "half"), "precision"),
     ],
 )
 def test_a_wrong_call_is_refused(model, tmp_path, words, said):
@@ -65,6 +63,13 @@ def test_a_wrong_call_is_refused(model, tmp_path, words, said):
     assert isinstance(result.exception, ExportError)
     assert said in str(result.exception)
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("words", [("--to", "rust"), ("--to", "c", "--precision", "half")])
+def test_a_wrong_choice_is_refused_before_the_model_is_read(tmp_path, words):
+    result = run(tmp_path / "none", *words, "--out", tmp_path / "out")
+    assert result.exit_code == 2
+    assert repr(words[-1]) in result.output
 
 
 def test_nothing_is_overwritten_unless_forced(model, tmp_path):

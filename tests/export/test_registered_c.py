@@ -15,8 +15,7 @@ from truejoint.export.export_c import export_c
 from truejoint.runtime import Status
 
 from ..runtime.registered import in_loop, model, ready, unseen
-from ..runtime.test_registered import broken
-from .library import CPP, STRICT, Library, expected, exported, needs_compiler
+from .library import CPP, STRICT, Library, expected, exported, faulty, needs_compiler
 
 LONGEST_FUNCTION = 80
 
@@ -35,9 +34,15 @@ def library(tmp_path_factory):
     return build
 
 
+def stream(name: str, n: int, seed: int):
+    """Stamps and samples of a motion that the estimator was not fitted to, with faults."""
+    recording = unseen(name).rows(np.arange(n))
+    return faulty(recording.t, recording.table[list(model(name).signals)].to_numpy(), seed)
+
+
 def compare(library: Library, calibration, name: str, compare_arrays, seed: int = 3):
     """Compare C and corrector on a broken stream; returns the statuses."""
-    t, samples = broken(calibration, unseen(name).rows(np.arange(1500)), seed=seed)
+    t, samples = stream(name, 1500, seed)
     samples = samples.astype(library.dtype).astype(float)
     library.functions.start()
     given = library.run(t, samples, len(calibration.joints))
@@ -106,7 +111,7 @@ def test_single_precision_is_no_further_off_than_its_header_says(library, name):
 @needs_compiler
 @pytest.mark.parametrize("name", ["play_gated", "ukf_compensated", "ukf_friction"])
 def test_reset_forgets_the_history(library, name):
-    t, samples = broken(model(name), unseen(name).rows(np.arange(600)), seed=1)
+    t, samples = stream(name, 600, 1)
     exported_ = library(name)
     exported_.functions.start()
     fresh = exported_.run(t[300:], samples[300:], 1)

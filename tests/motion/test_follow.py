@@ -162,7 +162,7 @@ def test_what_cannot_be_followed_is_refused_before_moving(
 
 def test_unknown_joints_and_unready_arms_are_refused(lagging_arm, lagging_backend):
     strange = Trajectory(("knee",), ("rad",), np.array([[0.0], [0.1]]))
-    with pytest.raises(RobotError, match="no joint 'knee'"):
+    with pytest.raises(RobotError, match="no joint called 'knee'"):
         follow(lagging_arm, strange)
     lagging_arm.pause()
     with pytest.raises(CommandRefused, match="follow refused: the arm is PAUSED"):

@@ -15,7 +15,6 @@ from truejoint.recordings.files import (
     read_head,
     require_file,
     sha256_of,
-    write_atomically,
 )
 
 
@@ -71,44 +70,3 @@ def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
         require_file(tmp_path)
     with pytest.raises(RecordingError, match="is empty"):
         require_file(tmp_path / "empty")
-
-
-def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "kept"
-    path.write_text("before")
-
-    def half(temporary: Path) -> None:
-        temporary.write_text("half")
-        raise OSError("disk full")
-
-    with pytest.raises(OSError, match="disk full"):
-        write_atomically(path, half, overwrite=True)
-    assert path.read_text() == "before"
-    assert [p.name for p in tmp_path.iterdir()] == ["kept"]
-
-
-def test_overwriting_must_be_allowed(tmp_path: Path) -> None:
-    path = tmp_path / "kept"
-    path.write_text("before")
-    with pytest.raises(RecordingError, match="exists already"):
-        write_atomically(path, lambda p: p.write_text("after") and None, overwrite=False)
-    assert path.read_text() == "before"
-    write_atomically(path, lambda p: p.write_text("after") and None, overwrite=True)
-    assert path.read_text() == "after"
-
-
-def test_a_file_made_in_the_meantime_is_not_replaced(tmp_path: Path) -> None:
-    path = tmp_path / "late"
-
-    def slow(temporary: Path) -> None:
-        temporary.write_text("ours")
-        path.write_text("theirs")
-
-    with pytest.raises(RecordingError, match="exists already"):
-        write_atomically(path, slow, overwrite=False)
-    assert path.read_text() == "theirs"
-
-
-def test_a_folder_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="nowhere does not exist"):
-        write_atomically(tmp_path / "nowhere" / "a", lambda _: None, overwrite=False)

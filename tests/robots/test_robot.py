@@ -37,7 +37,7 @@ def test_channels_and_positioning_default_to_the_joints() -> None:
 
 def test_unknown_joint_is_refused_with_the_known_ones(gantry: Robot) -> None:
     assert gantry.index(["turn", "lift"]) == [1, 0]
-    with pytest.raises(RobotError, match=r"gantry \(a arm\) has no joint 'spare'.* lift, turn"):
+    with pytest.raises(RobotError, match=r"gantry \(a arm\): no joint called 'spare'.* lift, turn"):
         gantry.index(["lift", "spare"])
 
 

@@ -6,14 +6,16 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
+import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.calibration.conformal import half_widths
 from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
@@ -21,7 +23,10 @@ from truejoint.estimators.registry import class_of
 from truejoint.models.family import EstimatorData
 from truejoint.models.features import FeatureState, check_sample_interval, time_steps
 from truejoint.recordings import Recording
+from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot
+from truejoint.summary import Summarised
+from truejoint.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -44,8 +49,8 @@ class OnlineState:
     model: RowState
 
 
-@dataclass(frozen=True, eq=False)
-class Calibration(CalibrationData[JointRegressor]):
+@dataclass(frozen=True, eq=False, repr=False)
+class Calibration(Summarised, CalibrationData[JointRegressor]):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
     Made by `calibrate` or `read_calibration`. See `CalibrationData` for what it holds.
@@ -60,6 +65,35 @@ class Calibration(CalibrationData[JointRegressor]):
     def title(self) -> str:
         """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
         return Robot(self.robot, (), self.arm).title
+
+    def summary(self) -> dict[str, str]:
+        """Robot, model, training, and how far off it may be where that is known, by label."""
+        facts, names = self.metadata, self.feature_set.names
+        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        about = {
+            "robot": self.title,
+            "estimator": f"{self.estimator}, predicts the {self.target}",
+            "joints": ", ".join(self.joints),
+            "features": f"{len(names)}: {some}",
+        }
+        rows, duration = facts.get("rows"), facts.get("duration")
+        if isinstance(rows, int) and isinstance(duration, float):
+            about["trained on"] = f"{rows} rows, {duration / 60:.1f} min"
+        if self.interval is not None:
+            units = [self.units[f"measured/{joint}"] for joint in self.joints]
+            for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):
+                stated = zip(self.joints, widths, units, strict=True)
+                about[f"{100 * level:g} %"] = ", ".join(
+                    f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in stated
+                )
+            about["interval"] = self.interval.meaning
+        with suppress(KeyError, TypeError):  # not stated, or by somebody else's rules
+            about["held out"] = "RMSE " + ", ".join(
+                f"{row['joint']} {with_unit(row['rmse'], row['unit'])}"
+                for row in facts["held_out"]
+                if row["estimator"] == self.estimator
+            )
+        return about
 
     @property
     def baselines(self) -> Mapping[str, Calibration]:
@@ -101,6 +135,25 @@ class Calibration(CalibrationData[JointRegressor]):
             return predicted
         return recording.columns("measured", self.joints) + predicted
 
+    def correct_table(self, recording: Recording, level: float = 0.9) -> pd.DataFrame:
+        """Correct a recording into a labelled table; raises as `correct`.
+
+        Columns ``t`` [s] and ``corrected/<joint>`` [rad or m], and where the calibration has an
+        interval ``half_width/<joint>`` at that `level`.
+
+        Examples
+        --------
+        >>> list(model.correct_table(test).columns)
+        ['t', 'corrected/jaw', 'half_width/jaw']
+        """
+        columns = {"t": recording.t}
+        values = {"corrected": self.correct(recording)}
+        if self.interval is not None:
+            values["half_width"] = self.half_widths(recording, level)
+        for name, array in values.items():
+            columns |= {f"{name}/{joint}": array[:, k] for k, joint in enumerate(self.joints)}
+        return pd.DataFrame(columns)
+
     def predict_error(self, recording: Recording) -> Array:
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
         corrected = self.correct(recording)
@@ -129,8 +182,36 @@ class Calibration(CalibrationData[JointRegressor]):
             As `correct`, or if the calibration has no interval of that level.
         """
         corrected = self.correct(recording)
-        half = half_widths(self, recording, level)
+        half = self.half_widths(recording, level)
         return corrected, corrected - half, corrected + half
+
+    def half_widths(self, recording: Recording, level: float = 0.9) -> Array:
+        """Half-width (n, n_joints) [rad or m] of the interval at every row of a recording.
+
+        Raises
+        ------
+        CalibrationError
+            If the calibration has no interval, or not of that level.
+        """
+        interval = self.required_interval()
+        widening = 1.0 + interval.growth * self.range_excess(recording)
+        return widening[:, None] * interval.half_width(level)
+
+    def required_interval(self) -> Interval:
+        """Interval that is stated; raises CalibrationError when there is none."""
+        if self.interval is None:
+            raise CalibrationError(
+                f"the calibration of {self.title} states no interval; make one of recordings that "
+                "it has not seen: truejoint calibrate ... --interval RECORDING"
+            )
+        return self.interval
+
+    def range_excess(self, recording: Recording) -> Array:
+        """How far outside the trained range each row (n,) is, as a share of it; 0 inside."""
+        X = self.feature_set.compute(recording, self.gap_limit)
+        out = np.empty(len(X))
+        range_excesses(X, self.lower, self.upper, inverse_span(self.lower, self.upper), out)
+        return out
 
     def start(self) -> OnlineState:
         """State before the first sample, for `step`."""
@@ -208,6 +289,7 @@ class Calibration(CalibrationData[JointRegressor]):
         write_model_file(path, document, arrays, overwrite=overwrite)
 
     def _check(self, recording: Recording) -> None:
+        as_recording(recording)
         source = recording.provenance.source or "recording"
         robot = recording.robot
         if (robot.name, robot.arm) != (self.robot, self.arm):
@@ -240,6 +322,12 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     ------
     ModelFileError
         If the file is missing, truncated, edited, too large, or of a newer format.
+
+    Examples
+    --------
+    >>> model.save("jaw.safetensors")
+    >>> read_calibration("jaw.safetensors").estimator
+    'linear'
     """
     document, arrays = read_model_file(path)
     try:

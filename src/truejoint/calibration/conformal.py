@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.calibration.effort_baseline import residual_statistics
+from truejoint.calibration.effort_fitting import residual_statistics
 from truejoint.calibration.interval import (
     GROWTH,
     LEVELS,
     Interval,
-    inverse_span,
     needed_trajectories,
-    range_excesses,
 )
 from truejoint.errors import CalibrationError
 
@@ -216,38 +214,6 @@ def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
     return False
 
 
-def range_excess_of(calibration: Calibration, recording: Recording) -> Array:
-    """How far outside the trained range each row (n,) is, as a share of the range; 0 inside."""
-    X = calibration.feature_set.compute(recording, calibration.gap_limit)
-    out = np.empty(len(X))
-    low, high = calibration.lower, calibration.upper
-    range_excesses(X, low, high, inverse_span(low, high), out)
-    return out
-
-
-def half_widths(calibration: Calibration, recording: Recording, level: float = 0.9) -> Array:
-    """Half-width (n, n_joints) [rad or m] of the interval at every row of a recording.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration has no interval, or not of that level.
-    """
-    interval = required_interval(calibration)
-    widening = 1.0 + interval.growth * range_excess_of(calibration, recording)
-    return widening[:, None] * interval.half_width(level)
-
-
-def required_interval(calibration: Calibration) -> Interval:
-    """Interval of a calibration; raises CalibrationError when it has none."""
-    if calibration.interval is None:
-        raise CalibrationError(
-            f"the calibration of {calibration.title} states no interval; make one of recordings "
-            "that it has not seen: truejoint calibrate ... --interval RECORDING"
-        )
-    return calibration.interval
-
-
 def known_error(
     calibration: Calibration, recording: Recording
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
@@ -298,7 +264,7 @@ def _scores(
         error, scored = error - shift, ~used
         offset_error = offset_error - zero_offset(t, offset_error, rezero)[0]
         check_scored(recording, scored, rezero)
-    widening = 1.0 + growth * range_excess_of(calibration, recording)[known][scored]
+    widening = 1.0 + growth * calibration.range_excess(recording)[known][scored]
     return (
         np.abs(error[scored]) / widening[:, None],
         np.abs(offset_error[scored]),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.effort_baseline import fit_effort_baseline
+from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
@@ -31,6 +31,7 @@ from truejoint.models.features import (
     time_steps,
 )
 from truejoint.recordings import Recording
+from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
 Array = NDArray[np.float64]
@@ -88,8 +89,13 @@ def calibrate(
         If the recordings do not belong together, lack truth for more than a third of their time,
         have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
         feature for a network), or a feature is constant though its channel is in use.
+
+    Examples
+    --------
+    >>> calibrate(training, "linear").joints
+    ('jaw',)
     """
-    recordings = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    recordings = as_recordings(recordings)
     robot = _common_robot(recordings)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]

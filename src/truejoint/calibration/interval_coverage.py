@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 
 from truejoint.calibration.conformal import (
     check_scored,
-    half_widths,
     known_error,
-    required_interval,
     zero_offset,
 )
 from truejoint.errors import CalibrationError
@@ -73,7 +71,7 @@ def measure_coverage(
     CalibrationError
         If there is no such interval, or a recording has no truth.
     """
-    interval = required_interval(calibration)
+    interval = calibration.required_interval()
     row = interval.index(level)
     shares, widths = [], []
     for recording in recordings:
@@ -82,7 +80,7 @@ def measure_coverage(
         if interval.rezero > 0.0:
             offset, used = zero_offset(t, error, interval.rezero)
             error, scored = error - offset, ~used
-        allowed = half_widths(calibration, recording, level)[known]
+        allowed = calibration.half_widths(recording, level)[known]
         check_scored(recording, scored, interval.rezero)
         shares.append((np.abs(error) <= allowed)[scored].mean(axis=0))
         widths.append(allowed[scored].mean(axis=0))
@@ -137,7 +135,7 @@ def cross_check(
             "compare two of the same joints"
         )
     difference = first.correct(recording) - second.correct(recording)
-    allowed = np.hypot(half_widths(first, recording, level), half_widths(second, recording, level))
+    allowed = np.hypot(first.half_widths(recording, level), second.half_widths(recording, level))
     return CrossCheck(
         level,
         np.sqrt(np.mean(difference**2, axis=0)),

@@ -19,6 +19,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 
 from truejoint.errors import ModelFileError
+from truejoint.files import write_atomically
 
 Array = NDArray[np.float64]
 
@@ -28,7 +29,21 @@ MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512
 
 _KEY: Final = "truejoint"
+_OTHER_FORMATS: Final = frozenset(
+    {".c", ".csv", ".h", ".html", ".json", ".mat", ".npy", ".onnx", ".parquet", ".pkl", ".toml"}
+)
 _DAMAGED: Final = "the file is damaged or was edited; copy or calibrate it again"
+
+
+def check_name(path: str | os.PathLike[str]) -> Path:
+    """Path of a model file to write; raises ModelFileError when its ending is another format's."""
+    path = Path(path)
+    if path.suffix.lower() in _OTHER_FORMATS:
+        raise ModelFileError(
+            f"{path}: a model file is not {path.suffix}; call it "
+            f"{path.with_suffix('.safetensors').name}, and see `truejoint export` for C and ONNX"
+        )
+    return path
 
 
 def write_model_file(
@@ -53,26 +68,18 @@ def write_model_file(
     Raises
     ------
     ModelFileError
-        If the file exists, cannot be written, or would break a bound that reading enforces.
+        If the file exists, is named like another format, cannot be written, or would break a bound
+        that reading enforces.
     """
-    path = Path(path)
-    if path.exists() and not overwrite:
-        raise ModelFileError(f"{path} exists; choose another name or allow overwriting")
+    path = check_name(path)
     data = to_bytes(document, arrays)
     try:
         from_bytes(data)
     except ModelFileError as error:
         raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("xb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(path)
-    except OSError as error:
-        part.unlink(missing_ok=True)
-        raise ModelFileError(f"{path} cannot be written: {error.strerror or error}") from None
+    write_atomically(
+        path, lambda part: part.write_bytes(data), overwrite=overwrite, error=ModelFileError
+    )
 
 
 def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:

@@ -6,11 +6,11 @@ Exit codes: 0 good, 1 a check failed, 2 the call was wrong.
 from __future__ import annotations
 
 import sys
-from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+import truejoint
 from truejoint.cli import (
     calibrate,
     check,
@@ -34,35 +34,37 @@ app = typer.Typer(
     help="Tell where a cable-driven joint really is: calibrate, correct, and judge the error.",
     epilog="Example: `truejoint demo` shows the whole way on a simulated RAVEN-II.",
 )
-app.command("demo", epilog="Example: `truejoint demo --out demo`")(demo.demo)
-app.add_typer(trajectory.app, name="trajectory")
-app.command("collect", epilog="Example: `truejoint collect zigzag.csv random.csv --out session`")(
-    collect.collect
-)
-app.command(
-    "calibrate",
-    epilog="Example: `truejoint calibrate session/zigzag.parquet -e dnn -o left_arm.safetensors`",
-)(calibrate.calibrate)
-app.command(
-    "evaluate",
-    epilog="Example: `truejoint evaluate left_arm.safetensors session/random.parquet "
-    "--report report.html --tolerance elbow=0.2`",
-)(evaluate.evaluate)
-app.command(
-    "check",
-    epilog="Example: `truejoint check left_arm.safetensors ten_seconds.parquet "
-    "--rezero today.safetensors`",
-)(check.check)
-app.command(
-    "export", epilog="Example: `truejoint export left_arm.safetensors --to c --out controller`"
-)(export.export)
-app.add_typer(forceps.app, name="forceps")
-app.add_typer(datasets.app, name="datasets")
+for command, example in (
+    (demo.demo, "--out demo"),
+    (collect.collect, "zigzag.csv random.csv --out session"),
+    (calibrate.calibrate, "session/zigzag.parquet -e dnn -o left_arm.safetensors"),
+    (
+        evaluate.evaluate,
+        "left_arm.safetensors session/random.parquet --report report.html --tolerance elbow=0.2",
+    ),
+    (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
+    (export.export, "left_arm.safetensors --to c --out controller"),
+):
+    app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)
+for group, example in (
+    (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
+    (forceps, "forceps table2 --specimen A"),
+    (datasets, "datasets fetch dvrk_psm_berkeley"),
+):
+    app.add_typer(
+        group.app,
+        name=group.__name__.rpartition(".")[2],
+        epilog=f"Example: `truejoint {example}`",
+    )
+
+
+# Words that are no option, command or value; typer does not export it.
+_UsageError: Any = typer.BadParameter.__base__
 
 
 def _print_version(wanted: bool) -> None:
     if wanted:
-        typer.echo(f"truejoint {version('truejoint')}")
+        typer.echo(f"truejoint {truejoint.__version__}")
         raise typer.Exit
 
 
@@ -80,7 +82,10 @@ def root(
 def main() -> None:
     """Run the command line; an error that the caller can mend is one line and exit code 2."""
     try:
-        app()
+        sys.exit(app(prog_name="truejoint", standalone_mode=False))
+    except _UsageError as error:
+        what = " ".join(error.format_message().split())
+        _fail(f"{what} See `{error.ctx.command_path} --help`." if what else "")  # help was shown
     except TruejointError as error:
         _fail(str(error))
     except OSError as error:
@@ -88,5 +93,6 @@ def main() -> None:
 
 
 def _fail(message: str) -> None:
-    err.print(f"truejoint: {message}", style="red", markup=False, highlight=False, soft_wrap=True)
+    if message:
+        err.print(f"truejoint: {message}", style="red", soft_wrap=True)
     sys.exit(2)

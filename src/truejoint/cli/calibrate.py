@@ -4,33 +4,36 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
-from truejoint import calibration
-from truejoint.calibration import Calibration, Interval
+import truejoint
+from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import load_recordings, only_dataset
-from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part, Recordings, Seed, Split
-from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators import JointRegressor, estimator_names, get_estimator
-from truejoint.evaluation import DataCheck, check_data, evaluate
-from truejoint.models.family import Target
-from truejoint.recordings import Recording
-from truejoint.recordings.datasets import DATASETS, get_dataset
-from truejoint.units import display_unit
+from truejoint.cli.inputs import Files, check_model_free, only_dataset
+from truejoint.errors import CalibrationError, unknown
 
 
 def calibrate(
-    recordings: Recordings,
+    recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
     estimator: Annotated[
-        str, typer.Option("--estimator", "-e", help=f"One of {', '.join(estimator_names())}.")
+        str,
+        typer.Option(
+            "--estimator",
+            "-e",
+            help=f"One of {', '.join(complete.estimators())}.",
+            autocompletion=complete.estimators,
+        ),
     ] = "dnn",
     settings: Annotated[
         list[str] | None,
-        typer.Option("--set", metavar="NAME=VALUE", help="Parameter of the estimator."),
+        typer.Option(
+            "--set",
+            metavar="NAME=VALUE",
+            help="Its parameter, as epochs=400 or hidden_layer_sizes=50,50.",
+        ),
     ] = None,
     features: Annotated[
         list[str] | None,
@@ -43,10 +46,15 @@ def calibrate(
         ),
     ] = None,
     joints: Annotated[
-        list[str] | None, typer.Option("--joint", help="Joint to correct; default: all with truth.")
+        list[str] | None,
+        typer.Option(
+            "--joint",
+            help="Joint to correct; default: all with truth.",
+            autocompletion=complete.joints,
+        ),
     ] = None,
     target: Annotated[
-        str | None,
+        Literal["error", "position"] | None,
         typer.Option(help="What the model predicts: error (the default) or position."),
     ] = None,
     fit_rate_hz: Annotated[
@@ -55,13 +63,13 @@ def calibrate(
     ] = None,
     test: Annotated[
         list[str] | None,
-        typer.Option("--test", help="Recording to judge on; the accuracy goes into the file."),
+        options.recordings("--test", "Recording to judge on; the accuracy goes into the file."),
     ] = None,
     interval: Annotated[
         list[str] | None,
-        typer.Option(
+        options.recordings(
             "--interval",
-            help="Recording that the fit does not see, to state how far off positions may be: 9 "
+            "Recording that the fit does not see, to state how far off positions may be: 9 "
             "or more for 90 %, each after a homing of its own if that is to hold after any homing.",
         ),
     ] = None,
@@ -69,89 +77,88 @@ def calibrate(
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
-    reader: Format = None,
-    columns: Columns = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="For plain CSV files.")] = None,
-    arm: Arm = "",
-    part: Part = None,
-    split: Split = None,
-    seed: Seed = 0,
-    force: Force = False,
-    as_json: Json = False,
+    reader: options.Format = None,
+    columns: options.Columns = None,
+    robot: options.FilesRobot = None,
+    arm: options.Arm = "",
+    part: options.Part = None,
+    split: options.Split = None,
+    seed: options.Seed = 0,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
-    if output.exists() and not force:
-        raise ModelFileError(f"{output}: is there already; choose another --out, or --force")
-    context: dict[str, Any] = {"reader": reader, "columns": columns, "robot": robot, "arm": arm}
-    training = load_recordings(recordings, part=part, split=split, held_out=False, **context)
-    testing = load_recordings(test, **context) if test else []
-    unseen = load_recordings(interval, **context) if interval else []
+    check_model_free(output, force)
+    files = Files(reader, columns, robot, arm)
     dataset = only_dataset(recordings)
+    unfitted = configured(estimator, settings or [], dataset)
     if dataset is not None:
         features = features or [dataset]
-        fit_rate_hz = fit_rate_hz or get_dataset(dataset).fit_rate
+        fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
+    inputs = chosen_features(features)
+    read_training = files.find(
+        recordings, part=part, split=split, held_out=False, joints=joints or []
+    )
+    read_testing, read_unseen = files.find(test or []), files.find(interval or [])
+    training, testing, unseen = read_training(), read_testing(), read_unseen()
     fitted, check = fit(
         training,
-        configured(estimator, settings or [], dataset),
-        features=resolved_features(features),
+        unfitted,
+        features=inputs,
         joints=joints,
         target=target,
         fit_rate=fit_rate_hz,
-        seed=seed,
+        random_state=seed,
     )
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
-            fitted = calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
+            fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
     if testing:
-        scores = evaluate({estimator: [fitted]}, testing).to_dict()["scores"]
+        scores = truejoint.evaluate(fitted, testing).to_dict()["scores"]
         fitted = fitted.with_metadata(held_out=scores)
     fitted.save(output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
     else:
-        _show(fitted, output)
+        out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
 def fit(
-    training: Sequence[Recording],
-    estimator: JointRegressor,
-    *,
-    features: Sequence[str] | None = None,
-    joints: Sequence[str] | None = None,
-    target: str | None = None,
-    fit_rate: float | None = None,
-    seed: int = 0,
-) -> tuple[Calibration, DataCheck]:
-    """Check the recordings, say what was found, and fit, showing progress."""
-    check = check_data(training)
+    training: Sequence[truejoint.Recording],
+    estimator: truejoint.estimators.JointRegressor,
+    **how: Any,
+) -> tuple[truejoint.Calibration, truejoint.evaluation.DataCheck]:
+    """Check the recordings, say what was found, and fit, showing progress.
+
+    `how` is as `truejoint.calibrate` takes it.
+    """
+    check = truejoint.evaluation.check_data(training)
     for finding in check.findings:
         if finding.level != "info":
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
     with progress(f"Fitting {estimator.name}") as done:
-        fitted = calibration.calibrate(
-            training,
-            estimator,
-            features=features,
-            joints=joints,
-            target=target,
-            fit_rate=fit_rate,
-            random_state=seed,
-            progress=done,
-        )
+        fitted = truejoint.calibrate(training, estimator, progress=done, **how)
     return fitted.with_metadata(command=command_line()), check
 
 
-def resolved_features(features: Sequence[str] | None) -> list[str] | None:
-    """Features by text, where the name of a data set stands for the features that suit it."""
-    if not features:
+def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:
+    """Features of their texts, where the name of a data set stands for those that suit it.
+
+    Raises
+    ------
+    CalibrationError
+        If a text is no feature, or a feature stands twice.
+    """
+    if not texts:
         return None
-    chosen: list[str] = []
-    for text in features:
-        chosen += get_dataset(text).features if text in DATASETS else [text]
-    return chosen
+    sets = truejoint.recordings.datasets.DATASETS
+    chosen = (sets[text].features if text in sets else (text,) for text in texts)
+    return truejoint.models.FeatureSet.parse(feature for part in chosen for feature in part)
 
 
-def configured(name: str, settings: Sequence[str], dataset: str | None = None) -> JointRegressor:
+def configured(
+    name: str, settings: Sequence[str], dataset: str | None = None
+) -> truejoint.estimators.JointRegressor:
     """Estimator with parameters set by texts like ``"epochs=400"``.
 
     Where the recordings are a public data set, the parameters that suit it come first.
@@ -159,59 +166,36 @@ def configured(name: str, settings: Sequence[str], dataset: str | None = None) -
     Raises
     ------
     CalibrationError
-        If there is no such estimator or parameter, or the value is of another kind.
+        If there is no such estimator or parameter, or the value is of another kind or forbidden.
     """
-    estimator = get_estimator(name)
+    estimator = truejoint.estimators.get_estimator(name)
     known = estimator.get_params()
     if dataset is not None:
-        estimator.set_params(**get_dataset(dataset).settings.get(name, {}))
+        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
+        estimator.set_params(**suited.get(name, {}))
     for setting in settings:
         key, separator, text = setting.partition("=")
         if not separator or key not in known:
             raise CalibrationError(
-                f"--set {setting!r}: {name} has no such parameter; write NAME=VALUE with one of "
-                f"{', '.join(known) or 'none'}"
+                f"--set {setting!r}: {unknown(f'parameter of {name}', key, known)}; "
+                "write NAME=VALUE"
             )
         estimator.set_params(**{key: _value(text, known[key], setting)})
+    estimator.check_params()
     return estimator
 
 
 def _value(text: str, default: Any, setting: str) -> Any:
+    """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``."""
+    if isinstance(default, str):
+        return text
+    kinds = type(default[0] if isinstance(default, tuple) else default)
     try:
-        if isinstance(default, tuple):
-            return tuple(type(default[0])(part) for part in text.split(","))
-        return type(default)(text)
+        values = tuple(kinds(value) for value in text.strip("()[], ").split(","))
     except ValueError:
+        values = ()
+    if not values or (len(values) > 1 and not isinstance(default, tuple)):
         raise CalibrationError(
             f"--set {setting!r}: {text!r} is not of the kind of the default {default!r}"
-        ) from None
-
-
-def _show(fitted: Calibration, output: Path) -> None:
-    facts = fitted.metadata
-    out.print(
-        f"{output}: {fitted.estimator} for {', '.join(fitted.joints)} of {fitted.title}, "
-        f"{len(fitted.feature_set)} features, {facts['rows']} rows, "
-        f"{facts['duration'] / 60:.1f} min",
-        highlight=False,
-    )
-    if fitted.interval is not None:
-        _show_interval(fitted, fitted.interval)
-    for score in facts.get("held_out", []):
-        if score["estimator"] != fitted.estimator:
-            continue
-        shown = display_unit(score["unit"])
-        out.print(
-            f"  {score['joint']}: {score['rmse'] * shown.scale:.3f} {shown.name} RMSE held out",
-            highlight=False,
         )
-
-
-def _show_interval(fitted: Calibration, interval: Interval) -> None:
-    for row, level in enumerate(interval.levels):
-        parts = []
-        for joint, width in zip(fitted.joints, interval.half_widths[row], strict=True):
-            shown = display_unit(fitted.units[f"measured/{joint}"])
-            parts.append(f"{joint} ± {width * shown.scale:.3f} {shown.name}")
-        out.print(f"  {100 * level:g} %: {', '.join(parts)}", highlight=False)
-    out.print(f"  {interval.meaning}", highlight=False)
+    return values if isinstance(default, tuple) else values[0]

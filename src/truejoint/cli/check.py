@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.table import Table
 
-from truejoint.calibration import Calibration, CrossCheck, cross_check, read_calibration, rezeroed
-from truejoint.cli.console import out, progress, result_json, say
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED
-from truejoint.cli.inputs import load_recordings
-from truejoint.cli.options import Arm, Columns, Force, Format, Json, Part
-from truejoint.errors import ModelFileError, RecordingError
-from truejoint.runtime import CalibrationCheck, check_calibration
-from truejoint.units import display_unit
+from truejoint.cli.inputs import Files, check_model_free
+from truejoint.errors import RecordingError
+from truejoint.units import with_unit
 
 _ADVICE = {
     "shift": "efforts no longer fit the positions: was a load hung on, or a cable changed?",
@@ -28,12 +25,13 @@ _ADVICE = {
 
 
 def check(
-    model: Annotated[Path, typer.Argument(help="Model file, from `truejoint calibrate`.")],
+    model: options.Model,
     recording: Annotated[
         str,
         typer.Argument(
             help="Recording of the arm as it is now. A few readings of the truth do: one short "
-            "motion, a touched stop, a marker seen now and then."
+            "motion, a touched stop, a marker seen now and then.",
+            autocompletion=complete.recordings,
         ),
     ],
     rezero: Annotated[
@@ -48,83 +46,87 @@ def check(
         ),
     ] = None,
     level_percent: Annotated[
-        float, typer.Option("--level", help="Which of the stated intervals to judge by [%].")
+        float,
+        typer.Option(
+            "--level",
+            help="Which of the stated intervals to judge by [%].",
+            autocompletion=complete.percent_levels,
+        ),
     ] = 90.0,
-    reader: Format = None,
-    columns: Columns = None,
-    robot: Annotated[str | None, typer.Option("--robot", help="For plain CSV files.")] = None,
-    arm: Arm = "",
-    part: Part = None,
-    force: Force = False,
-    as_json: Json = False,
+    reader: options.Format = None,
+    columns: options.Columns = None,
+    robot: options.FilesRobot = None,
+    arm: options.Arm = "",
+    part: options.Part = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    if rezero is not None and rezero.exists() and not force:
-        raise ModelFileError(f"{rezero}: is there already; choose another --rezero, or --force")
-    if rezero is not None and against is not None:
-        raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
-    calibration = read_calibration(model)
-    context = {"reader": reader, "columns": columns, "robot": robot, "arm": arm}
-    loaded = load_recordings([recording], part=part, **context)  # type: ignore[arg-type]
+    if rezero is not None:
+        check_model_free(rezero, force, "--rezero")
+        if against is not None:
+            raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
+    files = Files(reader, columns, robot, arm)
+    calibration = truejoint.read_calibration(model)
+    other = None if against is None else truejoint.read_calibration(against)
+    level = level_percent / 100.0
+    if calibration.interval is not None:
+        calibration.interval.index(level)
+    loaded = files.find([recording], part=part)()
     if len(loaded) != 1:
         raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
-    level = level_percent / 100.0
-    if against is not None:
-        other = read_calibration(against)
+    if other is not None:
         with progress("Comparing the two calibrations"):
-            agreement = cross_check(calibration, other, loaded[0], level)
+            agreement = truejoint.calibration.cross_check(calibration, other, loaded[0], level)
         _report_agreement(calibration, agreement, as_json)
-        failed = not agreement.consistent.all()
+        holds: bool | None = bool(agreement.consistent.all())
     else:
         with progress("Comparing with the truth"):
-            result = check_calibration(calibration, loaded[0], level)
+            result = truejoint.runtime.check_calibration(calibration, loaded[0], level)
         if rezero is not None:
-            rezeroed(calibration, loaded[0]).save(rezero, overwrite=force)
+            truejoint.calibration.rezeroed(calibration, loaded[0]).save(rezero, overwrite=force)
         _report_check(calibration, result, rezero, as_json)
-        failed = result.holds is False
-    if failed:
+        holds = result.holds
+    if holds is False:
         raise typer.Exit(CHECK_FAILED)
 
 
 def _report_check(
-    calibration: Calibration, result: CalibrationCheck, written: Path | None, as_json: bool
+    calibration: truejoint.Calibration,
+    result: truejoint.runtime.CalibrationCheck,
+    written: Path | None,
+    as_json: bool,
 ) -> None:
     if as_json:
         result_json({**result.to_dict(), "rezeroed": None if written is None else str(written)})
         return
-    table = Table(title=f"{calibration.estimator} of {calibration.title}, now")
-    for name in ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside"):
-        table.add_column(name, justify="left" if name == "joint" else "right")
-    for joint in result.joints:
-        shown = display_unit(joint.unit)
-
-        def length(value: float, scale: float = shown.scale) -> str:
-            return "-" if math.isnan(value) else f"{value * scale:.3f}"
-
-        table.add_row(
-            f"{joint.joint} [{shown.name}]",
-            length(joint.rmse),
-            f"{joint.offset * shown.scale:+.3f} ± {length(joint.offset_sd)}",
-            length(joint.left),
-            f"± {length(joint.half_width)}",
+    rows = [
+        (
+            joint.joint,
+            with_unit(joint.rmse, joint.unit),
+            f"{with_unit(joint.offset, joint.unit)} ± {with_unit(joint.offset_sd, joint.unit)}",
+            with_unit(joint.left, joint.unit),
+            f"± {with_unit(joint.half_width, joint.unit)}",
             "-" if joint.holds is None else f"{100 * joint.inside:.0f} %",
         )
-    out.print(table)
-    out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s", highlight=False)
+        for joint in result.joints
+    ]
+    header = ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside")
+    print_table(header, rows, title=f"{calibration.estimator} of {calibration.title}, now")
+    out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s")
     if calibration.interval is not None:
-        out.print(f"The interval is {calibration.interval.meaning}", highlight=False)
-    out.print(_verdict(result), style=_COLOURS[result.holds], highlight=False)
-    if result.reasons:
-        for name in result.to_dict()["reasons"]:
-            say(f"monitor: {_ADVICE[name]}")
+        out.print(f"The interval is {calibration.interval.meaning}")
+    out.print(_verdict(result), style=_COLOURS[result.holds])
+    for name in result.to_dict()["reasons"]:
+        say(f"monitor: {_ADVICE[name]}")
     if written is not None:
-        out.print(f"{written}: re-zeroed to this truth", highlight=False)
+        out.print(f"{written}: re-zeroed to this truth")
 
 
 _COLOURS = {True: "green", False: "red", None: "yellow"}
 
 
-def _verdict(result: CalibrationCheck) -> str:
+def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
     stated = f"{100 * result.level:g} % interval"
     if result.holds is None:
         return (
@@ -140,38 +142,30 @@ def _verdict(result: CalibrationCheck) -> str:
     )
 
 
-def _report_agreement(calibration: Calibration, found: CrossCheck, as_json: bool) -> None:
-    rows: list[dict[str, Any]] = [
-        {
-            "joint": joint,
-            "unit": calibration.units[f"measured/{joint}"],
-            "difference": float(found.difference[k]),
-            "allowed": float(found.allowed[k]),
-            "inside": float(found.inside[k]),
-            "consistent": bool(found.consistent[k]),
-        }
-        for k, joint in enumerate(calibration.joints)
-    ]
+def _report_agreement(
+    calibration: truejoint.Calibration, found: truejoint.calibration.CrossCheck, as_json: bool
+) -> None:
+    names = ("joint", "unit", "difference", "allowed", "inside", "consistent")
+    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
+    columns = (found.difference, found.allowed, found.inside, found.consistent)
+    values = [column.tolist() for column in columns]
+    rows = list(zip(calibration.joints, units, *values, strict=True))
     if as_json:
-        result_json({"level": found.level, "joints": rows})
+        joints = [dict(zip(names, row, strict=True)) for row in rows]
+        result_json({"level": found.level, "joints": joints})
         return
-    table = Table(title="Difference of the two calibrations")
-    for name in ("joint", "RMS", "both intervals, RMS", "inside"):
-        table.add_column(name, justify="left" if name == "joint" else "right")
-    for row in rows:
-        shown = display_unit(row["unit"])
-        table.add_row(
-            f"{row['joint']} [{shown.name}]",
-            f"{row['difference'] * shown.scale:.3f}",
-            f"± {row['allowed'] * shown.scale:.3f}",
-            f"{100 * row['inside']:.0f} %",
-        )
-    out.print(table)
+    print_table(
+        ("joint", "RMS", "both intervals, RMS", "inside"),
+        [
+            (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
+            for joint, unit, off, allowed, inside, _ in rows
+        ],
+        title="Difference of the two calibrations",
+    )
     good = bool(found.consistent.all())
     out.print(
         "They differ by no more than both state."
         if good
         else "They differ by more than both state: at least one interval is too narrow here.",
         style=_COLOURS[good],
-        highlight=False,
     )

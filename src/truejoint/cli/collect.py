@@ -7,32 +7,29 @@ from typing import Annotated
 
 import typer
 
+import truejoint
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import say_dropped
+from truejoint.cli.inputs import check_free, say_dropped
 from truejoint.cli.options import Arm as ArmOption
 from truejoint.cli.options import Force, Json, RobotName, Seed
-from truejoint.crtk import Arm, simulated_arm
 from truejoint.errors import RecordingError
-from truejoint.motion import TrackingReport, Trajectory, follow
-from truejoint.recordings import Recorder, Recording, write_parquet
-from truejoint.simulation import TwinParameters
 
 
 def record(
-    arm: Arm,
-    trajectory: Trajectory,
+    arm: truejoint.crtk.Arm,
+    trajectory: truejoint.motion.Trajectory,
     target: Path,
     *,
     homing_id: str,
     load: float = 0.0,
     state_rate: float = 30.0,
     label: str | None = None,
-) -> tuple[Recording, TrackingReport]:
+) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
 
     Whatever ends the motion, what was recorded until then is written.
     """
-    recorder = Recorder(
+    recorder = truejoint.recordings.Recorder(
         arm,
         state_rate=state_rate,
         session=trajectory.name,
@@ -42,10 +39,10 @@ def record(
     )
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
-            report = follow(arm, trajectory, progress=done)
+            report = truejoint.motion.follow(arm, trajectory, progress=done)
     finally:
         if recorder.rows > 1:
-            write_parquet(recorder.recording(str(target)), target, overwrite=True)
+            truejoint.write_parquet(recorder.recording(str(target)), target, overwrite=True)
     return recorder.recording(str(target)), report
 
 
@@ -71,11 +68,13 @@ def collect(
 
     All trajectories of one call share one homing, as in one session with a robot.
     """
-    loaded = [Trajectory.load(path) for path in trajectories]
+    loaded = [truejoint.motion.Trajectory.load(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     _check_targets(targets, force)
-    parameters = None if twin is None else TwinParameters.load(twin)
-    device = simulated_arm(robot, arm, parameters=parameters, seed=seed, load=load_grams / 1e3)
+    parameters = None if twin is None else truejoint.simulation.TwinParameters.load(twin)
+    device = truejoint.crtk.simulated_arm(
+        robot, arm, parameters=parameters, seed=seed, load=load_grams / 1e3
+    )
     for trajectory in loaded:
         trajectory.check_within(device.robot)
     say(f"Homing {device.robot.title}, simulated ...")
@@ -114,5 +113,4 @@ def _check_targets(targets: list[Path], force: bool) -> None:
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
-        if target.exists() and not force:
-            raise RecordingError(f"{target}: is there already; choose another --out, or --force")
+        check_free(target, force)

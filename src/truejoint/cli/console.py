@@ -6,18 +6,25 @@ import json
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
 
 # A file or pipe has no width of its own; tables are not to be folded there.
 _LOG_WIDTH = 132
 
-out = Console(width=None if sys.stdout.isatty() else _LOG_WIDTH)
-err = Console(stderr=True, width=None if sys.stderr.isatty() else _LOG_WIDTH)
+
+def _console(stderr: bool) -> Console:
+    """Console that prints names of files and data as they are: brackets in them are no markup."""
+    terminal = (sys.stderr if stderr else sys.stdout).isatty()
+    width = None if terminal else _LOG_WIDTH
+    return Console(stderr=stderr, width=width, markup=False, highlight=False)
+
+
+out, err = _console(stderr=False), _console(stderr=True)
 
 ProgressCallback = Callable[[float], None]
 
@@ -34,18 +41,16 @@ def progress(description: str) -> Iterator[ProgressCallback]:
     """
     began = time.monotonic()
     if err.is_terminal:
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(),
-            TaskProgressColumn(),
-            TimeRemainingColumn(elapsed_when_finished=True),
-        )
-        with Progress(*columns, console=err) as bar:
+        from rich.progress import Progress, TextColumn  # noqa: PLC0415  # not for help
+
+        columns = Progress.get_default_columns()[1:]
+        what = TextColumn("{task.description}", markup=False)
+        with Progress(what, *columns, console=err) as bar:
             task = bar.add_task(description, total=1.0)
             yield lambda fraction: bar.update(task, completed=fraction)
             bar.update(task, completed=1.0)
         return
-    err.print(f"{description} ...", highlight=False)
+    err.print(f"{description} ...")
     said = began
 
     def report(fraction: float) -> None:
@@ -55,15 +60,27 @@ def progress(description: str) -> Iterator[ProgressCallback]:
             return
         said = now
         left = (now - began) * (1 - fraction) / fraction
-        err.print(f"  {fraction:.0%}, about {left:.0f} s left", highlight=False)
+        err.print(f"  {fraction:.0%}, about {left:.0f} s left")
 
     yield report
-    err.print(f"  done in {time.monotonic() - began:.1f} s", highlight=False)
+    err.print(f"  done in {time.monotonic() - began:.1f} s")
+
+
+def print_table(
+    header: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None
+) -> None:
+    """Print a table: texts in the first column, numbers in the others."""
+    table = Table(title=title, title_justify="left")
+    for name in header:
+        table.add_column(name, justify="left" if name == header[0] else "right")
+    for row in rows:
+        table.add_row(*row)
+    out.print(table)
 
 
 def say(message: str) -> None:
     """Tell the person what is going on; never part of the result."""
-    err.print(message, highlight=False)
+    err.print(message)
 
 
 def result_json(values: Mapping[str, Any]) -> None:

@@ -7,26 +7,25 @@ from typing import Annotated
 import typer
 from rich.table import Table
 
+import truejoint
 from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.options import Json
+from truejoint.cli.options import DatasetName, Json
 from truejoint.errors import RecordingError
-from truejoint.recordings.datasets import DATASETS, Dataset, fetch, get_dataset, locate
 
 app = typer.Typer(help="List, describe and fetch public recordings of real joints.")
 
 
-@app.callback(
-    invoke_without_command=True, epilog="Example: `truejoint datasets fetch dvrk_psm_berkeley`"
-)
+@app.callback(invoke_without_command=True)
 def listing(context: typer.Context, as_json: Json = False) -> None:
     """List the public data sets, and whether they are on this machine."""
     if context.invoked_subcommand is not None:
         return
+    known = truejoint.recordings.datasets.DATASETS.values()
     if as_json:
-        result_json({"datasets": [_facts(dataset) for dataset in DATASETS.values()]})
+        result_json({"datasets": [_facts(dataset) for dataset in known]})
         return
     table = Table("name", "what", "MB", "licence", "here")
-    for dataset in DATASETS.values():
+    for dataset in known:
         table.add_row(
             dataset.name,
             dataset.title,
@@ -38,11 +37,9 @@ def listing(context: typer.Context, as_json: Json = False) -> None:
 
 
 @app.command("show", epilog="Example: `truejoint datasets show davinci_grasper_umn`")
-def show(
-    name: Annotated[str, typer.Argument(help="Name of the data set.")], as_json: Json = False
-) -> None:
+def show(name: DatasetName, as_json: Json = False) -> None:
     """Describe a data set: where it comes from, how to cite it, how to judge on it."""
-    dataset = get_dataset(name)
+    dataset = truejoint.recordings.datasets.get_dataset(name)
     facts = _facts(dataset)
     if as_json:
         result_json(facts)
@@ -56,29 +53,29 @@ def show(
 
 @app.command("fetch", epilog="Example: `truejoint datasets fetch davinci_grasper_umn`")
 def get(
-    name: Annotated[str, typer.Argument(help="Name of the data set.")],
+    name: DatasetName,
     pattern: Annotated[str, typer.Option(help="Only recordings whose name fits.")] = "*",
     as_json: Json = False,
 ) -> None:
     """Fetch a data set from its upstream repository, checking every file's hash."""
-    dataset = get_dataset(name)
+    dataset = truejoint.recordings.datasets.get_dataset(name)
     with progress(f"Fetching {name} from {dataset.repository}") as done:
-        folder = fetch(name, pattern, progress=done)
+        folder = truejoint.recordings.datasets.fetch(name, pattern, progress=done)
     if as_json:
         result_json({"name": name, "folder": str(folder)})
     else:
-        out.print(f"{name} is in {folder}", highlight=False)
+        out.print(f"{name} is in {folder}")
 
 
-def _here(dataset: Dataset) -> bool:
+def _here(dataset: truejoint.recordings.datasets.Dataset) -> bool:
     try:
-        locate(dataset.name)
+        truejoint.recordings.datasets.locate(dataset.name)
     except RecordingError:
         return False
     return True
 
 
-def _facts(dataset: Dataset) -> dict[str, object]:
+def _facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, object]:
     return {
         "name": dataset.name,
         "robot": dataset.robot,

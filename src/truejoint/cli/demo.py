@@ -7,15 +7,12 @@ from typing import Annotated
 
 import typer
 
-from truejoint import evaluation
-from truejoint.cli.calibrate import fit
+import truejoint
+from truejoint.cli.calibrate import configured, fit
 from truejoint.cli.collect import record
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation, show
 from truejoint.cli.options import Json, Seed
-from truejoint.crtk import simulated_arm
-from truejoint.estimators import NeuralNetwork
-from truejoint.motion import random_motion, zigzag
 
 # The calibration of peng2024, II-E: direction J2-J3 with three sparsities, judged on 20 minutes
 # of random motion.
@@ -37,15 +34,18 @@ def demo(
     """
     folder.mkdir(parents=True, exist_ok=True)
     say("1. Compiling the simulated RAVEN-II (once) and homing its left arm ...")
-    arm = simulated_arm("raven2", "left", seed=seed)
+    arm = truejoint.crtk.simulated_arm("raven2", "left", seed=seed)
     arm.enable()
     arm.home()
     say(f"   {arm.operating_state()}")
 
     say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
     homing = f"seed {seed}, homing 1"
-    paths = {f"zigzag_{DIRECTION}_1_{n}": zigzag(arm.robot, DIRECTION, 1 / n) for n in SPARSITIES}
-    motion = random_motion(arm.robot, seed=seed)
+    paths = {
+        f"zigzag_{DIRECTION}_1_{n}": truejoint.motion.zigzag(arm.robot, DIRECTION, 1 / n)
+        for n in SPARSITIES
+    }
+    motion = truejoint.motion.random_motion(arm.robot, seed=seed)
     training = []
     for name, path in paths.items():
         path.save(folder / f"{name}.csv", overwrite=True)
@@ -71,12 +71,12 @@ def demo(
     say(f"   {len(test)} rows; {report}")
 
     say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")
-    model, _ = fit(training, NeuralNetwork(), seed=seed)
+    model, _ = fit(training, configured("dnn", []), random_state=seed)
     model.save(folder / "left_arm.safetensors", overwrite=True)
 
     say("5. Judging it on the random motion")
     with progress("   Correcting and comparing with the joint encoders"):
-        result = evaluation.evaluate({model.estimator: [model]}, [test])
+        result = truejoint.evaluate(model, test)
     report_evaluation(result, folder / "report.html", model, [test], training, force=True)
     if as_json:
         result_json(result.to_dict())

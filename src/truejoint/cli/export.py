@@ -3,26 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, get_args
+from typing import Annotated, Literal
 
 import typer
 
-from truejoint.calibration import read_calibration
+import truejoint
+from truejoint.cli import complete, options
 from truejoint.cli.console import out, result_json
-from truejoint.cli.options import Force, Json
 from truejoint.errors import ExportError
-from truejoint.export.c_source import Precision, check_prefix
-from truejoint.export.export_c import check_command, default_prefix, export_c
-from truejoint.export.export_onnx import export_onnx
-from truejoint.runtime.limits import RANGE_MARGIN
 
 
 def export(
-    model: Annotated[Path, typer.Argument(metavar="MODEL", help="Model file.")],
-    kind: Annotated[str, typer.Option("--to", help="What to write: c or onnx.")],
+    model: options.Model,
+    kind: Annotated[Literal["c", "onnx"], typer.Option("--to", help="What to write.")],
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
     precision: Annotated[
-        str, typer.Option(help=f"Of the numbers: {' or '.join(get_args(Precision))}.")
+        Literal["double", "float"], typer.Option(help="Of the numbers.")
     ] = "double",
     prefix: Annotated[
         str | None,
@@ -32,50 +28,50 @@ def export(
     ] = None,
     level: Annotated[
         float | None,
-        typer.Option(help="Probability of the half-width; C only. Default: 0.9."),
+        typer.Option(
+            help="Probability of the half-width; C only. Default: 0.9.",
+            autocompletion=complete.levels,
+        ),
     ] = None,
     range_margin: Annotated[
         float | None,
         typer.Option(
             help="Share of its trained range by which a feature may lie outside, 0 to 1; C only. "
-            f"Default: {RANGE_MARGIN}."
+            "Default: that of `Corrector`."
         ),
     ] = None,
-    force: Force = False,
-    as_json: Json = False,
+    force: options.Force = False,
+    as_json: options.Json = False,
 ) -> None:
     """Write a calibration as C99 source (--to c) or as an ONNX graph (--to onnx).
 
     The C source does all that `Corrector` does, and comes with test vectors and a main that
     checks it. The ONNX graph holds the regressor alone: it checks nothing and remembers nothing.
     """
-    if kind not in ("c", "onnx"):
-        raise ExportError(f"--to {kind!r:.60} is neither 'c' nor 'onnx'")
-    if kind == "onnx" and (level is not None or range_margin is not None):
+    stated = {"level": level, "range_margin": range_margin}
+    given = {name: value for name, value in stated.items() if value is not None}
+    if kind == "onnx" and given:
         raise ExportError(
             "--level and --range-margin are for --to c; an ONNX graph has no interval and no checks"
         )
-    calibration = read_calibration(model)
+    # Imported here because they compile.
+    from truejoint.export.c_source import check_prefix  # noqa: PLC0415
+    from truejoint.export.export_c import check_command, default_prefix, export_c  # noqa: PLC0415
+    from truejoint.export.export_onnx import export_onnx  # noqa: PLC0415
+
+    calibration = truejoint.read_calibration(model)
     if kind == "c":
         paths = export_c(
-            calibration,
-            folder,
-            prefix=prefix,
-            precision=precision,  # type: ignore[arg-type]  # checked there
-            level=0.9 if level is None else level,
-            range_margin=RANGE_MARGIN if range_margin is None else range_margin,
-            overwrite=force,
+            calibration, folder, prefix=prefix, precision=precision, overwrite=force, **given
         )
     else:
         name = check_prefix(default_prefix(calibration) if prefix is None else prefix)
         path = folder / f"{name}.onnx"
-        paths = (
-            export_onnx(calibration, path, precision=precision, overwrite=force),  # type: ignore[arg-type]  # checked there
-        )
+        paths = (export_onnx(calibration, path, precision=precision, overwrite=force),)
     if as_json:
         result_json({"files": [str(path) for path in paths]})
         return
     for path in paths:
-        out.print(str(path), highlight=False, soft_wrap=True)
+        out.print(str(path), soft_wrap=True)
     if kind == "c":
-        out.print(f"check it:  {check_command(paths)}", highlight=False, soft_wrap=True)
+        out.print(f"check it:  {check_command(paths)}", soft_wrap=True)

@@ -4,24 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import typer
 
+import truejoint
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.options import Force, Json, Seed
 from truejoint.errors import TruejointError
-from truejoint.evaluation.forceps import (
-    compare_forces,
-    compare_homing,
-    compare_loaded,
-    compare_strategies,
-    compare_unloaded,
-    study_population,
-)
-from truejoint.evaluation.forceps.tables import TextTable
-from truejoint.simulation.forceps_parameters import ForcepsParameters
-from truejoint.simulation.forceps_specimens import SPECIMENS, specimen
+
+if TYPE_CHECKING:
+    from truejoint.evaluation.forceps.tables import TextTable
+    from truejoint.simulation.forceps_parameters import ForcepsParameters
 
 app = typer.Typer(
     no_args_is_help=True,
@@ -29,9 +23,7 @@ app = typer.Typer(
     "them. Results stand beside the paper's numbers.",
 )
 
-Specimen = Annotated[
-    str, typer.Option("--specimen", help=f"Virtual forceps: {', '.join(SPECIMENS)}.")
-]
+Specimen = Annotated[str, typer.Option("--specimen", help="Virtual forceps: nominal, A or B.")]
 Parameters = Annotated[
     Path | None,
     typer.Option(
@@ -70,7 +62,7 @@ def table2(
     """Figure 6 and Table 2: calibrate on trajectory (27), verify on (28)."""
     forceps, name = _chosen(specimen_name, parameters)
     say(f"Calibrating on (27) and verifying on (28), specimen {name} ...")
-    result = compare_unloaded(forceps, specimen=name, seed=seed)
+    result = truejoint.evaluation.forceps.compare_unloaded(forceps, specimen=name, seed=seed)
 
     def draw(path: Path) -> None:
         from truejoint.evaluation.forceps.figures import plot_unloaded  # noqa: PLC0415
@@ -92,7 +84,9 @@ def table3(
     """Table 3 and figure 9: weights of 30 to 250 g on the jaw, both ways."""
     forceps, name = _chosen(specimen_name, parameters)
     with progress(f"Hanging weights on specimen {name}") as done:
-        result = compare_loaded(forceps, specimen=name, seed=seed, progress=done)
+        result = truejoint.evaluation.forceps.compare_loaded(
+            forceps, specimen=name, seed=seed, progress=done
+        )
 
     def draw(path: Path) -> None:
         from truejoint.evaluation.forceps.figures import plot_loaded  # noqa: PLC0415
@@ -114,7 +108,9 @@ def strategies(
     """Which sensor buys which accuracy: none on the cables, one, or both."""
     forceps, name = _chosen(specimen_name, parameters)
     with progress(f"Comparing sensors on specimen {name}") as done:
-        result = compare_strategies(forceps, specimen=name, seed=seed, progress=done)
+        result = truejoint.evaluation.forceps.compare_strategies(
+            forceps, specimen=name, seed=seed, progress=done
+        )
 
     def draw(path: Path) -> None:
         from truejoint.evaluation.forceps.figures import plot_strategies  # noqa: PLC0415
@@ -136,7 +132,9 @@ def load(
     """External load in mNm and grams, its dead band, and the stiffness from one known weight."""
     forceps, name = _chosen(specimen_name, parameters)
     with progress(f"Weighing on specimen {name}") as done:
-        result = compare_forces(forceps, specimen=name, seed=seed, progress=done)
+        result = truejoint.evaluation.forceps.compare_forces(
+            forceps, specimen=name, seed=seed, progress=done
+        )
     _show(result, "load", folder, None, force=force, as_json=as_json)
 
 
@@ -152,7 +150,9 @@ def rezero(
     """Home with a wrong zero of the reset encoder, and find it from one unloaded cycle."""
     forceps, name = _chosen(specimen_name, parameters)
     with progress(f"Homing specimen {name}") as done:
-        result = compare_homing(forceps, specimen=name, seed=seed, progress=done)
+        result = truejoint.evaluation.forceps.compare_homing(
+            forceps, specimen=name, seed=seed, progress=done
+        )
     _show(result, "rezero", folder, None, force=force, as_json=as_json)
 
 
@@ -176,7 +176,7 @@ def population(
 ) -> None:
     """Every method on many specimens: the distribution, and how often each ordering holds."""
     with progress(f"Calibrating and verifying {count} specimens") as done:
-        result = study_population(
+        result = truejoint.evaluation.forceps.study_population(
             count, seed=seed, homing_deviation=1e-6 * homing_um, keep=keep, progress=done
         )
 
@@ -226,6 +226,9 @@ def plant(
 
 
 def _chosen(name: str, parameters: Path | None) -> tuple[ForcepsParameters, str]:
+    from truejoint.simulation.forceps_parameters import ForcepsParameters  # noqa: PLC0415
+    from truejoint.simulation.forceps_specimens import specimen  # noqa: PLC0415
+
     if parameters is None:
         return specimen(name), name
     return ForcepsParameters.load(parameters), parameters.stem

@@ -3,74 +3,122 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TypeAlias
 
+import truejoint
 from truejoint.cli.console import progress, say
-from truejoint.errors import RecordingError
-from truejoint.evaluation import part_by_time, split_by_time
-from truejoint.recordings import Recording, read_recording
-from truejoint.recordings.datasets import DATASETS, get_dataset, open_dataset
+from truejoint.errors import RecordingError, TruejointError, unknown
 from truejoint.units import display_unit
 
+Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
-def load_recordings(
-    names: list[str],
-    *,
-    reader: str | None = None,
-    columns: Path | None = None,
-    robot: str | None = None,
-    arm: str = "",
-    part: str | None = None,
-    split: str | None = None,
-    held_out: bool = True,
-) -> list[Recording]:
-    """Load recordings of files, folders, shell patterns and ``NAME:PATTERN`` of public data sets.
 
-    Parameters
-    ----------
-    names : list of str
-    reader, columns, robot, arm
-        As `truejoint.recordings.read_recording` takes them.
-    part : str, optional
-        Part of each recording by time, ``FROM:TO``.
-    split : str, optional
-        Recommended split of the data set that `names` is.
-    held_out : bool
-        Which side of the split: the recordings to judge on, or those to train on.
+@dataclass(frozen=True)
+class Files:
+    """What a person says of recordings whose files do not say it themselves.
 
     Raises
     ------
-    RecordingError
-        If one cannot be read, is named twice, or the part is not ``FROM:TO``.
+    RobotError, RecordingError
+        If there is no such robot, arm or format.
     """
-    span = None if part is None else parse_part(part)
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
-    if split is not None:
-        dataset = only_dataset(names)
-        if dataset is None:
+
+    format: str | None = None
+    columns: Path | None = None
+    robot: str | None = None
+    arm: str = ""
+
+    def __post_init__(self) -> None:
+        if self.robot is not None:
+            truejoint.get_robot(self.robot, self.arm)
+        if self.format is not None and self.format not in truejoint.recordings.FORMATS:
+            raise RecordingError(unknown("format", self.format, truejoint.recordings.FORMATS))
+
+    def find(
+        self,
+        names: Sequence[str],
+        *,
+        part: str | None = None,
+        split: str | None = None,
+        held_out: bool = True,
+        joints: Sequence[str] = (),
+    ) -> Read:
+        """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
+
+        What is given back reads them; what can be refused before is refused here.
+
+        Parameters
+        ----------
+        names : sequence of str
+        part : str, optional
+            Part of each recording by time, ``FROM:TO``.
+        split : str, optional
+            Recommended split of the data set that `names` is.
+        held_out : bool
+            Which side of the split: the recordings to judge on, or those to train on.
+        joints : sequence of str
+            Joints that the robot must have.
+
+        Raises
+        ------
+        RecordingError, RobotError
+            If one is not there or is named twice, the part is not ``FROM:TO``, or a joint is
+            unknown.
+        """
+        span = None if part is None else parse_part(part)
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
+        readers = [self._reader(name, joints) for name in names]
+        if self.robot is not None:
+            truejoint.get_robot(self.robot, self.arm).index(list(joints))
+        if split is not None:
+            return _split_side(only_dataset(names), split, held_out)
+
+        def read() -> list[truejoint.Recording]:
+            recordings: list[truejoint.Recording] = []
+            what = names[0] if len(names) == 1 else f"{len(names)} recordings"
+            with progress(f"Reading {what}") as done:
+                for count, reader in enumerate(readers, 1):
+                    fresh = reader()
+                    for recording in fresh:
+                        recording.robot.index(list(joints))
+                    recordings += fresh
+                    done(count / len(names))
+            for recording in recordings:
+                say_dropped(recording)
+            if span is None:
+                return recordings
+            return [truejoint.evaluation.part_by_time(whole, *span) for whole in recordings]
+
+        return read if names else list
+
+    def _reader(self, name: str, joints: Sequence[str]) -> Read:
+        sets = truejoint.recordings.datasets
+        wanted, _, pattern = name.partition(":")
+        if Path(name).exists():
+            paths = [name]
+        elif wanted in sets.DATASETS:
+            found = sets.get_dataset(wanted)
+            found.match(pattern or "*")
+            truejoint.get_robot(found.robot).index(list(joints))
+            return partial(sets.open_dataset, wanted, pattern or "*")
+        else:
+            paths = sorted(glob.glob(name))  # noqa: PTH207  # absolute too
+        if not paths:
             raise RecordingError(
-                f"--split {split!r} is for one public data set by name; use --part for files"
+                f"{name}: no such file or folder, and {unknown('data set', wanted, sets.DATASETS)}"
             )
-        return _split_side(dataset, split, held_out)
-    context = {"robot": robot, "arm": arm or None, "column_map": columns}
-    given = {key: value for key, value in context.items() if value is not None}
-    recordings: list[Recording] = []
-    with progress(f"Reading {names[0] if len(names) == 1 else f'{len(names)} recordings'}") as done:
-        for count, name in enumerate(names, 1):
-            recordings += _load(name, reader, given)
-            done(count / len(names))
-    for recording in recordings:
-        say_dropped(recording)
-    if span is None:
-        return recordings
-    return [part_by_time(recording, *span) for recording in recordings]
+        context = {"robot": self.robot, "arm": self.arm or None, "column_map": self.columns}
+        given = {key: value for key, value in context.items() if value is not None}
+        return lambda: [truejoint.read_recording(path, self.format, **given) for path in paths]
 
 
-def say_dropped(recording: Recording) -> None:
+def say_dropped(recording: truejoint.Recording) -> None:
     """Tell how many rows were dropped when a recording was made or read, and why."""
     dropped = recording.provenance.dropped
     if dropped:
@@ -79,37 +127,46 @@ def say_dropped(recording: Recording) -> None:
         say(f"  {name}: rows dropped or without truth: {reasons}")
 
 
-def only_dataset(names: list[str]) -> str | None:
+def only_dataset(names: Sequence[str]) -> str | None:
     """Name the public data set that all of `names` are of; None when they are not."""
     sets = {name.partition(":")[0] for name in names}
     if len(sets) == 1 and not any(Path(name).exists() for name in names):
         name = sets.pop()
-        return name if name in DATASETS else None
+        return name if name in truejoint.recordings.datasets.DATASETS else None
     return None
 
 
-def _split_side(dataset: str, name: str, held_out: bool) -> list[Recording]:
-    split = get_dataset(dataset).split(name)
-    side = "the held-out" if held_out else "the training"
-    with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
-        recordings = open_dataset(dataset, split.files, progress=done)
-    if split.test:
-        return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
-    pairs = [split_by_time(recording, 1 - split.test_fraction) for recording in recordings]
-    return [test if held_out else train for train, test in pairs]
+def check_free(path: Path, force: bool, option: str = "--out") -> None:
+    """Refuse to overwrite unasked, before anything long is done; raises TruejointError."""
+    if path.exists() and not force:
+        raise TruejointError(f"{path}: is there already; choose another {option}, or --force")
 
 
-def _load(name: str, reader: str | None, context: Mapping[str, Any]) -> list[Recording]:
-    data_set, separator, pattern = name.partition(":")
-    if data_set in DATASETS and not Path(name).exists():
-        return open_dataset(data_set, pattern if separator else "*")
-    paths = [name] if Path(name).exists() else sorted(glob.glob(name))  # noqa: PTH207  # absolute too
-    if not paths:
+def check_model_free(path: Path, force: bool, option: str = "--out") -> None:
+    """Refuse as `check_free` does, and a name that is not for a model file."""
+    from truejoint.calibration.model_file import check_name  # noqa: PLC0415  # needs NumPy
+
+    check_free(check_name(path), force, option)
+
+
+def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
+    if dataset is None:
         raise RecordingError(
-            f"{name}: no such file, folder or public data set; check the path, or see "
-            "`truejoint datasets`"
+            f"--split {name!r} is for one public data set by name; use --part for files"
         )
-    return [read_recording(path, reader, **context) for path in paths]
+    sets, evaluation = truejoint.recordings.datasets, truejoint.evaluation
+    split = sets.get_dataset(dataset).split(name)
+    side = "the held-out" if held_out else "the training"
+
+    def read() -> list[truejoint.Recording]:
+        with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
+            recordings = sets.open_dataset(dataset, split.files, progress=done)
+        if split.test:
+            return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
+        pairs = [evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings]
+        return [test if held_out else train for train, test in pairs]
+
+    return read
 
 
 def parse_part(text: str) -> tuple[float, float]:
@@ -126,25 +183,16 @@ def parse_part(text: str) -> tuple[float, float]:
     return begin, end
 
 
-def parse_tolerances(texts: list[str], units: Mapping[str, str]) -> dict[str, float]:
+def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
     """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``.
 
-    Parameters
-    ----------
-    texts : list of str
-    units : mapping
-        SI unit by joint.
-
-    Raises
-    ------
-    RecordingError
-        If a joint is unknown or a number is not positive.
+    `units` are SI, by joint. Raises RecordingError if a joint is unknown or a number not positive.
     """
     tolerances = {}
     for text in texts:
         joint, _, number = text.partition("=")
         if joint not in units:
-            raise RecordingError(f"--tolerance {text!r}: no joint {joint!r}; {', '.join(units)}")
+            raise RecordingError(f"--tolerance {text!r}: {unknown('joint', joint, units)}")
         shown = display_unit(units[joint])
         try:
             value = float(number.removesuffix(shown.name))

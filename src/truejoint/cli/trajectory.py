@@ -6,15 +6,13 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
 import typer
 from rich.table import Table
 
+import truejoint
 from truejoint.cli.console import out, result_json, say
 from truejoint.cli.options import Arm, Force, Json, RobotName
 from truejoint.errors import TrajectoryError
-from truejoint.motion import DIRECTIONS, Trajectory, nominal_duration, random_motion, zigzag
-from truejoint.robots import Robot, get_robot
 from truejoint.units import display_unit
 
 app = typer.Typer(no_args_is_help=True, help="Make, look at and plot trajectories.")
@@ -42,7 +40,9 @@ def parse_sparsity(text: str) -> float:
 )
 def make_zigzag(
     output: Output,
-    direction: Annotated[str, typer.Option(help=f"One of {', '.join(DIRECTIONS)}.")] = "J2-J3",
+    direction: Annotated[
+        str, typer.Option(help="Joints that move, such as J2, J1-J3 or J1-J2-J3.")
+    ] = "J2-J3",
     sparsity: Annotated[str, typer.Option(help="Line spacing as a share of the range.")] = "1/4",
     robot: RobotName = "raven2",
     arm: Arm = "",
@@ -51,8 +51,8 @@ def make_zigzag(
     as_json: Json = False,
 ) -> None:
     """Make a zig-zag path that covers the calibration workspace."""
-    target = get_robot(robot, arm)
-    trajectory = zigzag(target, direction, parse_sparsity(sparsity))
+    target = truejoint.get_robot(robot, arm)
+    trajectory = truejoint.motion.zigzag(target, direction, parse_sparsity(sparsity))
     _save(trajectory, target, output, plot, force, as_json)
 
 
@@ -70,8 +70,8 @@ def make_random(
     as_json: Json = False,
 ) -> None:
     """Make a random motion, to test a calibration on what it was not trained on."""
-    target = get_robot(robot, arm)
-    trajectory = random_motion(target, duration=60.0 * minutes, seed=seed)
+    target = truejoint.get_robot(robot, arm)
+    trajectory = truejoint.motion.random_motion(target, duration=60.0 * minutes, seed=seed)
     _save(trajectory, target, output, plot, force, as_json)
 
 
@@ -84,15 +84,15 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show the range, the length and the duration of a trajectory."""
-    trajectory = Trajectory.load(path)
+    trajectory = truejoint.motion.Trajectory.load(path)
     if plot is not None:
         trajectory.plot_3d(plot)
-    _describe(trajectory, get_robot(robot, arm), as_json)
+    _describe(trajectory, truejoint.get_robot(robot, arm), as_json)
 
 
 def _save(
-    trajectory: Trajectory,
-    robot: Robot,
+    trajectory: truejoint.motion.Trajectory,
+    robot: truejoint.robots.Robot,
     output: Path,
     plot: Path | None,
     force: bool,
@@ -106,10 +106,12 @@ def _save(
     _describe(trajectory, robot, as_json)
 
 
-def _describe(trajectory: Trajectory, robot: Robot, as_json: bool) -> None:
+def _describe(
+    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot, as_json: bool
+) -> None:
     lower, upper = trajectory.positions.min(axis=0), trajectory.positions.max(axis=0)
-    path_length = np.abs(np.diff(trajectory.positions, axis=0)).sum(axis=0)
-    duration = nominal_duration(trajectory, robot)
+    path_length = abs(trajectory.positions[1:] - trajectory.positions[:-1]).sum(axis=0)
+    duration = truejoint.motion.nominal_duration(trajectory, robot)
     if as_json:
         result_json(
             {

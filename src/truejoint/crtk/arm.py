@@ -40,6 +40,12 @@ class Arm:
     References
     ----------
     collaborative-robotics/documentation:docs/pages/api-robot-motion.rst
+
+    Examples
+    --------
+    >>> arm.move_jp(arm.robot.home)
+    >>> arm.operating_state().state
+    'ENABLED'
     """
 
     def __init__(self, backend: Backend) -> None:

@@ -30,6 +30,11 @@ class OperatingState:
     References
     ----------
     collaborative-robotics/documentation:docs/pages/api-operating-state.rst
+
+    Examples
+    --------
+    >>> arm.operating_state().is_homed
+    True
     """
 
     state: State
@@ -58,6 +63,11 @@ class JointState:
         [rad/s or m/s].
     effort : ndarray, shape (n_joints,)
         Torque command at the motor capstan [Nm].
+
+    Examples
+    --------
+    >>> arm.measured_js().name[:2]
+    ('shoulder', 'elbow')
     """
 
     t: float
@@ -87,6 +97,11 @@ class StateBlock:
         Motor-shaft angle [rad].
     motor_velocity : ndarray
         [rad/s].
+
+    Examples
+    --------
+    >>> arm.measured_js().position.shape
+    (7,)
     """
 
     t: Array
@@ -111,6 +126,11 @@ class TruthBlock:
         The joints that carry an encoder.
     position : ndarray, shape (m, len(name))
         [rad or m].
+
+    Examples
+    --------
+    >>> TruthBlock(np.zeros(1), ("elbow",), np.zeros((1, 1))).name
+    ('elbow',)
     """
 
     t: Array

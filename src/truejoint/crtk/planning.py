@@ -37,6 +37,12 @@ class TimeLaw:
         Corners of the lines [rad or m].
     blend : float
         [s].
+
+    Examples
+    --------
+    >>> law = time_law([[0.0], [1.0]], [0.5])
+    >>> law.duration
+    2.25
     """
 
     times: Array
@@ -97,6 +103,12 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
         Speed caps [rad/s or m/s].
     blend : float
         [s].
+
+    Examples
+    --------
+    >>> law = time_law([[0.0], [1.0]], [0.5])
+    >>> law.duration
+    2.25
     """
     corners = np.asarray(knots, dtype=float)
     needed = (np.abs(np.diff(corners, axis=0)) / np.asarray(speed)).max(axis=1)

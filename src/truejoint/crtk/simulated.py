@@ -20,6 +20,11 @@ class SimulatedBackend:
     ----------
     twin : Raven2Twin
         Kept by reference: its load may be changed while the arm works.
+
+    Examples
+    --------
+    >>> SimulatedBackend(truejoint.simulation.Raven2Twin()).robot.name
+    'raven2'
     """
 
     def __init__(self, twin: Raven2Twin) -> None:
@@ -108,6 +113,11 @@ def simulated_arm(
     ------
     RobotError
         If the robot has no twin.
+
+    Examples
+    --------
+    >>> simulated_arm("raven2", "left", seed=1).operating_state().state
+    'DISABLED'
     """
     if robot.lower() != "raven2":
         raise RobotError(f"no digital twin of {robot!r}; there is one of 'raven2'")

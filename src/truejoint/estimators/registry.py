@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from importlib import import_module
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor
+from truejoint.errors import CalibrationError, unknown
+
+if TYPE_CHECKING:  # names are listed without what learns
+    from truejoint.estimators.base import JointRegressor
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
@@ -48,11 +49,7 @@ def get_estimator(name: str) -> JointRegressor:
     2
     """
     if name not in _ESTIMATORS:
-        near = difflib.get_close_matches(str(name), _ESTIMATORS, 1)
-        guess = f"; did you mean {near[0]!r}" if near else ""
-        raise CalibrationError(
-            f"no estimator called {name!r:.60}{guess}; known: {', '.join(estimator_names())}"
-        )
+        raise CalibrationError(unknown("estimator", name, estimator_names()))
     return _class(name)(**_ESTIMATORS[name][2])
 
 

@@ -14,7 +14,7 @@ from truejoint.errors import RecordingError
 from truejoint.evaluation.coverage import JointCoverage, joint_coverage
 from truejoint.evaluation.defects import Observation, observe_defects
 from truejoint.evaluation.results import json_values
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.recording import Recording, as_recordings
 
 Array = NDArray[np.float64]
 Level = Literal["fail", "warn", "info"]
@@ -83,6 +83,11 @@ class Finding:
         Which joint, signal and recordings.
     advice : str
         What to do about it.
+
+    Examples
+    --------
+    >>> Finding("warn", "1 % of the truth is missing", "jaw", "look at the sensor").level
+    'warn'
     """
 
     level: Level
@@ -93,7 +98,14 @@ class Finding:
 
 @dataclass(frozen=True)
 class DataCheck:
-    """Findings, worst first, and what each joint covers."""
+    """Findings, worst first, and what each joint covers.
+
+    Examples
+    --------
+    >>> check = check_data(test, joints=["jaw"])
+    >>> check.failed, len(check.findings)
+    (False, 1)
+    """
 
     findings: tuple[Finding, ...]
     coverage: tuple[JointCoverage, ...]
@@ -110,7 +122,7 @@ class DataCheck:
 
 
 def check_data(
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     *,
     joints: Sequence[str] | None = None,
     calibration: TrainedOn | None = None,
@@ -119,7 +131,7 @@ def check_data(
 
     Parameters
     ----------
-    recordings : sequence of Recording
+    recordings : Recording or sequence of Recording
         Of one arm.
     joints : sequence of str, optional
         Joints of interest; by default those of `calibration`, or all that have a measured and a
@@ -136,7 +148,13 @@ def check_data(
     ------
     RecordingError
         If there is no recording, or one lacks a joint or signal asked for.
+
+    Examples
+    --------
+    >>> check_data(training).failed
+    False
     """
+    recordings = as_recordings(recordings)
     if not recordings:
         raise RecordingError("there is no recording to check; give at least one")
     if joints is None:

@@ -44,6 +44,11 @@ class JointCoverage:
     rows : int
     duration : float
         Sum over recordings [s].
+
+    Examples
+    --------
+    >>> check_data(training).coverage[0].rows
+    800
     """
 
     joint: str

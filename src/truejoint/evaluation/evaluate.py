@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any, Protocol
@@ -9,7 +10,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.errors import CalibrationError, RecordingError
+from truejoint.calibration import Calibration, read_calibration
+from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation.heldout import other_homings, rezeroed_on, seen_in_training
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_error, tool_positions
@@ -31,7 +33,7 @@ from truejoint.evaluation.signals import direction, velocity
 from truejoint.evaluation.stretches import worst_stretches
 from truejoint.evaluation.tool import all_joints, why_no_cartesian
 from truejoint.evaluation.verdict import judge
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
 Array = NDArray[np.float64]
@@ -64,9 +66,12 @@ class JointCalibration(Corrects, Protocol):
         ...
 
 
+Model = Calibration | str | os.PathLike[str]
+
+
 def evaluate(
-    calibrations: Mapping[str, Sequence[JointCalibration]],
-    recordings: Sequence[Recording],
+    models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
+    recordings: Recording | Sequence[Recording],
     *,
     chosen: str | None = None,
     tolerance: Mapping[str, float] | None = None,
@@ -80,13 +85,13 @@ def evaluate(
 
     Parameters
     ----------
-    calibrations : mapping of str to sequence of calibrations
-        Models by estimator; several of one estimator are seeds of it and must correct the same
-        joints. Curves and stretches show the first seed.
-    recordings : sequence of Recording
+    models : Calibration, path of a model file, sequence of these, or mapping of str to calibrations
+        All must correct the same joints. Several of one estimator are seeds of it: curves and
+        stretches show the first. A mapping is by estimator.
+    recordings : Recording or sequence of Recording
         With ``truth/<joint>`` of every calibrated joint.
     chosen : str, optional
-        Estimator that the verdict is about; the first of `calibrations` by default.
+        Estimator that the verdict is about; the first of `models` by default.
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
     window : float
@@ -102,7 +107,15 @@ def evaluate(
         If there is nothing to evaluate, calibrations differ in joints, or a tolerance is wrong.
     RecordingError
         If a recording lacks truth, or is of another arm than the first.
+
+    Examples
+    --------
+    >>> evaluation = truejoint.evaluate(model, test)
+    >>> evaluation.verdict.passed
+    True
     """
+    calibrations = _by_estimator(models)
+    recordings = as_recordings(recordings)
     chosen, joints = _checked_models(calibrations, chosen)
     robot = _checked_robot(recordings)
     if not (window > 0.0 and np.isfinite(window)):
@@ -178,6 +191,23 @@ class _Uncorrected:
         return recording.columns("measured", self.joints)
 
 
+def _by_estimator(
+    models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
+) -> Mapping[str, Sequence[JointCalibration]]:
+    if isinstance(models, Mapping):
+        return {k: [v] if isinstance(v, Calibration) else v for k, v in models.items()}
+    found: dict[str, list[JointCalibration]] = {}
+    for given in models if isinstance(models, list | tuple) else [models]:
+        model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
+        if not isinstance(model, Calibration):
+            raise CalibrationError(
+                f"a {type(model).__name__} is no model; give a Calibration, as `calibrate` or "
+                "`read_calibration` makes it, or the path of a model file"
+            )
+        found.setdefault(model.estimator, []).append(model)
+    return found
+
+
 def _checked_models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str | None
 ) -> tuple[str, tuple[str, ...]]:
@@ -185,10 +215,7 @@ def _checked_models(
         raise CalibrationError("there is no calibration to evaluate; give at least one")
     chosen = chosen or next(iter(calibrations))
     if chosen not in calibrations:
-        raise CalibrationError(
-            f"the verdict is asked of {chosen!r}, which is not among the calibrations "
-            f"{', '.join(calibrations)}"
-        )
+        raise CalibrationError(f"the verdict: {unknown('calibration', chosen, calibrations)}")
     joints = tuple(calibrations[chosen][0].joints)
     for name, seeds in calibrations.items():
         for seed in seeds:

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import (
     made_interval_of,
-    range_excess_of,
     trained_on,
     zero_offset,
 )
@@ -129,7 +128,7 @@ def _motion(
     if interval.rezero > 0.0:
         shift, used = zero_offset(trace.t, error, interval.rezero)
         error, position, scored = error - shift, position + shift, ~used
-    widening = 1.0 + interval.growth * range_excess_of(calibration, recording)[known]
+    widening = 1.0 + interval.growth * calibration.range_excess(recording)[known]
     return _Motion(recording.provenance.homing_id, trace, error, position, widening, scored)
 
 

@@ -31,17 +31,34 @@ def rmse(error: ArrayLike) -> Array:
     ------
     CalibrationError
         If there is no row, or a value that is not finite.
+
+    Examples
+    --------
+    >>> print(rmse([0.3, -0.4, 0.0]).round(3))
+    0.289
     """
     return np.asarray(np.sqrt(np.mean(np.square(_checked(error)), axis=0)))
 
 
 def max_abs(error: ArrayLike) -> Array:
-    """Largest absolute error over time, shape () or (n_joints,); see `rmse`."""
+    """Largest absolute error over time, shape () or (n_joints,); see `rmse`.
+
+    Examples
+    --------
+    >>> print(max_abs([0.3, -0.4]))
+    0.4
+    """
     return np.asarray(np.abs(_checked(error)).max(axis=0))
 
 
 def mean_error(error: ArrayLike) -> Array:
-    """Mean error over time (bias), shape () or (n_joints,); see `rmse`."""
+    """Mean error over time (bias), shape () or (n_joints,); see `rmse`.
+
+    Examples
+    --------
+    >>> print(mean_error([0.3, -0.4]).round(3))
+    -0.05
+    """
     return np.asarray(np.mean(_checked(error), axis=0))
 
 
@@ -57,6 +74,11 @@ def percent_of(value: ArrayLike, reference: ArrayLike) -> Array:
     -------
     ndarray
         ``100 * value / reference``; NaN where the reference is zero.
+
+    Examples
+    --------
+    >>> print(percent_of(0.1, 0.4))
+    25.0
     """
     value, reference = np.asarray(value, dtype=float), np.asarray(reference, dtype=float)
     safe = np.where(reference > 0.0, reference, np.nan)
@@ -85,6 +107,13 @@ def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) ->
     -------
     ndarray, shape (n, 3)
         Estimated minus true tool position, x, y, z in the base frame [m].
+
+    Examples
+    --------
+    >>> robot = truejoint.get_robot("raven2")
+    >>> moved = robot.home + [0, 0, 0.001, 0, 0, 0, 0]
+    >>> print(np.linalg.norm(tool_error(robot.kinematics, moved, robot.home)).round(6))
+    0.001
     """
     return tool_positions(kinematics, estimated) - tool_positions(kinematics, true)
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
+
+from truejoint.summary import Summarised
+from truejoint.units import with_unit
 
 Array = NDArray[np.float64]
 
@@ -42,7 +45,13 @@ def estimator_phrase(name: str) -> str:
 
 
 def estimator_title(name: str) -> str:
-    """Name of an estimator for a person; unknown names are shown as they are."""
+    """Name of an estimator for a person; unknown names are shown as they are.
+
+    Examples
+    --------
+    >>> estimator_title("dnn")
+    'Neural network'
+    """
     return _TITLES.get(name, name)
 
 
@@ -67,6 +76,12 @@ class Score:
         Sample standard deviation of the seeds' RMSE; NaN with fewer than two seeds.
     seeds : int
         How many trained models the row is made of.
+
+    Examples
+    --------
+    >>> score = evaluation.score("linear", "jaw")
+    >>> score.unit, score.rmse < 1e-3
+    ('rad', True)
     """
 
     estimator: str
@@ -86,6 +101,11 @@ class CartesianScore:
 
     `rmse` and `max_abs` are of the distance between estimated and true tool position, `x`, `y`
     and `z` the RMSE along each axis of the base frame; over seeds as in `Score`.
+
+    Examples
+    --------
+    >>> CartesianScore("linear", 1e-3, 2e-3, 6e-4, 6e-4, 5e-4, 40.0).percent_of_offset
+    40.0
     """
 
     estimator: str
@@ -101,7 +121,13 @@ class CartesianScore:
 
 @dataclass(frozen=True)
 class RecordingScore:
-    """Accuracy of one estimator in one joint on one test recording; SI, as in `Score`."""
+    """Accuracy of one estimator in one joint on one test recording; SI, as in `Score`.
+
+    Examples
+    --------
+    >>> evaluation.recording_scores[0].recording
+    'motion_9.csv'
+    """
 
     recording: str
     estimator: str
@@ -131,6 +157,11 @@ class IntervalScore:
         Of the fixed offset's interval, made of the same recordings as the model's [rad or m].
     shares : tuple of float
         Share of the samples inside, of each trajectory that was judged.
+
+    Examples
+    --------
+    >>> IntervalScore("jaw", "rad", 0.9, 0.6, 0.02, 0.01, 0.03, (0.58, 0.62, 0.6)).agreement
+    'too few inside'
     """
 
     joint: str
@@ -172,6 +203,11 @@ class Stretch:
         Time stamps [s] of its first and last row.
     rmse, max_abs : float
         Error of the chosen model's first seed within the window [rad or m].
+
+    Examples
+    --------
+    >>> evaluation.worst[0].joint
+    'jaw'
     """
 
     joint: str
@@ -188,6 +224,11 @@ class JointVerdict:
     """One joint's RMSE [rad or m] beside the limit that it was held to.
 
     `stated` tells whether the user stated the limit; if not, it is the fixed offset's RMSE.
+
+    Examples
+    --------
+    >>> evaluation.verdict.joints[0].passed
+    True
     """
 
     joint: str
@@ -216,6 +257,11 @@ class Verdict:
     remarks : tuple of str
         What a reader should know though it changes nothing, for instance a simpler model that
         does better in a joint.
+
+    Examples
+    --------
+    >>> evaluation.verdict.rule
+    'No tolerance was stated, so a joint passes when its RMSE is below that of the fixed offset.'
     """
 
     passed: bool
@@ -256,6 +302,11 @@ class Trace:
     lower, upper : ndarray, shape (n, n_joints), or None
         Bounds of the stated interval [rad or m], NaN in rows that it says nothing of; None where
         no interval holds.
+
+    Examples
+    --------
+    >>> evaluation.traces[0].truth.shape
+    (400, 1)
     """
 
     name: str
@@ -281,8 +332,8 @@ def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
     return tuple(known) if len(known) > 1 else ()
 
 
-@dataclass(frozen=True, eq=False)
-class Evaluation:
+@dataclass(frozen=True, eq=False, repr=False)
+class Evaluation(Summarised):
     """What is known about the accuracy of a calibration on recordings that it never saw.
 
     Attributes
@@ -324,6 +375,13 @@ class Evaluation:
         What the chosen model says about its training; JSON values.
     traces : tuple of Trace
         Curves for the report; not part of `to_dict`.
+
+    Examples
+    --------
+    >>> evaluation.chosen, evaluation.joints
+    ('linear', ('jaw',))
+    >>> evaluation.to_dict()["verdict"]["passed"]
+    True
     """
 
     robot: str
@@ -347,7 +405,22 @@ class Evaluation:
     interval_note: str
     interval_objections: tuple[str, ...]
     training: Mapping[str, Any]
-    traces: tuple[Trace, ...] = field(repr=False)
+    traces: tuple[Trace, ...]
+
+    def summary(self) -> dict[str, str]:
+        """Verdict, and the accuracy beside that of the fixed offset, by label."""
+        accuracy = {}
+        for joint, unit in zip(self.joints, self.units, strict=True):
+            own, offset = self.score(self.chosen, joint).rmse, self.score(OFFSET, joint).rmse
+            accuracy[joint] = (
+                f"{with_unit(own, unit)} RMSE (fixed offset {with_unit(offset, unit)})"
+            )
+        return {
+            "of": f"{estimator_title(self.chosen)}, {self.title}",
+            "test": ", ".join(trace.name for trace in self.traces),
+            **accuracy,
+            "verdict": self.verdict.text,
+        }
 
     def score(self, estimator: str, joint: str) -> Score:
         """Return the row of an estimator and a joint; raises KeyError when there is none."""

@@ -38,6 +38,12 @@ def split_by_time(
     ------
     RecordingError
         If `fraction` or `gap` is out of range, or a part would hold fewer than 2 rows.
+
+    Examples
+    --------
+    >>> early, late = split_by_time(test, 0.5)
+    >>> float(early.t[-1]), float(late.t[0])
+    (1.99, 3.0)
     """
     name = recording.provenance.source or "recording"
     if not 0.0 < fraction < 1.0:
@@ -71,6 +77,11 @@ def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
     ------
     RecordingError
         If the fractions are out of range or the part would hold fewer than 2 rows.
+
+    Examples
+    --------
+    >>> part_by_time(test, 0.0, 0.25).duration
+    0.99
     """
     name = recording.provenance.source or "recording"
     if not 0.0 <= begin < end <= 1.0:
@@ -109,6 +120,12 @@ def split_by_file(
     RecordingError
         If a pattern matches nothing, a part would be empty, or the same file stands on both
         sides.
+
+    Examples
+    --------
+    >>> kept, held_out = split_by_file(training, "motion_1*")
+    >>> len(kept), len(held_out)
+    (1, 1)
     """
     patterns = [held_out] if isinstance(held_out, str) else list(held_out)
     sources = [recording.provenance.source for recording in recordings]

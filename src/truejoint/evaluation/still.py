@@ -30,6 +30,11 @@ def plot_corrected(
     Returns
     -------
     Path
+
+    Examples
+    --------
+    >>> plot_corrected(evaluation, "jaw.png").name
+    'jaw.png'
     """
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds

@@ -27,6 +27,11 @@ def score_table(evaluation: Evaluation) -> Table:
     """Joints (and the tool) by estimator: RMSE, spread over seeds, percent of the fixed offset.
 
     The smallest of a row is bold.
+
+    Examples
+    --------
+    >>> score_table(evaluation).row_count
+    1
     """
     title = f"{evaluation.title}: RMSE on the test, percent of the fixed offset"
     table = Table(title=title, box=box.SIMPLE_HEAD)
@@ -63,7 +68,13 @@ def _cells(scores: Sequence[Score] | Sequence[CartesianScore], scale: float) -> 
 
 
 def interval_table(evaluation: Evaluation) -> Table:
-    """Stated levels by joint: share of the test inside, and half-widths beside the offset's."""
+    """Stated levels by joint: share of the test inside, and half-widths beside the offset's.
+
+    Examples
+    --------
+    >>> interval_table(evaluation).row_count
+    2
+    """
     count = len(evaluation.interval_trajectories)
     title = f"Stated interval, on {count} test {'trajectories' if count != 1 else 'trajectory'}"
     table = Table(title=title, box=box.SIMPLE_HEAD)
@@ -101,7 +112,13 @@ def coverage_text(score: IntervalScore) -> str:
 
 
 def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
-    """List the findings of a data check, worst first."""
+    """List the findings of a data check, worst first.
+
+    Examples
+    --------
+    >>> [column.header for column in findings_table(check_data(training)).columns]
+    ['level', 'found', 'where', 'what to do']
+    """
     table = Table(title=title)
     for name in ("level", "found", "where", "what to do"):
         table.add_column(name, overflow="fold")

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from numbers import Real
 
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.digits import shown
 from truejoint.evaluation.results import (
     OFFSET,
@@ -44,6 +45,11 @@ def judge(
     ------
     CalibrationError
         If a tolerance names no calibrated joint or is not a positive number.
+
+    Examples
+    --------
+    >>> judge(evaluation.scores, "linear", tolerance={"jaw": 1e-6}).passed
+    False
     """
     rows = {(row.estimator, row.joint): row for row in scores}
     joints = list(dict.fromkeys(row.joint for row in scores))
@@ -67,15 +73,15 @@ def judge(
 
 
 def _checked_tolerance(tolerance: Mapping[str, float], joints: Sequence[str]) -> dict[str, float]:
+    if not isinstance(tolerance, Mapping):
+        example = f"{{{joints[0]!r}: {tolerance!r:.20}}}"
+        raise CalibrationError(f"tolerance {tolerance!r:.60} is of no joint; write {example}")
     for joint, value in tolerance.items():
         if joint not in joints:
+            raise CalibrationError(f"tolerance: {unknown('calibrated joint', joint, joints)}")
+        if not (isinstance(value, Real) and value > 0.0 and math.isfinite(value)):
             raise CalibrationError(
-                f"a tolerance is stated for {joint!r}, which is not calibrated; calibrated "
-                f"joints are {', '.join(joints)}"
-            )
-        if not (value > 0.0 and math.isfinite(value)):
-            raise CalibrationError(
-                f"the tolerance of {joint} is {value:g}; state a positive number"
+                f"the tolerance of {joint} is {value!r:.60}; state a positive number"
             )
     return dict(tolerance)
 

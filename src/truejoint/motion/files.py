@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -14,6 +13,7 @@ import pandas as pd
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
+from truejoint.files import write_atomically
 from truejoint.motion.trajectory import Trajectory
 
 _MARK: Final = "# truejoint trajectory "
@@ -59,18 +59,13 @@ def write_lab(trajectory: Trajectory, path: Path, *, overwrite: bool) -> None:
 
 def _write(table: pd.DataFrame, path: Path, first: str, *, overwrite: bool) -> None:
     """Write `first`, then `table` (with its header only if `first` says something)."""
-    if path.exists() and not overwrite:
-        raise TrajectoryError(f"{path}: exists; choose another name or allow overwriting")
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        with partial.open("w", encoding="utf-8", newline="") as file:
+
+    def write(part: Path) -> None:
+        with part.open("w", encoding="utf-8", newline="") as file:
             file.write(first)
             table.to_csv(file, index=False, header=bool(first), lineterminator="\n")
-        partial.replace(path)
-    except OSError as error:
-        raise TrajectoryError(f"{path}: cannot be written: {error.strerror}") from None
-    finally:
-        partial.unlink(missing_ok=True)
+
+    write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
 
 
 def read_csv(path: Path) -> Trajectory:

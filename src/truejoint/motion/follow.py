@@ -42,6 +42,11 @@ class TrackingReport:
         What the set-point was to stay below [rad/s or m/s].
     duration : float
         From rest to rest, without the way to the start [s].
+
+    Examples
+    --------
+    >>> follow(arm, zigzag(arm.robot, "J2", 1 / 2)).units
+    ('rad', 'rad', 'm')
     """
 
     name: str
@@ -122,6 +127,11 @@ def follow(
         Before any motion, if the trajectory leaves the arm's limits or speeds are out of range.
     CommandRefused
         If the arm is not ready, or stops being so on the way.
+
+    Examples
+    --------
+    >>> follow(arm, zigzag(arm.robot, "J2", 1 / 2)).joints
+    ('shoulder', 'elbow', 'insertion')
     """
     check_ready(arm.operating_state(), "follow")
     trajectory.check_within(arm.robot)
@@ -163,7 +173,14 @@ def follow(
 
 
 def nominal_duration(trajectory: Trajectory, robot: Robot, speed_scale: float = 1.0) -> float:
-    """Time that `follow` will take from start to end [s]; raises as it does."""
+    """Time that `follow` will take from start to end [s]; raises as it does.
+
+    Examples
+    --------
+    >>> robot = truejoint.get_robot("raven2")
+    >>> nominal_duration(zigzag(robot, "J2", 1 / 2), robot) > 10.0
+    True
+    """
     return _timed(robot, trajectory, speed_scale, None)[0].duration
 
 

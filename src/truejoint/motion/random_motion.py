@@ -66,6 +66,11 @@ def random_motion(
     ------
     TrajectoryError
         If duration or rate is out of range or the robot's ranges are not known.
+
+    Examples
+    --------
+    >>> random_motion(truejoint.get_robot("raven2"), duration=10.0, seed=1).joints
+    ('shoulder', 'elbow', 'insertion')
     """
     if not 1.0 <= duration <= _LONGEST:
         raise TrajectoryError(f"duration {duration} s must be within [1, {_LONGEST:.0f}] s")

@@ -45,6 +45,12 @@ class Trajectory:
     ------
     TrajectoryError
         If shapes, names, units or values break one of these rules.
+
+    Examples
+    --------
+    >>> path = Trajectory(("elbow",), ("rad",), np.array([[0.5], [0.9]]))
+    >>> len(path), path.units
+    (2, ('rad',))
     """
 
     joints: tuple[str, ...]

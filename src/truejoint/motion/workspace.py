@@ -24,6 +24,11 @@ class Workspace:
         Range of each joint [rad or m].
     speed : ndarray
         Speed caps while following a path [rad/s or m/s].
+
+    Examples
+    --------
+    >>> workspace_of(truejoint.get_robot("raven2")).lower.shape
+    (3,)
     """
 
     joints: tuple[str, ...]
@@ -51,7 +56,13 @@ _RAVEN2: Final = Workspace(
 
 
 def workspace_of(robot: Robot) -> Workspace:
-    """Calibration workspace of a robot; raises TrajectoryError where none is known."""
+    """Calibration workspace of a robot; raises TrajectoryError where none is known.
+
+    Examples
+    --------
+    >>> workspace_of(truejoint.get_robot("raven2")).joints
+    ('shoulder', 'elbow', 'insertion')
+    """
     if robot.name == "raven2":
         return _RAVEN2
     raise TrajectoryError(

@@ -62,6 +62,11 @@ def zigzag(
     ------
     TrajectoryError
         If the direction is unknown, the sparsity out of range or the robot has no workspace.
+
+    Examples
+    --------
+    >>> zigzag(truejoint.get_robot("raven2"), "J2-J3", 1 / 4).joints
+    ('shoulder', 'elbow', 'insertion')
     """
     if direction.upper() not in DIRECTIONS:
         raise TrajectoryError(

@@ -1,25 +1,6 @@
 """Recordings of an arm: one table with named columns, units and provenance."""
 
-from truejoint.recordings.column_map import ColumnMap, MappedColumn, load_column_map
-from truejoint.recordings.formats import FORMATS, Format, detect_format, read_recording
-from truejoint.recordings.parquet import read_parquet, write_parquet
-from truejoint.recordings.recorder import Recorder
-from truejoint.recordings.recording import Provenance, Recording
-from truejoint.recordings.synchronise import Stream, synchronise
+import lazy_loader
 
-__all__ = [
-    "FORMATS",
-    "ColumnMap",
-    "Format",
-    "MappedColumn",
-    "Provenance",
-    "Recorder",
-    "Recording",
-    "Stream",
-    "detect_format",
-    "load_column_map",
-    "read_parquet",
-    "read_recording",
-    "synchronise",
-    "write_parquet",
-]
+# Imported on first use; the names stand in the stub beside this file.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -56,6 +56,11 @@ class MappedColumn:
     scale : float
         Multiplies the number in the file before its unit counts, for instance 360/8192 with
         ``deg`` for an encoder of 8192 counts a turn.
+
+    Examples
+    --------
+    >>> MappedColumn("angle", unit="deg").scale
+    1.0
     """
 
     column: str | int
@@ -77,6 +82,11 @@ class ColumnMap:
         Between two numbers; empty to find out, blank for any white space.
     comment : str
         A line that begins with it is passed over.
+
+    Examples
+    --------
+    >>> ColumnMap({"t": MappedColumn("time")}).delimiter
+    ''
     """
 
     columns: Mapping[str, MappedColumn]

@@ -5,10 +5,7 @@ from __future__ import annotations
 import gzip
 import hashlib
 import io
-import os
-import tempfile
 import zlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any, Final
 
@@ -145,34 +142,3 @@ def sha256_of(path: Path) -> str:
     """SHA-256 of a file, unpacked if it is a gzip file, hexadecimal."""
     with BoundedFile(require_file(path)) as file:
         return file.sha256()
-
-
-def write_atomically(path: Path, write: Callable[[Path], None], *, overwrite: bool) -> None:
-    """Let `write` fill a temporary file beside `path`, then move it there in one step.
-
-    Raises
-    ------
-    RecordingError
-        If `path` exists and `overwrite` is false, or its folder does not exist. Whatever goes
-        wrong, what was at `path` stays as it was.
-    """
-    taken = RecordingError(f"{path}: exists already; choose another name or allow overwriting")
-    if path.is_dir() or (path.exists() and not overwrite):
-        raise taken
-    if not path.parent.is_dir():
-        raise RecordingError(f"{path}: the folder {path.parent} does not exist; make it first")
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        temporary.chmod(0o644)
-        if overwrite:
-            temporary.replace(path)
-        else:
-            # A link, unlike a rename, fails if somebody made the file in the meantime.
-            path.hardlink_to(temporary)
-    except FileExistsError:
-        raise taken from None
-    finally:
-        temporary.unlink(missing_ok=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
@@ -40,6 +40,11 @@ class Format:
         Names of the keyword arguments that `read` takes.
     folder : bool
         The recording is a folder, not one file.
+
+    Examples
+    --------
+    >>> FORMATS["parquet"].summary
+    'what truejoint writes'
     """
 
     name: str
@@ -103,14 +108,21 @@ def read_recording(
 
     Examples
     --------
-    >>> recording = read_recording("run.csv", robot="raven2")  # doctest: +SKIP
+    >>> test.table.to_csv("run.csv", index=False)
+    >>> read_recording("run.csv", robot="davinci_grasper").joints_of("truth")
+    ('jaw',)
     """
+    if not isinstance(path, str | os.PathLike):
+        raise RecordingError(
+            f"a {type(path).__name__} is no path; Recording.from_columns(table, robot) makes a "
+            "recording of a table"
+        )
     source = Path(path)
     if not source.exists():
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
     name = format or detect_format(source, mapped="column_map" in context)
     if name not in FORMATS:
-        raise RecordingError(f"no format called {name!r}; choose from {', '.join(FORMATS)}")
+        raise RecordingError(unknown("format", name, FORMATS))
     entry = FORMATS[name]
     about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]
@@ -145,6 +157,12 @@ def detect_format(path: str | os.PathLike[str], *, mapped: bool = False) -> str:
     ------
     RecordingError
         If it is none of `FORMATS`; the message lists them.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> detect_format("test.parquet")
+    'parquet'
     """
     source = Path(path)
     if source.is_dir():

@@ -12,9 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from truejoint.errors import RecordingError, RobotError
-from truejoint.recordings.files import require_file, write_atomically
+from truejoint.files import write_atomically
+from truejoint.recordings.files import require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.recording import Provenance, Recording, as_recording
 
 METADATA_KEY: Final = b"truejoint"
 VERSION: Final = 1
@@ -41,8 +42,14 @@ def write_parquet(
     ------
     RecordingError
         If `path` exists and may not be replaced, or its folder does not exist.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> len(truejoint.read_recording("test.parquet"))
+    400
     """
-    target = Path(path)
+    target, recording = Path(path), as_recording(recording)
     header = {
         "version": VERSION,
         "units": dict(recording.units),
@@ -65,7 +72,7 @@ def write_parquet(
             use_byte_stream_split=True,
         )
 
-    write_atomically(target, write, overwrite=overwrite)
+    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Recording:
@@ -85,6 +92,12 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     RecordingError
         If the file is not there, cut short, damaged, larger than is read, from a newer version,
         or was not written by truejoint.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> read_parquet("test.parquet").provenance.source
+    'motion_9.csv'
     """
     source = require_file(Path(path))
     try:

@@ -91,9 +91,10 @@ class Recorder:
 
     Examples
     --------
-    >>> with Recorder(arm) as recorder:  # doctest: +SKIP
-    ...     follow(arm, trajectory)
-    >>> recorder.recording()  # doctest: +SKIP
+    >>> with Recorder(arm, state_rate=10.0) as recorder:
+    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0])
+    >>> recorder.recording().joints_of("truth")
+    ('shoulder', 'elbow', 'insertion')
     """
 
     def __init__(

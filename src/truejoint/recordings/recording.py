@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 
@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from truejoint.errors import RecordingError
 from truejoint.robots import Robot, get_robot
+from truejoint.summary import Summarised
 
 Array = NDArray[np.float64]
 
@@ -51,6 +52,11 @@ class Provenance:
         Command line that made the recording; empty when unknown.
     notes : str
         Anything that a reader of the table must know.
+
+    Examples
+    --------
+    >>> Provenance("raven2", "left", homing_id="morning").to_dict()["homing_id"]
+    'morning'
     """
 
     robot: str
@@ -121,8 +127,8 @@ _FITS: Final[dict[str, Callable[[object], bool]]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Recording:
+@dataclass(frozen=True, eq=False, repr=False)
+class Recording(Summarised):
     """Motor-side signals of an arm over time, and the true joint positions where known.
 
     Attributes
@@ -147,31 +153,55 @@ class Recording:
     provenance: Provenance
 
     def __post_init__(self) -> None:
+        if not isinstance(self.provenance, Provenance):
+            raise RecordingError(
+                "a recording needs a Provenance; Recording.from_columns(table, robot) makes one"
+            )
         _check_table(self.table, self.units, self.provenance.source or "recording")
 
     @classmethod
     def from_columns(
         cls,
         columns: Mapping[str, Any],
-        provenance: Provenance,
+        provenance: Provenance | str,
         units: Mapping[str, str] | None = None,
     ) -> Recording:
         """Make a recording of columns by name; units of joint positions come from the robot.
 
         Parameters
         ----------
-        columns : mapping of str to array (n,)
+        columns : mapping of str to array (n,), or DataFrame
             ``t`` [s] and ``<quantity>/<joint>`` columns, SI.
-        provenance : Provenance
+        provenance : Provenance or str
+            Where they come from, or no more than the robot's name.
         units : mapping, optional
             Units of the columns for which `default_unit` is not right.
 
         Raises
         ------
-        RecordingError
-            If the columns break a rule of a recording.
+        RecordingError, RobotError
+            If the columns break a rule of a recording, or there is no such robot.
+
+        Examples
+        --------
+        >>> columns = {"t": [0.0, 0.1], "measured/jaw": [0.2, 0.3], "truth/jaw": [0.21, 0.32]}
+        >>> Recording.from_columns(columns, "davinci_grasper")
+        Recording
+          robot        davinci_grasper
+          source       -
+          rows         2 over 0.1 s
+          measured     jaw
+          truth        jaw
         """
-        arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
+        if isinstance(provenance, str):
+            provenance = Provenance(provenance)
+        try:
+            arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
+        except (AttributeError, TypeError, ValueError) as error:
+            raise RecordingError(
+                f"{provenance.source or 'recording'}: {error}; give a table, or a mapping of names "
+                "to columns of numbers"
+            ) from None
         _check_shapes(arrays, provenance.source or "recording")
         table = pd.DataFrame(arrays)
         robot = get_robot(provenance.robot, provenance.arm)
@@ -181,6 +211,16 @@ class Recording:
 
     def __len__(self) -> int:
         return len(self.table)
+
+    def summary(self) -> dict[str, str]:
+        """Robot, source, size and columns, by label."""
+        quantities = dict.fromkeys(name.partition("/")[0] for name in self.units)
+        return {
+            "robot": self.robot.title,
+            "source": self.provenance.source or "-",
+            "rows": f"{len(self)} over {self.duration:.1f} s",
+            **{name: ", ".join(self.joints_of(name)) or "-" for name in quantities},
+        }
 
     @property
     def robot(self) -> Robot:
@@ -227,6 +267,31 @@ class Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
         unknown = np.isnan(self.columns("truth", joints)).any(axis=1)
         return self.rows(np.flatnonzero(~unknown))
+
+
+def as_recording(value: object) -> Recording:
+    """Give back a recording; raises RecordingError for anything else, saying how to make one.
+
+    Examples
+    --------
+    >>> as_recording("run.parquet")
+    Traceback (most recent call last):
+    truejoint.errors.RecordingError: 'run.parquet' is a str, not a Recording; read files with ...
+    """
+    if isinstance(value, Recording):
+        return value
+    what = repr(value) if isinstance(value, str) else "this"
+    raise RecordingError(
+        f"{what:.60} is a {type(value).__name__}, not a Recording; read files with "
+        "read_recording(path), make one of columns with Recording.from_columns(table, robot)"
+    )
+
+
+def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording]:
+    """One recording or several as a list; raises RecordingError as `as_recording`."""
+    if isinstance(recordings, Sequence | Iterator) and not isinstance(recordings, str):
+        return [as_recording(item) for item in recordings]
+    return [as_recording(recordings)]
 
 
 def since_first(t: Array) -> tuple[Array, float]:

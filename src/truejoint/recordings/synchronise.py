@@ -35,6 +35,11 @@ class Stream:
         Time stamps [s] on a clock that both streams share.
     columns : mapping of str to ndarray (n,)
         By name.
+
+    Examples
+    --------
+    >>> Stream(np.arange(3.0), {"truth/jaw": np.zeros(3)}).t
+    array([0., 1., 2.])
     """
 
     t: Array
@@ -84,6 +89,14 @@ def synchronise(
     RecordingError
         If `gap_limit` is not positive, a stream has fewer than 2 rows left, or more than a tenth
         of a stream lies after a jump back of its clock.
+
+    Examples
+    --------
+    >>> t = np.arange(5.0)
+    >>> state = Stream(t, {"measured/jaw": t})
+    >>> columns, dropped = synchronise(state, Stream(t + 0.5, {"truth/jaw": 2 * t + 1}), 1.5)
+    >>> columns["truth/jaw"], dropped
+    (array([nan,  2.,  4.,  6.,  8.]), {'no truth: before it starts': 1})
     """
     if not (gap_limit > 0):
         raise RecordingError(f"synchronise: gap limit {gap_limit} s; give one above 0 s")

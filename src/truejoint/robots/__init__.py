@@ -1,6 +1,6 @@
 """What a robot is: joints, units, limits, transmission and kinematics."""
 
-from truejoint.robots.catalogue import get_robot, robot_names
-from truejoint.robots.robot import Joint, Kinematics, Robot, Transmission
+import lazy_loader
 
-__all__ = ["Joint", "Kinematics", "Robot", "Transmission", "get_robot", "robot_names"]
+# Imported on first use; the names stand in the stub beside this file.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

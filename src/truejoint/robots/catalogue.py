@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from functools import cache
 from importlib import import_module
-from typing import Final, Protocol, cast
+from typing import TYPE_CHECKING, Final, Protocol, cast
 
-from truejoint.errors import RobotError
-from truejoint.robots.robot import Robot
+from truejoint.errors import RobotError, unknown
+
+if TYPE_CHECKING:  # a list of the names needs no NumPy
+    from truejoint.robots.robot import Robot
 
 
 class _RobotModule(Protocol):
@@ -35,7 +37,13 @@ _ROBOTS: Final = (
 
 
 def robot_names() -> tuple[str, ...]:
-    """Names that `get_robot` knows."""
+    """Names that `get_robot` knows.
+
+    Examples
+    --------
+    >>> "raven2" in robot_names()
+    True
+    """
     return _ROBOTS
 
 
@@ -56,10 +64,15 @@ def get_robot(name: str, arm: str = "") -> Robot:
     ------
     RobotError
         If there is no such robot or arm; the message names those that exist.
+
+    Examples
+    --------
+    >>> get_robot("dvrk_psm", "psm2").joint_names[:3]
+    ('outer_yaw', 'outer_pitch', 'outer_insertion')
     """
     known = name.strip().lower()
     if known not in _ROBOTS:
-        raise RobotError(f"no robot called {name!r}; known: {', '.join(_ROBOTS)}")
+        raise RobotError(unknown("robot", name, _ROBOTS))
     module = cast("_RobotModule", import_module(f"truejoint.robots.{known}"))
     wanted = arm.strip().lower()
     if wanted not in module.ARMS:

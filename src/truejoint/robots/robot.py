@@ -10,14 +10,20 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.errors import RobotError
+from truejoint.errors import RobotError, unknown
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Joint:
-    """One joint; positions are in rad (revolute) or m (prismatic)."""
+    """One joint; positions are in rad (revolute) or m (prismatic).
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").joint("insertion").unit
+    'm'
+    """
 
     name: str
     kind: Literal["revolute", "prismatic"] = "revolute"
@@ -51,6 +57,11 @@ class Transmission:
     ------
     RobotError
         If `matrix` is not square, finite and invertible.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").transmission is None
+    False
     """
 
     matrix: Array
@@ -123,6 +134,12 @@ class Robot:
         Joints that mainly place the tool, and that a calibration corrects by default.
     transmission, kinematics
         None where unknown.
+
+    Examples
+    --------
+    >>> robot = truejoint.get_robot("raven2", "right")
+    >>> robot.title, robot.positioning
+    ('raven2 (right arm)', ('shoulder', 'elbow', 'insertion'))
     """
 
     name: str
@@ -174,9 +191,7 @@ class Robot:
         for joint in self.joints:
             if joint.name == name:
                 return joint
-        raise RobotError(
-            f"{self.title} has no joint {name!r}; its joints are {', '.join(self.joint_names)}"
-        )
+        raise RobotError(f"{self.title}: {unknown('joint', name, self.joint_names)}")
 
     def index(self, names: tuple[str, ...] | list[str]) -> list[int]:
         """Positions of the joints `names` in a joint vector; raises RobotError if unknown."""

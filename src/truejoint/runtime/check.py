@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.calibration.conformal import half_widths, known_error
+from truejoint.calibration.conformal import known_error
 from truejoint.calibration.zero import find_zero
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 
@@ -146,7 +146,7 @@ def check_calibration(
     allowed = np.full_like(error, math.nan)
     inside = np.full(error.shape[1], math.nan)
     if calibration.interval is not None:
-        allowed = half_widths(calibration, recording, level)[known]
+        allowed = calibration.half_widths(recording, level)[known]
         inside = np.mean(np.abs(error) <= allowed, axis=0)
     joints = tuple(
         JointCheck(

@@ -53,6 +53,12 @@ class TwinOutput:
         External encoders of the positioning joints [rad, rad, m].
     joint : ndarray, shape (n, 3)
         Where the positioning joints really are [rad, rad, m]; no robot knows this.
+
+    Examples
+    --------
+    >>> twin = Raven2Twin(seed=1)
+    >>> twin.home().joined(twin.run(twin.robot.home[None])).measured.shape
+    (12757, 8)
     """
 
     t: Array
@@ -94,6 +100,12 @@ class Raven2Twin:
         If the seed or the load is out of range, or the parameters cannot be simulated at 1 kHz.
     RobotError
         If the arm is unknown.
+
+    Examples
+    --------
+    >>> twin = Raven2Twin(seed=1)
+    >>> twin.home().t.shape
+    (12756,)
     """
 
     def __init__(

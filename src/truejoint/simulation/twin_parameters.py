@@ -137,6 +137,12 @@ class TwinParameters:
 
     SI units. `load` reads a file in the format of the shipped ``raven2_twin.toml``, whose comments
     give the meaning, unit and source of every number.
+
+    Examples
+    --------
+    >>> softer = TwinParameters.load().with_values({"creep.final": [0.0, 0.0, 0.0]})
+    >>> softer.creep.final
+    (0.0, 0.0, 0.0)
     """
 
     motor: Motor

@@ -196,11 +196,11 @@ def test_a_report_is_written_whole_and_never_over_another(
     assert write_report(evaluation, target) == target
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
     before = target.read_bytes()
-    with pytest.raises(RecordingError, match=r"report.html exists"):
+    with pytest.raises(RecordingError, match=r"report.html: exists"):
         write_report(evaluation, target)
     assert target.read_bytes() == before
     write_report(evaluation, target, overwrite=True)
-    with pytest.raises(RecordingError, match="no folder"):
+    with pytest.raises(RecordingError, match="does not exist"):
         write_report(evaluation, tmp_path / "nowhere" / "report.html")
 
 

@@ -62,12 +62,12 @@ def test_an_address_is_quoted() -> None:
 
 
 def test_names_that_are_not_there_are_answered_with_those_that_are() -> None:
-    with pytest.raises(RecordingError, match="no data set called 'x'; choose from davinci_grasper"):
+    with pytest.raises(RecordingError, match="no data set called 'x'; known: davinci_grasper"):
         get_dataset("x")
     dataset = get_dataset("bros_dual_encoder")
     with pytest.raises(RecordingError, match=r"no recording fits 'part9'; there are part1, part2"):
         dataset.match("part9")
-    with pytest.raises(RecordingError, match="no split called 'x'; choose from part"):
+    with pytest.raises(RecordingError, match="no split called 'x'; known: part"):
         dataset.split("x")
     assert dataset.split() == dataset.splits[0]
 

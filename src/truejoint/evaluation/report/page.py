@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import json
-import os
 import platform
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,11 +15,12 @@ from typing import Any, Final
 import jinja2
 from plotly.offline import get_plotlyjs
 
-from truejoint.errors import RecordingError
+from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation.checks import DataCheck
 from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
 from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
+from truejoint.files import check_target, write_atomically
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 
@@ -72,24 +71,29 @@ def write_report(
 
     Raises
     ------
+    CalibrationError
+        If `evaluation` is something else.
     RecordingError
         If a file is there and may not be replaced, or the folder does not exist.
+
+    Examples
+    --------
+    >>> write_report(evaluation, "report.html", training=training).name
+    'report.html'
     """
+    if not isinstance(evaluation, Evaluation):
+        raise CalibrationError(
+            f"a {type(evaluation).__name__} is no Evaluation; give what `evaluate` gives"
+        )
     target = Path(path)
-    if target.exists() and not overwrite:
-        raise RecordingError(f"{target} exists; choose another name or allow to overwrite it")
-    if not target.parent.is_dir():
-        raise RecordingError(f"{target}: there is no folder {target.parent}; make it first")
+    check_target(target, overwrite=overwrite, error=RecordingError)
     page = render_report(evaluation, training=training, checks=checks, command=command)
-    handle, temporary = tempfile.mkstemp(dir=target.parent, prefix=".report-", suffix=".html")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            stream.write(page)
-        Path(temporary).chmod(0o644)
-        Path(temporary).replace(target)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
+    write_atomically(
+        target,
+        lambda part: part.write_text(page, encoding="utf-8"),
+        overwrite=overwrite,
+        error=RecordingError,
+    )
     return target
 
 
@@ -100,7 +104,13 @@ def render_report(
     checks: Mapping[str, DataCheck] | None = None,
     command: str = "",
 ) -> str:
-    """Return the page that `write_report` writes."""
+    """Return the page that `write_report` writes.
+
+    Examples
+    --------
+    >>> render_report(evaluation).startswith("<!doctype html>")
+    True
+    """
     sections = _sections(evaluation, training)
     interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section.figures]

@@ -12,7 +12,7 @@ from importlib.resources import files
 from typing import Any, Final
 from urllib.parse import quote
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, unknown
 
 RAW_HOST: Final = "https://raw.githubusercontent.com"
 
@@ -31,6 +31,11 @@ class DatasetFile:
         [bytes].
     sha256 : str
         Of the file as it is upstream, hexadecimal.
+
+    Examples
+    --------
+    >>> len(get_dataset("kflex_tendon_sheath").recordings[0].files[0].sha256)
+    64
     """
 
     name: str
@@ -41,7 +46,13 @@ class DatasetFile:
 
 @dataclass(frozen=True)
 class DatasetRecording:
-    """One recording of a data set: one file, or the files of one folder."""
+    """One recording of a data set: one file, or the files of one folder.
+
+    Examples
+    --------
+    >>> get_dataset("kflex_tendon_sheath").recordings[0].name
+    '0'
+    """
 
     name: str
     files: tuple[DatasetFile, ...]
@@ -60,6 +71,11 @@ class HeldOut:
         Pattern of those among them that are held out whole; empty to split by time.
     test_fraction : float
         Last part by time of each recording that is held out; 0 to split by recording.
+
+    Examples
+    --------
+    >>> HeldOut("loads", files="*", test="*_500g").holds_out("run_500g")
+    True
     """
 
     name: str
@@ -105,6 +121,11 @@ class Dataset:
     splits : tuple of HeldOut
         Recommended ways to judge on it, the first by default.
     recordings : tuple of DatasetRecording
+
+    Examples
+    --------
+    >>> get_dataset("davinci_grasper_umn").split().name
+    'frequency'
     """
 
     name: str
@@ -143,8 +164,8 @@ class Dataset:
         for split in self.splits:
             if name in {"", split.name}:
                 return split
-        known = ", ".join(split.name for split in self.splits)
-        raise RecordingError(f"{self.name}: no split called {name!r}; choose from {known}")
+        splits = (split.name for split in self.splits)
+        raise RecordingError(f"{self.name}: {unknown('split', name, splits)}")
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""
@@ -152,9 +173,15 @@ class Dataset:
 
 
 def get_dataset(name: str) -> Dataset:
-    """Find a data set by name; raises RecordingError naming those that are known."""
+    """Find a data set by name; raises RecordingError naming those that are known.
+
+    Examples
+    --------
+    >>> get_dataset("kflex_tendon_sheath").robot
+    'kflex'
+    """
     if name not in DATASETS:
-        raise RecordingError(f"no data set called {name!r}; choose from {', '.join(DATASETS)}")
+        raise RecordingError(unknown("data set", name, DATASETS))
     return DATASETS[name]
 
 

@@ -33,7 +33,13 @@ _CHUNK: Final = 1024
 
 
 def cache_folder() -> Path:
-    """Folder that `fetch` fills, the user's cache."""
+    """Folder that `fetch` fills, the user's cache.
+
+    Examples
+    --------
+    >>> cache_folder().name
+    'truejoint'
+    """
     return Path(pooch.os_cache("truejoint"))
 
 
@@ -44,6 +50,11 @@ def data_folders() -> tuple[Path, ...]:
     ------
     RecordingError
         If the variable names something that is no folder.
+
+    Examples
+    --------
+    >>> cache_folder() in data_folders()
+    True
     """
     folders = []
     stated = os.environ.get(DATA_VARIABLE, "")
@@ -75,6 +86,10 @@ def locate(name: str) -> Path:
     ------
     RecordingError
         If there is no such data set, or no copy of it here; the message says how to get one.
+
+    Examples
+    --------
+    >>> locate("davinci_grasper_umn")  # doctest: +SKIP
     """
     dataset = get_dataset(name)
     for folder in data_folders():
@@ -113,6 +128,10 @@ def fetch(
     RecordingError
         If there is no such data set or recording, the network fails, or a file is not the one
         that is known.
+
+    Examples
+    --------
+    >>> fetch("davinci_grasper_umn")  # doctest: +SKIP
     """
     dataset = get_dataset(name)
     wanted = [file for recording in dataset.match(pattern) for file in recording.files]
@@ -159,6 +178,10 @@ def open_dataset(
     ------
     RecordingError
         If there is no copy here, a file is missing or is not the one that is known upstream.
+
+    Examples
+    --------
+    >>> open_dataset("davinci_grasper_umn", "*_500*")  # doctest: +SKIP
     """
     dataset = get_dataset(name)
     wanted = dataset.match(pattern)

@@ -1,0 +1,14 @@
+from .calibration import Calibration as Calibration
+from .calibration import OnlineState as OnlineState
+from .calibration import read_calibration as read_calibration
+from .conformal import with_interval as with_interval
+from .fitting import calibrate as calibrate
+from .interval import Interval as Interval
+from .interval import needed_trajectories as needed_trajectories
+from .interval_coverage import Coverage as Coverage
+from .interval_coverage import CrossCheck as CrossCheck
+from .interval_coverage import cross_check as cross_check
+from .interval_coverage import measure_coverage as measure_coverage
+from .zero import Zero as Zero
+from .zero import find_zero as find_zero
+from .zero import rezeroed as rezeroed

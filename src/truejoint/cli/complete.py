@@ -1,0 +1,96 @@
+"""Values that the shell completes; a wrong or unreadable word completes to nothing.
+
+Only names and headers of files are read: a shell waits for each of these.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import typer
+
+import truejoint
+from truejoint.errors import TruejointError
+
+
+def estimators() -> list[str]:
+    """Names of estimators."""
+    return list(truejoint.estimators.estimator_names())
+
+
+def robots() -> list[str]:
+    """Names of robots."""
+    return list(truejoint.robots.robot_names())
+
+
+def datasets() -> list[str]:
+    """Names of public data sets."""
+    return list(truejoint.recordings.datasets.DATASETS)
+
+
+def recordings(incomplete: str) -> list[str]:
+    """Public data sets once a letter of one is typed; files are the shell's own to complete."""
+    return datasets() if incomplete else []
+
+
+def splits(context: typer.Context) -> list[str]:
+    """List the splits of the data sets that the command line names."""
+    known = truejoint.recordings.datasets.DATASETS
+    return [split.name for name in _named(context) if name in known for split in known[name].splits]
+
+
+def joints(context: typer.Context) -> list[str]:
+    """List the joints with truth in the headers of the recordings that the command line names."""
+    known = truejoint.recordings.datasets.DATASETS
+    columns: list[str] = []
+    for name in _named(context):
+        if name in known:
+            columns += [feature.replace("measured/", "truth/") for feature in known[name].features]
+        else:
+            columns += _header(Path(name))
+    return list(dict.fromkeys(c[6:] for c in columns if c.startswith("truth/")))
+
+
+def tolerances(context: typer.Context) -> list[str]:
+    """List the joints of the model that the command line names, as ``JOINT=``."""
+    return [f"{joint}=" for joint in _model(context).get("joints", [])]
+
+
+def levels(context: typer.Context) -> list[str]:
+    """List the probabilities that the interval of the model on the command line states."""
+    return [f"{level:g}" for level in _model(context).get("levels", [])]
+
+
+def percent_levels(context: typer.Context) -> list[str]:
+    """List the probabilities as `levels` gives them, in percent."""
+    return [f"{100.0 * level:g}" for level in _model(context).get("levels", [])]
+
+
+def _named(context: typer.Context) -> list[str]:
+    """Words of the command line that belong to no option; unsorted while one lacks its value."""
+    return [*(context.params.get("recordings") or []), *context.args]
+
+
+def _model(context: typer.Context) -> dict[str, Any]:
+    """Joints and levels of the model file; empty where it cannot be read."""
+    from truejoint.calibration.model_file import read_model_file  # noqa: PLC0415  # needs NumPy
+
+    try:
+        document, arrays = read_model_file(context.params.get("model") or context.args[0])
+    except (IndexError, TruejointError):
+        return {}
+    return {"joints": document.get("joints", []), "levels": arrays.get("interval/levels", ())}
+
+
+def _header(path: Path) -> list[str]:
+    """Columns of a Parquet or CSV file; empty where it cannot be read."""
+    try:
+        if path.suffix == ".parquet":
+            from pyarrow.parquet import read_schema  # noqa: PLC0415  # not for the other words
+
+            return list(read_schema(path).names)
+        with path.open(encoding="utf-8") as file:
+            return [field.strip(' "\n') for field in file.readline(100_000).split(",")]
+    except (OSError, ValueError):  # pyarrow's errors derive from these
+        return []

@@ -1,0 +1,7 @@
+from .features import Feature as Feature
+from .features import FeatureSet as FeatureSet
+from .features import default_features as default_features
+from .features import default_gap_limit as default_gap_limit
+from .features import run_starts as run_starts
+from .features import sample_interval as sample_interval
+from .features import time_steps as time_steps

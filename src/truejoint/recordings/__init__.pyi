@@ -1,0 +1,15 @@
+from . import datasets as datasets
+from .column_map import ColumnMap as ColumnMap
+from .column_map import MappedColumn as MappedColumn
+from .column_map import load_column_map as load_column_map
+from .formats import FORMATS as FORMATS
+from .formats import Format as Format
+from .formats import detect_format as detect_format
+from .formats import read_recording as read_recording
+from .parquet import read_parquet as read_parquet
+from .parquet import write_parquet as write_parquet
+from .recorder import Recorder as Recorder
+from .recording import Provenance as Provenance
+from .recording import Recording as Recording
+from .synchronise import Stream as Stream
+from .synchronise import synchronise as synchronise

@@ -1,0 +1,121 @@
+"""Every public name says what it is and shows it: the examples of the docstrings, run."""
+
+from __future__ import annotations
+
+import doctest
+import inspect
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.conftest import LaggingBackend
+
+import truejoint
+from truejoint import Recording
+from truejoint.recordings import Provenance
+
+PACKAGES = (
+    "truejoint",
+    "truejoint.crtk",
+    "truejoint.estimators",
+    "truejoint.evaluation",
+    "truejoint.motion",
+    "truejoint.recordings",
+    "truejoint.recordings.datasets",
+    "truejoint.robots",
+    "truejoint.runtime",
+    "truejoint.simulation",
+)
+
+# Names that have no example yet. None may be added.
+WITHOUT_EXAMPLE = {
+    "truejoint.estimators": {
+        "Coverage", "CrossCheck", "Feature", "FeatureSet", "FixedOffset", "Interval",
+        "JointRegressor", "LinearRegressor", "NeuralNetwork", "OnlineState", "PolynomialRegressor",
+        "Zero", "cross_check", "default_features", "default_gap_limit", "estimator_names",
+        "find_zero", "get_estimator", "measure_coverage", "needed_trajectories", "rezeroed",
+        "run_starts", "sample_interval", "with_interval",
+    },
+    "truejoint.runtime": {
+        "CalibrationCheck", "Corrector", "Monitor", "ReZero", "check_calibration",
+    },
+}  # fmt: skip
+
+
+def _public(package: str) -> dict[str, Any]:
+    """Functions and classes of a package; a protocol is shown by what satisfies it."""
+    module = import_module(package)
+    values = {name: getattr(module, name) for name in module.__all__}
+    return {
+        name: value
+        for name, value in values.items()
+        if (inspect.isclass(value) and not getattr(value, "_is_protocol", False))
+        or inspect.isroutine(value)
+        or hasattr(value, "__wrapped__")
+    }
+
+
+NAMES = [(package, name) for package in PACKAGES for name in _public(package)]
+
+
+def _motion(seed: int) -> Recording:
+    """Four seconds of a jaw whose cable stretches with its effort."""
+    random = np.random.default_rng(seed)
+    t = np.arange(400) / 100
+    jaw = 0.5 + 0.3 * np.sin(2 * t + random.uniform(0, 6)) * np.sin(5 * t)
+    effort = 0.02 * np.cos(3 * t + random.uniform(0, 6)) + 1e-3 * random.standard_normal(400)
+    truth = 1.02 * jaw + 0.5 * effort + 0.01 + 1e-4 * random.standard_normal(400)
+    columns = {"t": t, "measured/jaw": jaw, "effort/jaw": effort, "truth/jaw": truth}
+    about = Provenance("davinci_grasper", source=f"motion_{seed}.csv", session=str(seed))
+    return Recording.from_columns(columns, about)
+
+
+@pytest.fixture(scope="session")
+def variables() -> dict[str, Any]:
+    """What the examples may use: recordings, a calibration, how good it is, and an arm."""
+    training = [_motion(seed) for seed in range(2)]
+    model = truejoint.calibrate(training, "linear")
+    unseen = [_motion(seed) for seed in range(10, 19)]
+    model = truejoint.calibration.with_interval(model, unseen)
+    test = _motion(9)
+    arm = truejoint.crtk.Arm(LaggingBackend(0.02))
+    arm.enable()
+    arm.home()
+    return {
+        "truejoint": truejoint,
+        "np": np,
+        "arm": arm,
+        "training": training,
+        "model": model,
+        "test": test,
+        "evaluation": truejoint.evaluate(model, test),
+    }
+
+
+@pytest.mark.parametrize(("package", "name"), NAMES)
+def test_a_public_name_has_an_example_that_runs(
+    package: str,
+    name: str,
+    variables: dict[str, Any],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    value = _public(package)[name]
+    assert inspect.getdoc(value), f"{package}.{name} says nothing of itself"
+    names = {key: getattr(truejoint, key) for key in truejoint.__all__}
+    names |= _public(package) | inspect.getmodule(value).__dict__ | variables
+    tests = doctest.DocTestFinder().find(value, name, module=False, globs=names)
+    if name in WITHOUT_EXAMPLE.get(package, ()):
+        assert not any(test.examples for test in tests), f"{name} has an example: strike it off"
+        return
+    assert any(test.examples for test in tests), f"{package}.{name} has no example"
+    monkeypatch.chdir(tmp_path)
+    runner = doctest.DocTestRunner(
+        optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE, verbose=False
+    )
+    said: list[str] = []
+    for test in tests:
+        runner.run(test, out=said.append, clear_globs=False)
+    assert not runner.failures, "".join(said)

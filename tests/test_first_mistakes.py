@@ -1,0 +1,104 @@
+"""What a person tries first in Python works, or is refused in one line that says what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import truejoint
+from truejoint import Calibration, Recording, TruejointError
+
+
+def motion(seed: int) -> Recording:
+    t = np.arange(200) / 100
+    jaw = 0.5 + 0.3 * np.sin((2 + seed) * t)
+    effort = np.cos((3 + seed) * t)
+    columns = {"t": t, "measured/jaw": jaw, "effort/jaw": effort, "truth/jaw": jaw + 0.01 * effort}
+    return Recording.from_columns(columns, "davinci_grasper")
+
+
+@pytest.fixture(scope="module")
+def model() -> Calibration:
+    return truejoint.calibrate(motion(0), "linear")
+
+
+def test_evaluate_takes_one_or_several_and_paths(model: Calibration, tmp_path: Path) -> None:
+    path = tmp_path / "jaw.safetensors"
+    model.save(path)
+    test = motion(1)
+    rmse = truejoint.evaluate({"linear": [model]}, [test]).score("linear", "jaw").rmse
+    for models in (model, [model], path, str(path), [path]):
+        for recordings in (test, [test]):
+            found = truejoint.evaluate(models, recordings)
+            assert found.score("linear", "jaw").rmse == rmse
+    assert truejoint.evaluate({"mine": model}, test).chosen == "mine"
+    assert truejoint.evaluate([model, path], test).score("linear", "jaw").seeds == 2
+
+
+def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
+    other = truejoint.calibrate(motion(0), "poly2")
+    found = truejoint.evaluate([model, other], motion(1))
+    assert found.chosen == "linear"
+    assert {"linear", "poly2"} <= set(found.estimators)
+
+
+@pytest.mark.parametrize(
+    ("mistake", "said"),
+    [
+        (lambda model: model.correct(motion(1).table), "DataFrame, not a Recording"),
+        (lambda model: model.correct("run.parquet"), "read_recording"),
+        (lambda model: model.correct([motion(1)]), "list, not a Recording"),
+        (lambda model: truejoint.calibrate("run.parquet"), "read_recording"),
+        (lambda model: truejoint.calibrate(motion(1), "lin"), "did you mean 'linear'?"),
+        (lambda model: truejoint.evaluate(motion(1), model), "no model"),
+        (lambda model: truejoint.evaluate(model, "run.parquet"), "read_recording"),
+        (lambda model: truejoint.evaluate("nothing.st", motion(1)), "nothing.st"),
+        (lambda model: Recording.from_columns({"t": [0, 1]}, "raven"), "did you mean 'raven2'?"),
+        (lambda model: Recording.from_columns({"t": [0, "x"]}, "bros"), "columns of numbers"),
+        (lambda model: Recording(motion(1).table, {}, "bros"), "from_columns"),
+        (lambda model: truejoint.read_recording(motion(1).table), "is no path"),
+        (lambda model: truejoint.write_parquet(motion(1).table, "x.parquet"), "not a Recording"),
+        (lambda model: truejoint.write_report(model, "x.html"), "no Evaluation"),
+        (lambda model: truejoint.evaluate(model, motion(1), tolerance=0.2), "{'jaw': 0.2}"),
+        (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jaw": "1"}), "positive"),
+        (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jw": 1}), "'jaw'?"),
+        (lambda model: model.save("model.onnx"), "call it model.safetensors"),
+    ],
+)
+def test_mistakes_are_one_line(
+    model: Calibration, mistake: Callable[[Calibration], object], said: str
+) -> None:
+    with pytest.raises(TruejointError) as refused:
+        mistake(model)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_corrected_recording_as_a_table(model: Calibration) -> None:
+    test = motion(1)
+    table = model.correct_table(test)
+    assert isinstance(table, pd.DataFrame)
+    assert list(table) == ["t", "corrected/jaw"]
+    np.testing.assert_array_equal(table["corrected/jaw"], model.correct(test)[:, 0])
+
+
+def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
+    for value in (model, motion(1), truejoint.evaluate(model, motion(1))):
+        assert "jaw" in repr(value)
+        assert len(repr(value)) < 800
+        assert len(repr(value).splitlines()) < 14
+        assert value._repr_html_().startswith("<table>")
+    assert "<b>" not in Recording.from_columns({"t": [0, 1]}, "bros")._repr_html_()
+
+
+def test_what_others_wrote_into_a_model_does_not_break_its_text(model: Calibration) -> None:
+    for facts in ({"held_out": 5}, {"held_out": [{"rmse": "x"}]}, {"duration": "long"}):
+        assert "linear" in repr(model.with_metadata(**facts))
+
+
+def test_the_package_lists_its_names() -> None:
+    assert {"calibrate", "evaluate", "Recording", "runtime"} <= set(dir(truejoint))
