@@ -31,6 +31,8 @@ from truejoint.estimators import NeuralNetwork
 from truejoint.estimators.jaw_filter import JawFilter
 from truejoint.export.c_source import Precision, table
 from truejoint.export.export_c import export_c
+from truejoint.models.jaw import MOTOR, RESET
+from truejoint.models.jaw_filter import jaw_filter, rest_spread
 from truejoint.motion import follow, zigzag
 from truejoint.motion.forceps_references import calibration_reference
 from truejoint.recordings import Recorder, Recording
@@ -108,19 +110,22 @@ FILTER_MAIN = (
     + """static const double rows[][4] = {{
 {rows}
 }};
-static const double rest[4] = {{0.0, 0.0, 0.0, 0.0}};
-static m_model model;
+static m_state state;
 int main(void)
 {{
     long calls = 0;
     int i, k, status = 0;
-    (void)m_step;
-    start_filter(&model, rest);
+    m_init(&state);
     for (i = 0; i < BATCHES; i++) {{
         const double start = now();
         for (k = 0; k < CALLS; k++) {{
             const double *row = rows[calls++ % {count}];
-            status |= step_filter(&model, row, row + 2, {interval});
+            m_model_filter_state *filter = &state.model.filter;
+            filter->z[0] = row[0];
+            filter->z[1] = row[1];
+            filter->u[0] = row[2];
+            filter->dt = {interval};
+            status |= step(filter);
         }}
         taken[i] = (now() - start) / CALLS;
     }}
@@ -158,7 +163,7 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     """Time the filter's step alone, in C (exported into `folder`) and from Python."""
     rows = slice(2000, 2000 + SAMPLES)
     interval = float(np.median(np.diff(recording.t)))
-    motor, reset = (recording.column(name)[rows] for name in model.inputs)
+    motor, reset = (recording.column(name)[rows] for name in (MOTOR, RESET))
     z = np.column_stack([reset, np.gradient(reset, interval)])
     u = np.column_stack([motor, np.zeros(SAMPLES)])
     lines = [f"{{ {', '.join(map(float.hex, row))} }}," for row in np.hstack([z, u])]
@@ -167,8 +172,8 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     command = [cc, *FLAGS, str(folder / "filter.c"), "-lm", "-o", str(folder / "filter")]
     subprocess.run(command, check=True)
     done = subprocess.run([str(folder / "filter")], check=True, capture_output=True, text=True)
-    estimator = model._filter
-    prior = {"x0": np.zeros(4), "P0": model._spread()}
+    estimator = jaw_filter(model.model_params())
+    prior = {"x0": np.zeros(4), "P0": rest_spread(model.mechanism, model.noise)}
     state = estimator.initial_state(**prior)
     laps, records = [], []
     for k in range(40 * SAMPLES):
@@ -216,8 +221,7 @@ def main() -> None:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--precision", default="double", choices=["double", "float"])
     options = parser.parse_args()
-    jaw = JAW_ESTIMATORS if options.precision == "double" else JAW_ESTIMATORS[:2]  # no filters
-    sessions = [(ESTIMATORS, session()), (jaw, forceps_session())]
+    sessions = [(ESTIMATORS, session()), (JAW_ESTIMATORS, forceps_session())]
     for estimators, recording in sessions:
         for estimator in estimators:
             calibration = calibrate(recording, estimator)
@@ -230,7 +234,7 @@ def main() -> None:
                     f"{calibration.estimator:15s} {options.precision}: {done.stdout.strip()}",
                     flush=True,
                 )
-                if type(calibration.model) is JawFilter:
+                if calibration.estimator == "ukf" and options.precision == "double":
                     print(filter_step(calibration.model, recording, folder, options.compiler))
 
 

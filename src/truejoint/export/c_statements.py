@@ -213,9 +213,12 @@ def _without(
             inner = Block(statement.head, _without(statement.body, used, has_effect))
             following = body[i + 1] if i + 1 < len(body) else None
             goes_on = isinstance(following, Block) and following.head.startswith("else")
-            if any(not _is_comment(s) for s in inner.body) or goes_on or has_effect(inner.head):
-                kept.append(inner)
-            elif inner.head.startswith("else if"):
+            if (
+                any(not _is_comment(s) for s in inner.body)
+                or goes_on
+                or has_effect(inner.head)
+                or inner.head.startswith("else if")
+            ):
                 kept.append(inner)
             elif kept and _is_comment(kept[-1]):
                 kept.pop()

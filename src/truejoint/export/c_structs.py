@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.errors import ExportError
 from truejoint.export.c_values import Kind, Known, Root, Scalar, Style, View, add, linear
 from truejoint.layout import Field, Memory
 
@@ -16,7 +17,7 @@ Side = Literal["numbers", "memory"]
 _PART: Final = 4  # numbers of a part's field
 
 
-class Unprintable(Exception):
+class Unprintable(ExportError):
     """A kernel holds what has no C; the message says where."""
 
 
@@ -115,7 +116,7 @@ class Handle:
     owner: str
 
     def field_text(self, name: str) -> str:
-        """A field of the struct in C."""
+        """Give a field of the struct in C."""
         return f"{self.text}{'->' if self.is_pointer else '.'}{name}"
 
     @property
@@ -198,9 +199,7 @@ def view_of(
     return View(name, offset, shape, kind, Root(struct, f.name), offset, struct.values(f))
 
 
-def initial_values(
-    struct: Struct, written: Written, style: Style, own: Mapping[str, str]
-) -> str:
+def initial_values(struct: Struct, written: Written, style: Style, own: Mapping[str, str]) -> str:
     """Braced initialiser of a struct with what its fields hold before the first step."""
     lines = _initial_lines(struct, written, style, 0)
     return "\n".join([lines[0], *(f"    0, /* {name} */" for name in own), *lines[1:]])
@@ -214,23 +213,25 @@ def _initial_lines(struct: Struct, written: Written, style: Style, depth: int) -
             lines += _initial_lines(struct.parts[f.name], written, style, depth + 1)
             lines[-1] += f" /* {f.name} */"
             continue
-        kind: Kind = "time" if f.is_time else "real"
-        if f.kind == "array":
-            values = struct.values(f)
-            texts = [style.literal(v, kind) for v in values.tolist()]
-            if not values.any():
-                texts = texts[:1]
-            text = "{" + ", ".join(texts) + "}"
-        elif f.kind == "integers":
-            numbers = struct.values(f)
-            text = "{" + ", ".join(map(str, numbers.tolist() if numbers.any() else [0])) + "}"
-        elif f.kind == "scalar":
-            text = style.literal(struct.value(f), kind)
-        else:
-            text = str(struct.value(f))
+        is_array = f.name in struct.memory.shapes
+        values = struct.values(f).tolist() if is_array else [struct.value(f)]
+        _, texts = element_texts(f, values if any(values) else values[:1], style)
+        text = "{" + ", ".join(texts) + "}" if is_array else texts[0]
         lines += wrapped(f"{text}, /* {f.name} */", pad)
     lines.append(f"{'    ' * depth}}}{',' if depth else ''}")
     return lines
+
+
+def element_texts(f: Field, values: Sequence[Any], style: Style) -> tuple[str, list[str]]:
+    """C type and constants of the elements of a field; raises ExportError if one does not fit."""
+    if f.kind in ("integer", "integers"):
+        return "int", [str(value) for value in values]
+    kind: Kind = "time" if f.is_time else "real"
+    if style.single and kind == "real":
+        large = [v for v in values if np.isfinite(v) and abs(v) > np.finfo(np.float32).max]
+        if large:
+            raise ExportError(f"{large[0]!r} does not fit a float; export in double")
+    return style.type(kind), [style.literal(value, kind) for value in values]
 
 
 def wrapped(text: str, pad: str, width: int = 100) -> list[str]:
@@ -259,15 +260,15 @@ def _operators(text: str, room: int) -> list[int]:
 
 def members(struct: Struct, written: Written) -> list[Field]:
     """Fields of the C struct: those that change, and parts in which anything does."""
-    return [
-        f
-        for f in struct.memory.layout.fields.values()
-        if (
-            written.has_any(struct.parts[f.name])
-            if f.kind == "part"
-            else (struct, f.name) in written and (f.name not in struct.memory.shapes or struct.size(f))
-        )
-    ]
+    found = []
+    for f in struct.memory.layout.fields.values():
+        if f.kind == "part":
+            changes = written.has_any(struct.parts[f.name])
+        else:
+            changes = (struct, f.name) in written
+        if changes and (f.name not in struct.memory.shapes or struct.size(f)):
+            found.append(f)
+    return found
 
 
 def declaration(struct: Struct, written: Written, style: Style, own: Mapping[str, str]) -> str:

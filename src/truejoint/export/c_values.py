@@ -81,7 +81,7 @@ class Linear:
     terms: tuple[tuple[Expr, int], ...]
     base: int = 0
     origin: Any = None
-    kind: Final[Kind] = "int"  # type: ignore[misc]  # the same for all
+    kind: Final[Kind] = "int"
 
 
 Scalar = Known | Expr | Linear

@@ -15,7 +15,6 @@ from truejoint.errors import ExportError
 from truejoint.models.family import EstimatorData
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.limits import Limits
-from truejoint.runtime.status import Status
 
 Array = NDArray[np.float64]
 

@@ -100,11 +100,11 @@ def export_c(
     limits = limits_of(data, range_margin)
     try:
         memory = fields.pack(data, limits, level)
-    except CalibrationError as error:
-        raise ExportError(str(error)) from None
+    except CalibrationError as refused:
+        raise ExportError(str(refused)) from None
+    context = _memory_context(data, memory, prefix, precision)
     dtype = np.float64 if precision == "double" else np.float32
     vectors, offset, error = make_vectors(calibration, data, limits, level, range_margin, dtype)
-    context = _memory_context(data, memory, prefix, precision)
     context |= {
         "prefix": prefix, "guard": prefix.upper(), "level": level, "title": calibration.title,
         "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
@@ -154,8 +154,6 @@ def _memory_context(
     return {
         "program": program,
         "is_filter": f"{guard}_FILTER_" in program.functions,
-        "has_width": bool(np.isfinite(rezeroed_width).all())
-        or "half_width[0] =" in program.functions.replace("state->half_width", ""),
         "needs_rezero": needs_rezero,
         "rezeroed_width": rezeroed_width,
     }
@@ -195,12 +193,14 @@ def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]
 
 def _bits(statuses: type[IntFlag], without: set[IntFlag]) -> list[dict[str, Any]]:
     """Members of an enumeration with the docstrings that stand below them."""
-    body = ast.parse(inspect.getsource(statuses)).body[0].body  # type: ignore[attr-defined]
-    meanings = {
-        member.targets[0].id: " ".join(text.value.value.split()).rstrip(".")
-        for member, text in zip(body, body[1:], strict=False)
-        if isinstance(member, ast.Assign) and isinstance(text, ast.Expr)
-    }
+    tree: Any = ast.parse(inspect.getsource(statuses))
+    meanings: dict[str, str] = {}
+    name = ""
+    for node in tree.body[0].body:
+        if isinstance(node, ast.Assign):
+            name = ast.unparse(node.targets[0])
+        elif name and isinstance(node, ast.Expr):
+            meanings[name] = " ".join(ast.literal_eval(node.value).split()).rstrip(".")
     return [{"name": "OK", "value": 0, "meaning": "all is well"}] + [
         {"name": bit.name, "value": int(bit), "meaning": meanings[bit.name or ""]}
         for bit in statuses

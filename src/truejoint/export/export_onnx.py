@@ -17,7 +17,7 @@ from truejoint.calibration import Calibration
 from truejoint.errors import ExportError
 from truejoint.estimators.base import JointRegressor
 from truejoint.export.c_source import Precision, check_precision, write_files
-from truejoint.models.families import polynomial_terms
+from truejoint.models.polynomial import polynomial_factors
 
 Array = NDArray[np.float64]
 
@@ -94,10 +94,10 @@ class _Graph:
     def build(self, calibration: Calibration) -> Any:
         """Build the checked model of a calibration."""
         features, measured, inputs, metadata = self._inputs(calibration)
-        family = calibration.model.family
+        family = calibration.model.family.name
         if family not in _BUILDERS:
             raise ExportError(
-                f"estimator {family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
+                f"estimator {calibration.estimator!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
         predicted = _BUILDERS[family](self, features, calibration.model)
         if calibration.target == "error":
@@ -190,18 +190,18 @@ class _Graph:
 
 def _offset(graph: _Graph, features: str, model: JointRegressor) -> str:
     """Offset for every row: the features, weighted with zero, say how many there are."""
-    offset = model.to_arrays()["offset"]
+    offset = model.arrays_["offset"]
     n_features = int(model.n_features_in_)
     return graph.affine(features, np.zeros((n_features, len(offset))), offset)
 
 
 def _polynomial(graph: _Graph, features: str, model: JointRegressor) -> str:
-    arrays = model.to_arrays()
+    arrays = model.arrays_
     terms = scaled = graph.scaled(features, arrays)
-    degree = 1 if model.family == "linear" else int(model.get_params()["degree"])
+    degree = int(model.model_params()["degree"])
     if degree > 1:
-        factors = polynomial_terms(len(arrays["mean"]), degree)
-        missing = factors < 0
+        factors = polynomial_factors(len(arrays["mean"]), degree)
+        missing = factors == len(arrays["mean"])
         terms = ""
         for j in range(degree):
             chosen = graph.columns(scaled, np.where(missing[:, j], 0, factors[:, j]))
@@ -213,7 +213,7 @@ def _polynomial(graph: _Graph, features: str, model: JointRegressor) -> str:
 
 
 def _network(graph: _Graph, features: str, model: JointRegressor) -> str:
-    arrays = model.to_arrays()
+    arrays = model.arrays_
     units = graph.scaled(features, arrays)
     n_layers = sum(name.startswith("weight_") for name in arrays)
     for i in range(n_layers):
@@ -226,7 +226,6 @@ def _network(graph: _Graph, features: str, model: JointRegressor) -> str:
 
 _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, JointRegressor], str]]] = {
     "offset": _offset,
-    "linear": _polynomial,
     "polynomial": _polynomial,
-    "dnn": _network,
+    "network": _network,
 }

@@ -38,7 +38,7 @@ def wrap(angle: float) -> float:
         return angle
     turned = angle - 2.0 * math.pi * np.ceil((angle - math.pi) / (2.0 * math.pi))
     # An angle beyond 2^52 turns has no direction left: rounding may put it anywhere.
-    return min(max(turned, -math.pi), math.pi)
+    return float(min(max(turned, -math.pi), math.pi))
 
 
 @compiled
