@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.errors import CalibrationError, ExportError, ModelFileError
+from truejoint.errors import ExportError, ModelFileError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.export.c_source import check_prefix, comment, number
 from truejoint.export.export_c import export_c
@@ -109,8 +109,7 @@ def test_single_precision_is_as_far_off_as_its_header_says(tmp_path, estimator, 
     ctypes.CDLL(None).fflush(None)
     measured = float(re.search(r"largest difference (\S+)", capfd.readouterr().out)[1])
     stated = float(re.search(r"within (\S+) \(rad", (tmp_path / "m.h").read_text())[1])
-    assert 1e-10 < measured < 1e-5
-    assert stated == pytest.approx(measured, rel=0.5)
+    assert 1e-10 < measured <= stated < 1e-5
 
 
 @needs_compiler
@@ -134,11 +133,9 @@ def test_check_notices_a_changed_number(tmp_path):
     model = calibration(LinearRegressor(), PLAIN)
     export_c(model, tmp_path, prefix="m")
     source = tmp_path / "m.c"
-    text = source.read_text()
-    head, name, rest = text.partition("static const double intercept[4] = {")
-    value = re.search(r"\S+0x\S+|0x\S+", rest)[0].rstrip(",")
-    changed = (float.fromhex(value) + 1e-9).hex()
-    source.write_text(head + name + rest.replace(value, changed, 1))
+    head, name, rest = source.read_text().partition("double intercept[4] = {\n    ")
+    value, comma, after = rest.partition(",")
+    source.write_text(f"{head}{name}{float(value) + 1e-9!r}{comma}{after}")
     assert Library(tmp_path).functions.check() == 1
 
 
@@ -195,10 +192,10 @@ def test_what_cannot_be_exported_is_refused_in_one_line(tmp_path):
     model = calibration(LinearRegressor(), rezero=0.0)
     cases = [
         (ExportError, "double' or 'float", {"precision": "half"}, model),
-        (CalibrationError, "95 %", {"level": 0.95}, model),
+        (ExportError, "95 %", {"level": 0.95}, model),
         (ModelFileError, "calibrate it again", {}, replace(model, training_domain=None)),
     ]
-    model.model.coef_[0, 0] = 1e200
+    model.model.arrays_["coef"][0, 0] = 1e200
     cases.append((ExportError, "export in double", {"precision": "float"}, model))
     for error, said, options, bad in cases:
         with pytest.raises(error, match=said) as caught:

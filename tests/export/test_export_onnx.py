@@ -91,6 +91,6 @@ def test_without_onnx_the_refusal_says_how_to_install_it(tmp_path, monkeypatch):
 
 def test_numbers_too_large_for_a_float_are_refused(tmp_path):
     fitted = calibration(FixedOffset())
-    fitted.model.offset_ = np.full(3, 1e39)
+    fitted.model.arrays_["offset"] = np.full(3, 1e39)
     with pytest.raises(ExportError, match="export in double"):
         export_onnx(fitted, tmp_path / "m.onnx", precision="float")

@@ -173,7 +173,7 @@ def _direct(body: list[Statement | Block]) -> list[Statement | Block]:
             and statement.target is None
             and statement.text.endswith(f"] = {before.target.name}")
             and before.target.name not in _NAME.findall(statement.text.rpartition(" = ")[0])
-            and _is_dead(before.target.name, body[i + 1 :])
+            and _is_dead(before.target.name, body[i + 1 :], at_end=before.declares)
         ):
             if before.declares:
                 before.target.assigned = 2
@@ -187,8 +187,8 @@ def _direct(body: list[Statement | Block]) -> list[Statement | Block]:
     return kept
 
 
-def _is_dead(name: str, rest: list[Statement | Block]) -> bool:
-    """Whether statements set a variable again before they read it, or never name it."""
+def _is_dead(name: str, rest: list[Statement | Block], *, at_end: bool) -> bool:
+    """Whether statements set a variable again before they read it; `at_end` if none names it."""
     for statement in rest:
         if isinstance(statement, Block):
             if name in names_in([statement]) or any(
@@ -200,8 +200,8 @@ def _is_dead(name: str, rest: list[Statement | Block]) -> bool:
         if not statement.comment and name in _NAME.findall(statement.text):
             return False
         if statement.target is not None and statement.target.name == name:
-            return True
-    return True
+            return statement.operator == "="
+    return at_end
 
 
 def _without(

@@ -228,7 +228,7 @@ def element_texts(f: Field, values: Sequence[Any], style: Style) -> tuple[str, l
         return "int", [str(value) for value in values]
     kind: Kind = "time" if f.is_time else "real"
     if style.single and kind == "real":
-        large = [v for v in values if np.isfinite(v) and abs(v) > np.finfo(np.float32).max]
+        large = [v for v in values if np.isfinite(v) and abs(v) > float(np.finfo(np.float32).max)]
         if large:
             raise ExportError(f"{large[0]!r} does not fit a float; export in double")
     return style.type(kind), [style.literal(value, kind) for value in values]

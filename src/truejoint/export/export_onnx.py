@@ -97,7 +97,7 @@ class _Graph:
         family = calibration.model.family.name
         if family not in _BUILDERS:
             raise ExportError(
-                f"estimator {calibration.estimator!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
+                f"{calibration.estimator!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
         predicted = _BUILDERS[family](self, features, calibration.model)
         if calibration.target == "error":
