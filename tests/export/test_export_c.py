@@ -139,6 +139,19 @@ def test_check_notices_a_changed_number(tmp_path):
     assert Library(tmp_path).functions.check() == 1
 
 
+@pytest.mark.parametrize(
+    ("errors", "precision", "said"),
+    [((-1e-9, 1e-9), "float", "in float, positions would be off"),
+     ((1.0, 2.0), "double", "only 0 of 60 ordinary samples")],
+)  # fmt: skip
+def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, precision, said):
+    model = calibration(FixedOffset(), PLAIN)
+    lower, upper = (model.model.arrays_["offset"] + error for error in errors)
+    domain = replace(model.training_domain, error_lower=lower, error_upper=upper)
+    with pytest.raises(ExportError, match=said):
+        export_c(replace(model, training_domain=domain), tmp_path, precision=precision)
+
+
 def test_vectors_hold_every_status(tmp_path):
     export_c(calibration(PolynomialRegressor(3), HISTORY), tmp_path, prefix="m")
     text = (tmp_path / "m_vectors.h").read_text()

@@ -122,7 +122,7 @@ def make_vectors(
         return vectors, offset, 0.0
     rounded = run(_RoundedCorrector)
     both = [(a, b) for a, b in zip(vectors, rounded, strict=True) if a.status == b.status == 0]
-    return vectors, offset, max(_difference(a, b) for a, b in both)
+    return vectors, offset, max((_difference(a, b) for a, b in both), default=np.inf)
 
 
 def _difference(a: Vector, b: Vector) -> float:

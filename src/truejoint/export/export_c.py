@@ -42,6 +42,9 @@ DOUBLE_TOLERANCE: Final = 1e-12
 SINGLE_MARGIN: Final = 8.0
 """How many times the effect of rounding what is kept a float source may be off by."""
 
+LARGEST_SHARE: Final = 0.1
+"""Of the span of the corrections, that a float source may be off by: its check must be able to fail."""
+
 _OWN: Final = {
     "homing_id": "the homing that positions refer to",
     "accepted_id": "the homing that counts as that of the calibration",
@@ -109,7 +112,9 @@ def export_c(
         "prefix": prefix, "guard": prefix.upper(), "level": level, "title": calibration.title,
         "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
     }  # fmt: skip
-    context |= _calibration_context(data) | _precision_context(vectors, precision, error)
+    context |= _calibration_context(data) | _precision_context(
+        vectors, precision, error, limits.correction_upper - limits.correction_lower
+    )
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in {
@@ -159,13 +164,20 @@ def _memory_context(
     }
 
 
-def _precision_context(vectors: list[Vector], precision: Precision, error: float) -> dict[str, Any]:
+def _precision_context(
+    vectors: list[Vector], precision: Precision, error: float, span: Array
+) -> dict[str, Any]:
     """Values that say how much is rounded, and how much of it the check allows."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
         return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
     largest = max(float(np.abs(v.position).max()) for v in vectors if v.status == Status.OK)
     tolerance = SINGLE_MARGIN * (error + float(np.finfo(np.float32).eps) * largest)
+    if not tolerance <= LARGEST_SHARE * span.max():
+        raise ExportError(
+            f"in float, positions would be off by up to {tolerance:.1e} (rad, m), too much for "
+            f"corrections that span {span.max():.1e}; export in double"
+        )
     notes = [
         "Single precision, but for time stamps: positions and half-widths of the test vectors are",
         f"within {tolerance:.1e} (rad, m) of those in double precision.",
