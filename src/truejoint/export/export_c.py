@@ -43,7 +43,8 @@ SINGLE_MARGIN: Final = 8.0
 """How many times the effect of rounding what is kept a float source may be off by."""
 
 LARGEST_SHARE: Final = 0.1
-"""Of the span of the corrections, that a float source may be off by: its check must be able to fail."""
+"""Of the span of the corrections, that a float source may be off by: its check must be able to
+fail."""
 
 _OWN: Final = {
     "homing_id": "the homing that positions refer to",
