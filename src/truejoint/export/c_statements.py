@@ -93,7 +93,9 @@ class Block:
     def lines(self, style: Style, depth: int) -> list[str]:
         """In C."""
         pad = "    " * depth
-        head = wrapped(f"{self.head} {{", pad)
+        # The brace that an else follows comes before it.
+        width = 98 if self.head.startswith("else") else 100
+        head = wrapped(f"{self.head} {{", pad, width)
         return [*head, *block_lines(self.body, style, depth + 1), f"{pad}}}"]
 
 

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""
 
-SINGLE_MARGIN: Final = 8.0
+SINGLE_MARGIN: Final = 32.0
 """How many times the effect of rounding what is kept a float source may be off by."""
 
 LARGEST_SHARE: Final = 0.1
