@@ -90,7 +90,7 @@ def make_vectors(
         For `REZERO` [rad or m].
     error : float
         How far positions and half-widths [rad or m] move when all that the corrector keeps is
-        rounded to `dtype` after every sample.
+        rounded to `dtype` after every sample, and the largest position once more.
 
     Raises
     ------
@@ -120,9 +120,11 @@ def make_vectors(
             )
     if dtype is np.float64:
         return vectors, offset, 0.0
-    rounded = run(_RoundedCorrector)
-    both = [(a, b) for a, b in zip(vectors, rounded, strict=True) if a.status == b.status == 0]
-    return vectors, offset, max((_difference(a, b) for a, b in both), default=np.inf)
+    pairs = zip(vectors, run(_RoundedCorrector), strict=True)
+    moved = [_difference(a, b) for a, b in pairs if a.status == b.status == 0]
+    measured = [data.signals.index(f"measured/{joint}") for joint in data.joints]
+    bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]])
+    return vectors, offset, max(moved, default=np.inf) + np.finfo(np.float32).eps * bounds.max()
 
 
 def _difference(a: Vector, b: Vector) -> float:

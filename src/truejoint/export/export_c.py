@@ -25,7 +25,7 @@ from truejoint.export.c_source import (
     render,
     write_files,
 )
-from truejoint.export.c_vectors import Vector, homing_ids, make_vectors
+from truejoint.export.c_vectors import homing_ids, make_vectors
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
 from truejoint.models.family import EstimatorData
@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""
 
-SINGLE_MARGIN: Final = 32.0
+SINGLE_MARGIN: Final = 16.0
 """How many times the effect of rounding what is kept a float source may be off by."""
 
 LARGEST_SHARE: Final = 0.1
@@ -114,7 +114,7 @@ def export_c(
         "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
     }  # fmt: skip
     context |= _calibration_context(data) | _precision_context(
-        vectors, precision, error, limits.correction_upper - limits.correction_lower
+        precision, error, limits.correction_upper - limits.correction_lower
     )
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
@@ -165,15 +165,12 @@ def _memory_context(
     }
 
 
-def _precision_context(
-    vectors: list[Vector], precision: Precision, error: float, span: Array
-) -> dict[str, Any]:
+def _precision_context(precision: Precision, error: float, span: Array) -> dict[str, Any]:
     """Values that say how much is rounded, and how much of it the check allows."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
         return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
-    largest = max(float(np.abs(v.position).max()) for v in vectors if v.status == Status.OK)
-    tolerance = SINGLE_MARGIN * (error + float(np.finfo(np.float32).eps) * largest)
+    tolerance = SINGLE_MARGIN * error
     if not tolerance <= LARGEST_SHARE * span.max():
         raise ExportError(
             f"in float, positions would be off by up to {tolerance:.1e} (rad, m), too much for "
