@@ -27,7 +27,8 @@ import numpy as np
 from truejoint.calibration import Calibration, calibrate
 from truejoint.calibration.interval import Interval
 from truejoint.crtk import simulated_arm
-from truejoint.estimators import JawFilter, NeuralNetwork
+from truejoint.estimators import NeuralNetwork
+from truejoint.estimators.jaw_filter import JawFilter
 from truejoint.export.c_source import Precision, table
 from truejoint.export.export_c import export_c
 from truejoint.models.jaw import MOTOR, RESET
@@ -109,19 +110,22 @@ FILTER_MAIN = (
     + """static const double rows[][4] = {{
 {rows}
 }};
-static const double rest[4] = {{0.0, 0.0, 0.0, 0.0}};
-static m_model model;
+static m_state state;
 int main(void)
 {{
     long calls = 0;
     int i, k, status = 0;
-    (void)m_step;
-    start_filter(&model, rest);
+    m_init(&state);
     for (i = 0; i < BATCHES; i++) {{
         const double start = now();
         for (k = 0; k < CALLS; k++) {{
             const double *row = rows[calls++ % {count}];
-            status |= step_filter(&model, row, row + 2, {interval});
+            m_model_filter_state *filter = &state.model.filter;
+            filter->z[0] = row[0];
+            filter->z[1] = row[1];
+            filter->u[0] = row[2];
+            filter->dt = {interval};
+            status |= step(filter);
         }}
         taken[i] = (now() - start) / CALLS;
     }}
@@ -217,8 +221,7 @@ def main() -> None:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--precision", default="double", choices=["double", "float"])
     options = parser.parse_args()
-    jaw = JAW_ESTIMATORS if options.precision == "double" else JAW_ESTIMATORS[:2]  # no filters
-    sessions = [(ESTIMATORS, session()), (jaw, forceps_session())]
+    sessions = [(ESTIMATORS, session()), (JAW_ESTIMATORS, forceps_session())]
     for estimators, recording in sessions:
         for estimator in estimators:
             calibration = calibrate(recording, estimator)
@@ -231,7 +234,7 @@ def main() -> None:
                     f"{calibration.estimator:15s} {options.precision}: {done.stdout.strip()}",
                     flush=True,
                 )
-                if estimator == "ukf":
+                if calibration.estimator == "ukf" and options.precision == "double":
                     print(filter_step(calibration.model, recording, folder, options.compiler))
 
 

@@ -143,7 +143,8 @@ def range_excess(x: Array, lower: Array, upper: Array, per_span: Array) -> float
     """
     worst = 0.0
     for i in range(x.shape[0]):
-        worst = max(worst, (lower[i] - x[i]) * per_span[i], (x[i] - upper[i]) * per_span[i])
+        if not (x[i] >= lower[i] and x[i] <= upper[i]):  # few are: the sums would wait for each
+            worst = max(worst, (lower[i] - x[i]) * per_span[i], (x[i] - upper[i]) * per_span[i])
     return worst
 
 

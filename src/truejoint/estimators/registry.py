@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from truejoint.errors import CalibrationError, unknown
 from truejoint.plugins import load_plugin, plugins
@@ -71,9 +71,8 @@ def get_estimator(name: str) -> JointRegressor:
         return _class(name)(**_ESTIMATORS[name][2])
     if name not in _plugins():
         raise CalibrationError(unknown("estimator", name, estimator_names()))
-    from truejoint.estimators.wrapped import joint_regressor  # noqa: PLC0415  # names need it not
-
-    return joint_regressor(load_plugin(_plugins()[name], type)())
+    joint_regressor = _imported("wrapped", "joint_regressor")
+    return cast("JointRegressor", joint_regressor(load_plugin(_plugins()[name], type)()))
 
 
 def _plugins() -> dict[str, EntryPoint]:
@@ -103,13 +102,13 @@ def class_of(family: str) -> type[JointRegressor]:
         cls = _class(name)
         if cls.family.name == family:
             return cls
-    return _imported("wrapped", "WrappedRegressor")
+    return cast("type[JointRegressor]", _imported("wrapped", "WrappedRegressor"))
 
 
 def _class(name: str) -> type[JointRegressor]:
-    return _imported(*_ESTIMATORS[name][:2])
+    return cast("type[JointRegressor]", _imported(*_ESTIMATORS[name][:2]))
 
 
-def _imported(module: str, cls: str) -> type[JointRegressor]:
-    found: type[JointRegressor] = getattr(import_module(f"truejoint.estimators.{module}"), cls)
-    return found
+def _imported(module: str, name: str) -> Any:
+    """What a module of this package holds, imported only now: names are listed without it."""
+    return getattr(import_module(f"truejoint.estimators.{module}"), name)

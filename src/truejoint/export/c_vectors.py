@@ -11,14 +11,10 @@ from numpy.typing import NDArray
 
 from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.estimators.sequence import SequenceRegressor
-from truejoint.export.c_reference import SteppingCorrector
-from truejoint.export.single_precision import single_features, single_plays, single_prediction
-from truejoint.models.families import EstimatorData
+from truejoint.errors import ExportError
+from truejoint.models.family import EstimatorData
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import Limits
-from truejoint.runtime.status import Status
 
 Array = NDArray[np.float64]
 
@@ -54,14 +50,6 @@ class Vector:
         Bits of `Status`.
     position, half_width : ndarray, shape (n_joints,)
         [rad or m].
-    correction : ndarray, shape (n_joints,)
-        NaN where the features did not see the sample.
-    offset : ndarray, shape (n_joints,)
-        Of the re-zeroing, part of the position [rad or m].
-    forgets : bool
-        Whether the action ended the history of the features.
-    filter_status : int
-        Bits of `FilterStatus` of the last sample that was used.
     """
 
     t: float
@@ -72,10 +60,6 @@ class Vector:
     status: int = 0
     position: Array = field(default_factory=_nothing)
     half_width: Array = field(default_factory=_nothing)
-    correction: Array = field(default_factory=_nothing)
-    offset: Array = field(default_factory=_nothing)
-    forgets: bool = False
-    filter_status: int = 0
 
 
 def make_vectors(
@@ -85,7 +69,7 @@ def make_vectors(
     level: float,
     range_margin: float,
     dtype: type,
-) -> tuple[list[Vector], Array]:
+) -> tuple[list[Vector], Array, float]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
     Parameters
@@ -104,6 +88,14 @@ def make_vectors(
     vectors : list of Vector
     offset : ndarray, shape (n_joints,)
         For `REZERO` [rad or m].
+    error : float
+        How far positions and half-widths [rad or m] move when all that the corrector keeps is
+        rounded to `dtype` after every sample, and the largest position once more.
+
+    Raises
+    ------
+    ExportError
+        If fewer than half of the ordinary samples are corrected, so that they would check little.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
@@ -111,22 +103,62 @@ def make_vectors(
     while True:  # smaller motion is more like the middle of the training rows
         stream = [replace(v, sample=v.sample.astype(dtype).astype(float))
                   for v in _stream(data, limits, scale)]  # fmt: skip
-        vectors = answer(
-            reference_corrector(calibration, level, range_margin),
-            calibration.metadata,
-            stream,
-            offset,
-        )
+
+        def run(kind: type[Corrector], stream: list[Vector] = stream) -> list[Vector]:
+            corrector = kind(calibration, level=level, range_margin=range_margin)
+            return answer(corrector, calibration.metadata, stream, offset)
+
+        vectors = run(Corrector)
         good = sum(v.status == 0 for v in vectors[:_START])
+        if good > _START / 2:
+            break
         scale /= 2
-        if good > _START / 2 or scale < 1e-2:
-            return vectors, offset
+        if scale < 1e-2:
+            raise ExportError(
+                f"only {good} of {_START} ordinary samples would be corrected, too few to check "
+                "the source by; calibrate with more data"
+            )
+    if dtype is np.float64:
+        return vectors, offset, 0.0
+    pairs = zip(vectors, run(_RoundedCorrector), strict=True)
+    moved = [_difference(a, b) for a, b in pairs if a.status == b.status == 0]
+    measured = [data.signals.index(f"measured/{joint}") for joint in data.joints]
+    bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]])
+    return vectors, offset, max(moved, default=np.inf) + np.finfo(np.float32).eps * bounds.max()
 
 
-def reference_corrector(calibration: Calibration, level: float, range_margin: float) -> Corrector:
-    """Corrector that says what the C source must give."""
-    kind = SteppingCorrector if isinstance(calibration.model, SequenceRegressor) else Corrector
-    return kind(calibration, level=level, range_margin=range_margin)
+def _difference(a: Vector, b: Vector) -> float:
+    """Largest difference of positions and finite half-widths [rad or m]."""
+    known = np.isfinite(a.half_width) & np.isfinite(b.half_width)
+    widths = np.abs(a.half_width[known] - b.half_width[known])
+    return float(max(np.abs(a.position - b.position).max(), widths.max(initial=0.0)))
+
+
+class _RoundedCorrector(Corrector):
+    """Corrector whose memory, but for time stamps, is rounded to float after every sample."""
+
+    __slots__ = ("_kept",)
+
+    def __init__(self, model: Calibration, *, level: float, range_margin: float) -> None:
+        super().__init__(model, level=level, range_margin=range_margin)
+        self._kept = np.ones(len(self._memory), dtype=np.bool_)
+        for field_ in self._packed.layout.fields.values():
+            if field_.is_time and field_.kind == "scalar":
+                self._kept[field_.index] = False
+            elif field_.is_time:
+                start = int(self._numbers[field_.index])
+                self._kept[start : start + self._packed.view(field_.name).size] = False
+
+    def step(self, t: float, sample: Any) -> Any:
+        """Correct one sample, with all numbers rounded before and after."""
+        self._round()
+        status = super().step(t, sample)
+        self._round()
+        return status
+
+    def _round(self) -> None:
+        with np.errstate(over="ignore"):
+            self._memory[self._kept] = self._memory[self._kept].astype(np.float32)
 
 
 def answer(
@@ -135,71 +167,22 @@ def answer(
     """Fill in what a fresh `Corrector` makes of a stream."""
     ids = homing_ids(metadata)
     names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: ids[0] if ids else "of the calibration"}
-    homing = Homing(metadata)  # as the corrector's own, to know when the history ends
     answered = []
     for vector in stream:
-        forgets = False
         if vector.action == SET_HOMING:
             name = names.get(vector.homing_id, f"homing {vector.homing_id}")
             corrector.set_homing(vector.is_homed, name)
-            forgets = homing.tell(vector.is_homed, name)
         elif vector.action == REZERO:
             corrector.rezero(offset)
-            homing.accept()
-        status = corrector.step(vector.t, vector.sample)
-        answered.append(
-            replace(
-                vector,
-                status=int(status),
-                position=corrector.position.copy(),
-                half_width=corrector.half_width.copy(),
-                correction=corrector.correction.copy(),
-                offset=corrector.offset.copy(),
-                forgets=forgets,
-                filter_status=getattr(corrector, "filter_status", 0),
-            )
-        )
+        status = int(corrector.step(vector.t, vector.sample))
+        position, half_width = corrector.position.copy(), corrector.half_width.copy()
+        answered.append(replace(vector, status=status, position=position, half_width=half_width))
     return answered
 
 
 def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
     """Homings of the training recordings."""
     return [name for name in metadata.get("homing_ids", ()) if isinstance(name, str)]
-
-
-def single_error(
-    data: CalibrationData[EstimatorData], vectors: list[Vector], context: Mapping[str, Any]
-) -> float:
-    """Largest difference [rad or m] of good positions when computed in single precision.
-
-    `context` are the values of the estimator's template.
-    """
-    used, steps, fresh, last = [], [], True, 0.0
-    for vector in vectors:
-        fresh = fresh or vector.forgets
-        if np.isfinite(vector.correction).all():
-            step = vector.t - last
-            known = not fresh and 0.0 < step <= data.gap_limit
-            steps.append(step if known else 0.0)
-            used.append(vector)
-            last, fresh = vector.t, False
-    samples = np.array([vector.sample for vector in used])
-    sources = [data.signals.index(feature.signal) for feature in data.feature_set.features]
-    X = single_features(data.feature_set, samples, steps, sources)
-    with np.errstate(over="ignore", invalid="ignore"):  # a logistic unit may saturate
-        if "regressions" in context:
-            corrections = single_plays(context["regressions"], context["gate"], X, steps)
-        else:
-            corrections = single_prediction(data.model, X)
-    measured = samples[:, [data.signals.index(f"measured/{j}") for j in data.joints]]
-    worst = 0.0
-    for row, vector in enumerate(used):
-        if vector.status == Status.OK:
-            base = measured[row].astype(np.float32)
-            got = corrections[row] + (base if data.target == "error" else np.float32(0))
-            got = got + vector.offset.astype(np.float32)
-            worst = max(worst, float(np.abs(got - vector.position).max()))
-    return worst
 
 
 def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> list[Vector]:

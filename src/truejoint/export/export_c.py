@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
+import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
+from enum import IntFlag
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
@@ -13,11 +16,8 @@ from numpy.typing import NDArray
 
 from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData, decode, encode
-from truejoint.calibration.interval import inverse_span
-from truejoint.errors import ExportError
-from truejoint.estimators.sequence import SequenceRegressor
-from truejoint.export.c_history import FILTER_MEANINGS, history_context
-from truejoint.export.c_models import BLOCK, model_context
+from truejoint.errors import CalibrationError, ExportError
+from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import (
     Precision,
     check_precision,
@@ -25,9 +25,13 @@ from truejoint.export.c_source import (
     render,
     write_files,
 )
-from truejoint.export.c_vectors import Vector, homing_ids, make_vectors, single_error
-from truejoint.models.families import EstimatorData
-from truejoint.runtime.limits import RANGE_MARGIN, Limits, limits_of
+from truejoint.export.c_vectors import homing_ids, make_vectors
+from truejoint.filters import FilterStatus
+from truejoint.layout import Memory
+from truejoint.models.family import EstimatorData
+from truejoint.runtime import fields
+from truejoint.runtime.correction import correct_sample, forget
+from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 
 Array = NDArray[np.float64]
@@ -35,20 +39,19 @@ Array = NDArray[np.float64]
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""
 
-MEANINGS: Final = {
-    Status.OK: "the position is corrected",
-    Status.NOT_FINITE: "a signal, or the time stamp, is NaN or infinite",
-    Status.STALE: "the stamp is that of the last sample or an older one",
-    Status.TIME_JUMP: "the stamp is further from the last one than the history may bridge",
-    Status.SPIKE: "a signal changed faster than it ever did in training",
-    Status.FROZEN: "a signal stands exactly still while its joint moves, or all of them for long",
-    Status.OUT_OF_RANGE: "a feature or a signal is outside its trained range",
-    Status.OUT_OF_DOMAIN: "the features together are unlike any trained row",
-    Status.IMPLAUSIBLE: "the correction is larger than the errors seen in training",
-    Status.NOT_HOMED: "nobody has said that the robot is homed",
-    Status.HOMED_AGAIN: "the robot was homed again, so its positions are shifted",
+SINGLE_MARGIN: Final = 16.0
+"""How many times the effect of rounding what is kept a float source may be off by."""
+
+LARGEST_SHARE: Final = 0.1
+"""Of the span of the corrections, that a float source may be off by: its check must be able to
+fail."""
+
+_OWN: Final = {
+    "homing_id": "the homing that positions refer to",
+    "accepted_id": "the homing that counts as that of the calibration",
+    "was_lost": "whether the robot was homed anew",
+    "rezeroed": "whether an offset was given for this homing",
 }
-"""All bits but WRONG_SIZE: a sample in C has its size by its type."""
 
 
 def export_c(
@@ -99,17 +102,20 @@ def export_c(
     check_precision(precision)
     data = decode(*encode(calibration))
     limits = limits_of(data, range_margin)
-    context: dict[str, Any] = {"prefix": prefix, "guard": prefix.upper(), "level": level}
-    context |= _model_context(calibration, data.model, precision)
-    size = 8 if precision == "double" else 4
-    context |= _calibration_context(data, limits, level, size, context["room"])
-    context |= {"title": calibration.title, "estimator": calibration.estimator}
-    vectors, offset = make_vectors(
-        calibration, data, limits, level, range_margin,
-        np.float64 if precision == "double" else np.float32,
-    )  # fmt: skip
-    context |= {"rows": vectors, "vector_offset": offset}
-    context |= _precision_context(data, vectors, precision, context)
+    try:
+        memory = fields.pack(data, limits, level)
+    except CalibrationError as refused:
+        raise ExportError(str(refused)) from None
+    context = _memory_context(data, memory, prefix, precision)
+    dtype = np.float64 if precision == "double" else np.float32
+    vectors, offset, error = make_vectors(calibration, data, limits, level, range_margin, dtype)
+    context |= {
+        "prefix": prefix, "guard": prefix.upper(), "level": level, "title": calibration.title,
+        "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
+    }  # fmt: skip
+    context |= _calibration_context(data) | _precision_context(
+        precision, error, limits.correction_upper - limits.correction_lower
+    )
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in {
@@ -134,101 +140,81 @@ def check_command(paths: Sequence[Path]) -> str:
     return f"cc -std=c99 -O2 {sources} -lm -o check && ./check"
 
 
-def _model_context(
-    calibration: Calibration, data: EstimatorData, precision: Precision
+def _memory_context(
+    data: CalibrationData[EstimatorData], memory: Memory, prefix: str, precision: Precision
 ) -> dict[str, Any]:
-    """Values of the templates that say what the estimator is made of."""
-    if isinstance(calibration.model, SequenceRegressor):
-        found: tuple[str, Mapping[str, Any]] = history_context(calibration.model)
-    else:
-        found = model_context(data)
-    template, values = found
-    context = {"is_filter": False, "memory": (), **values, "model_template": template}
-    if context["is_filter"] and precision != "double":
-        raise ExportError(
-            f"estimator {calibration.estimator!r} holds variances that differ too much for a "
-            f"{precision}; export it in double"
-        )
-    return context
+    """Values of the templates that are printed from the corrector's memory and kernels."""
+    needs_rezero = data.interval is not None and data.interval.rezero > 0.0
+    rezeroed_width = memory.view("base_width").copy()
+    memory.numbers[fields.HOMING] = int(Status.NOT_HOMED)
+    inputs = ["t", "sample", "homing", "offset"]
+    if needs_rezero:
+        memory.view("base_width")[:] = np.inf
+        inputs.append("base_width")
+    guard = prefix.upper()
+    program = print_kernels(
+        (correct_sample, forget), memory, "state", f"{prefix}_state",
+        single=precision == "float", inputs=inputs, own=_OWN,
+        enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
+    )  # fmt: skip
+    return {
+        "program": program,
+        "is_filter": f"{guard}_FILTER_" in program.functions,
+        "needs_rezero": needs_rezero,
+        "rezeroed_width": rezeroed_width,
+    }
 
 
-def _precision_context(
-    data: CalibrationData[EstimatorData],
-    vectors: list[Vector],
-    precision: Precision,
-    context: Mapping[str, Any],
-) -> dict[str, Any]:
+def _precision_context(precision: Precision, error: float, span: Array) -> dict[str, Any]:
     """Values that say how much is rounded, and how much of it the check allows."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
         return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
-    error = single_error(data, vectors, context)
-    good = [float(np.abs(v.position).max()) for v in vectors if v.status == Status.OK]
-    largest = max(good, default=0.0)
+    tolerance = SINGLE_MARGIN * error
+    if not tolerance <= LARGEST_SHARE * span.max():
+        raise ExportError(
+            f"in float, positions would be off by up to {tolerance:.1e} (rad, m), too much for "
+            f"corrections that span {span.max():.1e}; export in double"
+        )
     notes = [
-        "Single precision, but for time stamps: computed so, positions of the test vectors are",
-        f"within {error:.1e} (rad, m) of those in double precision.",
+        "Single precision, but for time stamps: positions and half-widths of the test vectors are",
+        f"within {tolerance:.1e} (rad, m) of those in double precision.",
     ]
-    rounding = float(np.finfo(np.float32).eps) * largest
-    return {"tolerance": 4 * error + 4 * rounding, "precision_notes": notes}
+    return {"tolerance": tolerance, "precision_notes": notes}
 
 
-def _calibration_context(
-    data: CalibrationData[EstimatorData], limits: Limits, level: float, size: int, room: int
-) -> dict[str, Any]:
-    """Values of the templates that say what the calibration is made of.
-
-    `size` is that of a number in bytes, `room` how many the model needs on the stack.
-    """
-    features, signals = data.feature_set.features, data.signals
-    # The length of a whitened row is all that counts, so a triangular factor does as well.
-    factor = np.asarray(np.linalg.qr(limits.whitening.T, mode="r")).T
-    extra = -len(factor) % BLOCK
-    whitening = np.pad(factor, ((0, extra), (0, extra)))
-    interval, k = data.interval, len(features)
+def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]:
+    """Values of the templates that say what the calibration is made of."""
     return {
-        "stack_bytes": size * (room + k + 2 * len(whitening) + len(data.joints)) + 256,
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
         "homing_ids": homing_ids(data.metadata),
         "zeroed": "rezeroed" in data.metadata,
-        "signals": _named(signals, data.units.__getitem__),
+        "signals": _named(data.signals, data.units.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
-        "statuses": _bits(MEANINGS),
-        "filter_statuses": _bits(FILTER_MEANINGS),
-        "n_signals": len(signals),
+        "statuses": _bits(Status, {Status.WRONG_SIZE}),
+        "filter_statuses": _bits(FilterStatus, set()),
+        "n_signals": len(data.signals),
         "n_joints": len(data.joints),
-        "n_features": k,
-        "features": [
-            {
-                "text": str(feature),
-                "operation": feature.operation,
-                "parameter": feature.parameter,
-                "source": signals.index(feature.signal),
-            }
-            for feature in features
-        ],
-        "operations": {feature.operation for feature in features},
-        "stateful": any(feature.memory for feature in features),
-        "measured": [signals.index(f"measured/{joint}") for joint in data.joints],
-        "target": data.target,
-        "limits": limits,
-        "whitening": whitening,
-        "domain_columns": len(whitening),
-        "lower": data.lower,
-        "upper": data.upper,
-        "per_span": inverse_span(data.lower, data.upper),
-        "has_interval": interval is not None,
-        "base_width": np.zeros(0) if interval is None else interval.half_width(level),
-        "growth": 0.0 if interval is None else interval.growth,
-        "needs_rezero": interval is not None and interval.rezero > 0.0,
+        "n_features": len(data.feature_set),
+        "has_interval": data.interval is not None,
     }
 
 
-def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
-    return [
-        {"name": bit.name or "OK", "value": int(bit), "meaning": meaning}
-        for bit, meaning in meanings.items()
+def _bits(statuses: type[IntFlag], without: set[IntFlag]) -> list[dict[str, Any]]:
+    """Members of an enumeration with the docstrings that stand below them."""
+    tree: Any = ast.parse(inspect.getsource(statuses))
+    meanings: dict[str, str] = {}
+    name = ""
+    for node in tree.body[0].body:
+        if isinstance(node, ast.Assign):
+            name = ast.unparse(node.targets[0])
+        elif name and isinstance(node, ast.Expr):
+            meanings[name] = " ".join(ast.literal_eval(node.value).split()).rstrip(".")
+    return [{"name": "OK", "value": 0, "meaning": "all is well"}] + [
+        {"name": bit.name, "value": int(bit), "meaning": meanings[bit.name or ""]}
+        for bit in statuses
+        if bit not in without
     ]
 
 

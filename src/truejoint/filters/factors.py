@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from truejoint.compiled import Array, compiled, inlined
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
@@ -34,9 +36,9 @@ def wrap(angle: float) -> float:
     """
     if -math.pi < angle <= math.pi:
         return angle
-    turned = angle - 2.0 * math.pi * math.ceil((angle - math.pi) / (2.0 * math.pi))
+    turned = angle - 2.0 * math.pi * np.ceil((angle - math.pi) / (2.0 * math.pi))
     # An angle beyond 2^52 turns has no direction left: rounding may put it anywhere.
-    return min(max(turned, -math.pi), math.pi)
+    return float(min(max(turned, -math.pi), math.pi))
 
 
 @compiled

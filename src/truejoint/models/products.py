@@ -20,7 +20,7 @@ def padded(matrix: Array, *, rows: bool = False) -> Array:
 def add_product(x: Array, matrix: Array, out: Array) -> None:
     """Add ``x @ matrix`` to `out`.
 
-    Four rows in one pass over the columns, summed in pairs, so that no addition waits for three
+    Eight rows in one pass over the columns, summed in pairs, so that no addition waits for seven
     others; one order of sums for one row, a whole recording and C.
 
     Parameters
@@ -31,12 +31,16 @@ def add_product(x: Array, matrix: Array, out: Array) -> None:
     out : ndarray, shape (m,)
     """
     n, m = matrix.shape[0], matrix.shape[1]
-    whole = n - n % 4
-    for i in range(0, whole, 4):
+    whole = n - n % 8
+    for i in range(0, whole, 8):
         a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
+        e, f, g, h = x[i + 4], x[i + 5], x[i + 6], x[i + 7]
         row_a, row_b, row_c, row_d = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
+        row_e, row_f, row_g, row_h = matrix[i + 4], matrix[i + 5], matrix[i + 6], matrix[i + 7]
         for j in range(m):
-            out[j] += (a * row_a[j] + b * row_b[j]) + (c * row_c[j] + d * row_d[j])
+            out[j] += ((a * row_a[j] + b * row_b[j]) + (c * row_c[j] + d * row_d[j])) + (
+                (e * row_e[j] + f * row_f[j]) + (g * row_g[j] + h * row_h[j])
+            )
     for i in range(whole, n):
         a = x[i]
         row_a = matrix[i]
@@ -50,5 +54,6 @@ def add_triangle(x: Array, matrix: Array, out: Array) -> None:
     for i in range(0, matrix.shape[0], 4):
         a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
         row_a, row_b, row_c, row_d = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
-        for j in range(i + 4):
-            out[j] += (a * row_a[j] + b * row_b[j]) + (c * row_c[j] + d * row_d[j])
+        for first in range(0, i + 4, 4):
+            for j in range(first, first + 4):
+                out[j] += (a * row_a[j] + b * row_b[j]) + (c * row_c[j] + d * row_d[j])

@@ -148,29 +148,39 @@ def judge_signals(numbers: Integers, memory: Array) -> int:
 
 
 @compiled
+def watch_partner(numbers: Integers, memory: Array, i: int) -> int:
+    """Status bit if the partner of a signal that stands still has moved too far since it does."""
+    n = numbers[at.N_SIGNALS]
+    partner = numbers[numbers[at.PARTNER] + i]
+    low = vector(memory, numbers[at.PARTNER_LOW], n)
+    high = vector(memory, numbers[at.PARTNER_HIGH], n)
+    if numbers[numbers[at.STILL] + i] == 0:
+        before = vector(memory, numbers[at.LATEST], n)[partner]
+        numbers[numbers[at.STILL] + i] = 1
+        low[i] = before
+        high[i] = before
+    other = vector(memory, numbers[at.SAMPLE], n)[partner]
+    low[i] = min(low[i], other)
+    high[i] = max(high[i], other)
+    return _FROZEN if high[i] - low[i] > vector(memory, numbers[at.TRAVEL], n)[i] else 0
+
+
+@compiled
 def judge_standstill(numbers: Integers, memory: Array) -> int:
     """Status bit if a signal stands exactly still though it should not."""
     n = numbers[at.N_SIGNALS]
     sample = vector(memory, numbers[at.SAMPLE], n)
     latest = vector(memory, numbers[at.LATEST], n)
-    low = vector(memory, numbers[at.PARTNER_LOW], n)
-    high = vector(memory, numbers[at.PARTNER_HIGH], n)
-    travel = vector(memory, numbers[at.TRAVEL], n)
-    partners, moves = numbers[at.PARTNER], numbers[at.MOVES]
+    still, moves = numbers[at.STILL], numbers[at.MOVES]
     status = 0
     for i in range(n):
-        partner = numbers[partners + i]
-        other = sample[partner] if partner >= 0 else 0.0
-        if sample[i] == latest[i]:
-            low[i] = min(low[i], other)
-            high[i] = max(high[i], other)
-            if partner >= 0 and high[i] - low[i] > travel[i]:
-                status = _FROZEN
-        else:
-            low[i] = other
-            high[i] = other
+        if sample[i] != latest[i]:
+            numbers[still + i] = 0
             if numbers[moves + i]:
                 memory[at.CHANGED_T] = memory[at.T]
+        elif numbers[numbers[at.PARTNER] + i] >= 0:
+            status |= watch_partner(numbers, memory, i)
+    for i in range(n):
         latest[i] = sample[i]
     if memory[at.T] - memory[at.CHANGED_T] > memory[at.HOLD]:
         status = _FROZEN

@@ -42,8 +42,8 @@ GROWTH: Final = LAYOUT.scalar("growth", "of the half-width outside the trained r
 SAMPLE: Final = LAYOUT.array("sample", "a number for each signal")
 LAST: Final = LAYOUT.array("last", "sample that was used")
 LATEST: Final = LAYOUT.array("latest", "sample that could be believed")
-PARTNER_LOW: Final = LAYOUT.array("partner_low", "of the partner since the signal changed")
-PARTNER_HIGH: Final = LAYOUT.array("partner_high", "of the partner since the signal changed")
+PARTNER_LOW: Final = LAYOUT.array("partner_low", "of the partner since the signal stands still")
+PARTNER_HIGH: Final = LAYOUT.array("partner_high", "of the partner since the signal stands still")
 FEATURES: Final = LAYOUT.array("features", "of the last sample that was used")
 CENTRED: Final = LAYOUT.array("centred", "features less their mean")
 WHITE: Final = LAYOUT.array("white", "features made uncorrelated")
@@ -72,6 +72,7 @@ PER_SPAN: Final = LAYOUT.array("per_span", "inverse length of that range")
 CORRECTION_LOWER: Final = LAYOUT.array("correction_lower", "below it a correction is implausible")
 CORRECTION_UPPER: Final = LAYOUT.array("correction_upper", "above it a correction is implausible")
 WHITENING: Final = LAYOUT.array("whitening", "row i is what feature i adds to columns 0 to i")
+STILL: Final = LAYOUT.integers("still", "1 for signals that stand exactly still")
 PARTNER: Final = LAYOUT.integers("partner", "signal of the same channel; -1: none")
 MOVES: Final = LAYOUT.integers("moves", "1 for signals that changed in training")
 OPERATION: Final = LAYOUT.integers("operation", "of each feature")
@@ -129,6 +130,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         "trained_upper": data.upper, "per_span": inverse_span(data.lower, data.upper),
         "correction_lower": limits.correction_lower,
         "correction_upper": limits.correction_upper, "whitening": whitening,
+        "still": np.zeros(n_signals),
         "partner": limits.partner, "moves": limits.moves, "operation": operation,
         "source": source, "slot": slot,
         "measured": [data.signals.index(f"measured/{joint}") for joint in data.joints],

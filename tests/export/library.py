@@ -1,0 +1,116 @@
+"""Exported calibrations, compiled and called."""
+
+from __future__ import annotations
+
+import ctypes
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from truejoint.export.export_c import export_c
+
+COMPILER = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
+CPP = shutil.which("g++") or shutil.which("clang++")
+STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic")
+FLAGS = ("-std=c99", *STRICT, "-shared", "-fPIC")
+SAME_BITS = ("-O1", "-ffp-contract=off")
+needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")
+
+# The generated check as a function, and a loop over many samples, in one library.
+BRIDGE = """
+#define main check
+#include "m_check.c"
+#undef main
+int check(void);
+void start(void);
+void forget_all(void);
+static m_state kept;
+void start(void) {{ m_init(&kept); m_set_homing(&kept, 1, M_HOMING_OF_CALIBRATION); }}
+void forget_all(void) {{ m_reset(&kept); }}
+void run(int n, const double *t, const {real} *sample, int *status, {real} *position,
+    {real} *half_width, {real} *correction);
+void run(int n, const double *t, const {real} *sample, int *status, {real} *position,
+    {real} *half_width, {real} *correction)
+{{
+    for (int i = 0; i < n; i++) {{
+        status[i] = m_step(&kept, t[i], sample + i * M_SIGNALS, position + i * M_JOINTS,
+            half_width + i * M_JOINTS);
+        for (int j = 0; j < M_JOINTS; j++) {{
+            correction[i * M_JOINTS + j] = kept.correction[j];
+        }}
+    }}
+}}
+"""
+
+
+class Library:
+    """An exported calibration, compiled."""
+
+    def __init__(self, folder: Path, precision: str = "double", flags=SAME_BITS) -> None:
+        (folder / "bridge.c").write_text(BRIDGE.format(real=precision), encoding="ascii")
+        path = folder / f"library{len(list(folder.glob('*.so')))}.so"
+        compile_c([folder / "m.c", folder / "bridge.c"], path, *FLAGS, *flags)
+        self.functions = ctypes.CDLL(str(path))
+        self.dtype = np.dtype(np.float64 if precision == "double" else np.float32)
+        self.folder = folder
+
+    def run(self, t, samples, n_joints: int):
+        """Status (n,), position, half-width, correction (n, n_joints) of samples (n, n_signals)."""
+        n = len(t)
+        t, samples = np.ascontiguousarray(t), np.ascontiguousarray(samples, dtype=self.dtype)
+        status = np.empty(n, dtype=np.int32)
+        outputs = np.empty((3, n, n_joints), dtype=self.dtype)
+        arrays = (t, samples, status, *outputs)
+        self.functions.run(n, *(a.ctypes.data_as(ctypes.c_void_p) for a in arrays))
+        return status, *outputs
+
+
+def compile_c(sources, target, *flags: str) -> None:
+    """Compile without a warning."""
+    command = [COMPILER, *flags, *map(str, sources), "-lm", "-o", str(target)]
+    subprocess.run(command, check=True)  # noqa: S603  # our own
+
+
+def exported(folder: Path, model, precision: str = "double", flags=SAME_BITS, **options) -> Library:
+    """Export a calibration as ``m`` and compile it."""
+    export_c(model, folder, prefix="m", precision=precision, overwrite=True, **options)
+    return Library(folder, precision, flags)
+
+
+def expected(corrector, t, samples):
+    """What a corrector gives, as `Library.run` does."""
+    status = np.empty(len(t), dtype=np.int32)
+    outputs = np.empty((3, len(t), len(corrector.joints)))
+    for row in range(len(t)):
+        status[row] = int(corrector.step(float(t[row]), samples[row]))
+        outputs[:, row] = corrector.position, corrector.half_width, corrector.correction
+    return status, *outputs
+
+
+def faulty(t, samples, seed: int):
+    """Stamps (n,) and samples (n, n_signals) with faults of every kind here and there."""
+    rng = np.random.default_rng(seed)
+    t, samples, n = np.array(t), np.array(samples), len(t)
+    period, span = float(np.median(np.diff(t))), np.ptp(samples, axis=0)
+    for row in rng.choice(np.arange(20, n - 20), n // 40, replace=False):
+        kind, column = rng.integers(8), rng.integers(samples.shape[1])
+        if kind == 0:
+            samples[row : row + rng.integers(1, 5), column] = rng.choice([np.nan, np.inf, -np.inf])
+        elif kind == 1:
+            t[row] = rng.choice([np.nan, t[row - 1], t[row - 3]])
+        elif kind == 2:
+            t[row:] += period * rng.uniform(2.0, 90.0)
+        elif kind == 3:
+            t[row:] -= period * rng.uniform(2.0, 90.0)
+        elif kind == 4:
+            samples[row, column] += rng.normal(0, 0.5) * span[column]
+        elif kind == 5:
+            samples[row : row + 15, column] = samples[row, column]
+        elif kind == 6:
+            samples[row : row + 15] = samples[row]
+        else:
+            samples[row : row + 10, column] += 0.05 * span[column] * np.arange(10)
+    return t, samples

@@ -1,0 +1,149 @@
+"""Every registered estimator in C: the bits of the corrector, whatever the stream."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.calibration.interval import Interval
+from truejoint.errors import ExportError
+from truejoint.export.export_c import export_c
+from truejoint.runtime import Status
+
+from ..runtime.registered import in_loop, model, ready, unseen
+from .library import CPP, STRICT, Library, expected, exported, faulty, needs_compiler
+
+LONGEST_FUNCTION = 80
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory):
+    """Each estimator exported and compiled once for each precision."""
+    built: dict[tuple[str, str], Library] = {}
+
+    def build(name: str, precision: str = "double") -> Library:
+        if (name, precision) not in built:
+            folder = tmp_path_factory.mktemp(f"{name}_{precision}")
+            built[name, precision] = exported(folder, model(name), precision)
+        return built[name, precision]
+
+    return build
+
+
+def stream(name: str, n: int, seed: int):
+    """Stamps and samples of a motion that the estimator was not fitted to, with faults."""
+    recording = unseen(name).rows(np.arange(n))
+    return faulty(recording.t, recording.table[list(model(name).signals)].to_numpy(), seed)
+
+
+def compare(library: Library, calibration, name: str, compare_arrays, seed: int = 3):
+    """Compare C and corrector on a broken stream; returns the statuses."""
+    t, samples = stream(name, 1500, seed)
+    samples = samples.astype(library.dtype).astype(float)
+    library.functions.start()
+    given = library.run(t, samples, len(calibration.joints))
+    wanted = expected(ready(calibration), t, samples)
+    np.testing.assert_array_equal(given[0], wanted[0])
+    for got, want in zip(given[1:], wanted[1:], strict=True):
+        compare_arrays(got, want)
+    return wanted[0]
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", in_loop())
+def test_a_broken_stream_gives_the_same_bits(library, name):
+    statuses = compare(library(name), model(name), name, np.testing.assert_array_equal)
+    assert 0.2 < (statuses == 0).mean() < 1.0
+    assert np.bitwise_or.reduce(statuses) & (Status.NOT_FINITE | Status.STALE)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", in_loop())
+def test_the_source_passes_its_own_check(library, name):
+    assert library(name).functions.check() == 0
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["dnn", "play_gated", "ukf_compensated", "ukf_friction"])
+def test_optimised_as_users_do_it_differs_in_the_last_bits_only(tmp_path, name):
+    def close(got, want):
+        np.testing.assert_allclose(got, want, rtol=0, atol=1e-12)
+
+    compare(exported(tmp_path, model(name), flags=("-O2",)), model(name), name, close)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["dnn", "play_both", "ukf_friction"])
+@pytest.mark.parametrize("rezero", [0.0, 10.0])
+def test_an_interval_is_stated_with_the_same_bits(tmp_path, name, rezero):
+    widths = np.full((1, len(model(name).joints)), 0.003)
+    interval = Interval(np.array([0.9]), widths, widths, widths, 2.0, rezero, 12, 12)
+    calibration = replace(model(name), interval=interval)
+    library = exported(tmp_path, calibration)
+    assert library.functions.check() == 0
+    compare(library, calibration, name, np.testing.assert_array_equal)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", in_loop())
+def test_single_precision_is_no_further_off_than_its_header_says(library, name):
+    single, calibration = library(name, "float"), model(name)
+    assert single.functions.check() == 0
+    stated = float(re.search(r"within (\S+) \(rad", (single.folder / "m.h").read_text())[1])
+    recording = unseen(name).rows(np.arange(1500))
+    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = samples.astype(np.float32).astype(float)
+    single.functions.start()
+    status, position, half_width, _ = single.run(recording.t, samples, len(calibration.joints))
+    wanted = expected(ready(calibration), recording.t, samples)
+    assert (status != wanted[0]).mean() < 0.02  # a sample on a limit may be judged differently
+    good = (status == 0) & (wanted[0] == 0)
+    off = np.abs(position - wanted[1])[good].max()
+    assert 1e-10 < off <= stated < 1e-4
+    if np.isfinite(wanted[2][good]).all():
+        np.testing.assert_allclose(half_width[good], wanted[2][good], rtol=0, atol=stated)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["play_gated", "ukf_compensated", "ukf_friction"])
+def test_reset_forgets_the_history(library, name):
+    t, samples = stream(name, 600, 1)
+    exported_ = library(name)
+    exported_.functions.start()
+    fresh = exported_.run(t[300:], samples[300:], 1)
+    exported_.functions.start()
+    exported_.run(t[:300], samples[:300], 1)
+    exported_.functions.forget_all()
+    for one, other in zip(fresh, exported_.run(t[300:], samples[300:], 1), strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@needs_compiler
+@pytest.mark.skipif(CPP is None, reason="no C++ compiler on this machine")
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize("name", ["dnn", "lsm_compensated", "play_gated", "ukf_elastic"])
+def test_it_is_cpp_too(library, name, precision):
+    source = library(name, precision).folder / "m.c"
+    flags = ("-x", "c++", "-std=c++17", *STRICT, "-fsyntax-only")
+    subprocess.run([CPP, *flags, str(source)], check=True)  # noqa: S603  # our own
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", in_loop())
+def test_the_source_is_good_to_read(library, name):
+    source = (library(name).folder / "m.c").read_text()
+    assert not re.search(r"\b(numbers|memory)\s*\[", source)
+    assert max(map(len, source.splitlines())) <= 100
+    for function in re.findall(r"^\{\n(.*?)^\}", source, re.MULTILINE | re.DOTALL):
+        assert function.count("\n") <= LONGEST_FUNCTION
+
+
+def test_an_estimator_that_only_works_offline_is_refused_in_one_line(tmp_path):
+    with pytest.raises(ExportError, match="later rows") as caught:
+        export_c(model("ukf_friction_smoothed"), tmp_path)
+    assert "\n" not in str(caught.value)
+    assert not list(tmp_path.iterdir())
