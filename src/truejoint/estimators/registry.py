@@ -110,5 +110,5 @@ def _class(name: str) -> type[JointRegressor]:
 
 
 def _imported(module: str, name: str) -> Any:
-    """What a module of this package holds, imported only now: names are listed without it."""
+    """Import what a module of this package holds only now: names are listed without it."""
     return getattr(import_module(f"truejoint.estimators.{module}"), name)
