@@ -43,7 +43,7 @@ SINGLE_MARGIN: Final = 16.0
 """How many times the effect of rounding what is kept a float source may be off by."""
 
 LARGEST_SHARE: Final = 0.1
-"""Of the span of the corrections, that a float source may be off by: its check must be able to
+"""Of the largest correction, that a float source may be off by: its check must be able to
 fail."""
 
 _OWN: Final = {
@@ -114,7 +114,7 @@ def export_c(
         "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
     }  # fmt: skip
     context |= _calibration_context(data) | _precision_context(
-        precision, error, limits.correction_upper - limits.correction_lower
+        precision, error, np.abs([limits.correction_lower, limits.correction_upper]).max()
     )
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
@@ -165,16 +165,16 @@ def _memory_context(
     }
 
 
-def _precision_context(precision: Precision, error: float, span: Array) -> dict[str, Any]:
+def _precision_context(precision: Precision, error: float, largest: float) -> dict[str, Any]:
     """Values that say how much is rounded, and how much of it the check allows."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
         return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
     tolerance = SINGLE_MARGIN * error
-    if not tolerance <= LARGEST_SHARE * span.max():
+    if not tolerance <= LARGEST_SHARE * largest:
         raise ExportError(
             f"in float, positions would be off by up to {tolerance:.1e} (rad, m), too much for "
-            f"corrections that span {span.max():.1e}; export in double"
+            f"corrections of up to {largest:.1e}; export in double"
         )
     notes = [
         "Single precision, but for time stamps: positions and half-widths of the test vectors are",
