@@ -28,7 +28,7 @@ from truejoint.export.c_source import (
 from truejoint.export.c_vectors import homing_ids, make_vectors
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
-from truejoint.models.family import EstimatorData
+from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
@@ -185,7 +185,14 @@ def _precision_context(precision: Precision, error: float, largest: float) -> di
 
 def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
+    states = find_family(data.model.family).states_deviation
+    by_filter = states is not None and states(data.model.params)
     return {
+        "stated_by": "for such motions as the interval was made of"
+        if data.interval is not None
+        else "as the filter itself reckons"
+        if by_filter
+        else "",
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
         "homing_ids": homing_ids(data.metadata),
