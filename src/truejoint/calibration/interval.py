@@ -134,17 +134,15 @@ def inverse_span(lower: Array, upper: Array) -> Array:
 def range_excess(x: Array, lower: Array, upper: Array, per_span: Array) -> float:
     """Largest share of its training range by which a feature lies outside; 0 if none does.
 
-    Parameters
-    ----------
-    x, lower, upper : ndarray, shape (k,)
-        Features, and their ranges in training.
-    per_span : ndarray, shape (k,)
-        As `inverse_span` gives it.
+    `x`, `lower`, `upper` (k,) are features and their ranges in training, `per_span` (k,) is as
+    `inverse_span` gives it. A feature that is no number is infinitely far outside.
     """
     worst = 0.0
     for i in range(x.shape[0]):
         if not (x[i] >= lower[i] and x[i] <= upper[i]):  # few are: the sums would wait for each
             worst = max(worst, (lower[i] - x[i]) * per_span[i], (x[i] - upper[i]) * per_span[i])
+            if math.isnan(x[i]):
+                worst = math.inf
     return worst
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan, sqrt
+from math import inf, isfinite, nan
 from typing import Final
 
 from truejoint.calibration.interval import range_excess
@@ -230,10 +230,18 @@ def judge_features(numbers: Integers, memory: Array) -> int:
     centred = vector(memory, numbers[at.CENTRED], n_white)
     white = vector(memory, numbers[at.WHITE], n_white)
     status = 0
+    memory[at.EXCESS] = range_excess(
+        features,
+        vector(memory, numbers[at.TRAINED_LOWER], k),
+        vector(memory, numbers[at.TRAINED_UPPER], k),
+        vector(memory, numbers[at.PER_SPAN], k),
+    )
+    if memory[at.EXCESS] > 0.0:
+        for i in range(k):
+            # `not (a and b)` holds for NaN too.
+            if not (features[i] >= lower[i] and features[i] <= upper[i]):
+                status = _OUT_OF_RANGE
     for i in range(k):
-        # `not (a and b)` holds for NaN too.
-        if not (features[i] >= lower[i] and features[i] <= upper[i]):
-            status = _OUT_OF_RANGE
         centred[i] = features[i] - mean[i]
     for i in range(n_white):
         white[i] = 0.0
@@ -243,7 +251,7 @@ def judge_features(numbers: Integers, memory: Array) -> int:
         square += (white[i] * white[i] + white[i + 1] * white[i + 1]) + (
             white[i + 2] * white[i + 2] + white[i + 3] * white[i + 3]
         )
-    if not sqrt(square) <= memory[at.DISTANCE]:
+    if not square <= memory[at.SQUARE]:
         status |= _OUT_OF_DOMAIN
     return status
 
@@ -255,14 +263,8 @@ def predict(numbers: Integers, memory: Array, dt: float) -> None:
     features = vector(memory, numbers[at.FEATURES], k)
     half_width = vector(memory, numbers[at.PREDICTED_WIDTH], n)
     base = vector(memory, numbers[at.BASE_WIDTH], n)
-    excess = range_excess(
-        features,
-        vector(memory, numbers[at.TRAINED_LOWER], k),
-        vector(memory, numbers[at.TRAINED_UPPER], k),
-        vector(memory, numbers[at.PER_SPAN], k),
-    )
     for j in range(n):
-        half_width[j] = base[j] * (1.0 + memory[at.GROWTH] * excess)
+        half_width[j] = base[j] * (1.0 + memory[at.GROWTH] * memory[at.EXCESS])
     call_row(
         numbers[at.ROW],
         part_numbers(numbers, at.MODEL),

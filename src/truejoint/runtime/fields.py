@@ -36,7 +36,8 @@ PERIOD: Final = LAYOUT.scalar(
     "period", "in which a signal may change by its reach [s]", is_time=True
 )
 HOLD: Final = LAYOUT.scalar("hold", "that all signals may stand still [s]", is_time=True)
-DISTANCE: Final = LAYOUT.scalar("distance", "largest length of the whitened features")
+SQUARE: Final = LAYOUT.scalar("square", "largest square of the whitened features' length")
+EXCESS: Final = LAYOUT.scalar("excess", "share of its range by which a feature lies outside")
 GROWTH: Final = LAYOUT.scalar("growth", "of the half-width outside the trained range")
 
 SAMPLE: Final = LAYOUT.array("sample", "a number for each signal")
@@ -114,7 +115,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         "n_signals": n_signals, "n_features": k, "n_joints": n_joints, "n_white": len(whitening),
         "is_position": data.target == "position", "row": family.row_address(),
         "shortest": limits.shortest_step, "longest": limits.longest_step,
-        "period": limits.interval, "hold": limits.hold, "distance": limits.distance,
+        "period": limits.interval, "hold": limits.hold, "square": limits.distance**2,
         "growth": growth,
         **dict.fromkeys(("sample", "last", "latest", "partner_low", "partner_high"), per_signal),
         "features": np.zeros(k), "centred": np.zeros(len(whitening)),
