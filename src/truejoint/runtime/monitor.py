@@ -15,7 +15,7 @@ from enum import IntEnum, IntFlag
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truejoint.calibration.effort_baseline import (
     ANCHOR,
@@ -29,17 +29,16 @@ from truejoint.calibration.effort_baseline import (
 )
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import inverse_span, range_excess
-from truejoint.compiled import compiled
+from truejoint.compiled import Array, Integers, compiled, matrix, vector
 from truejoint.errors import CalibrationError
+from truejoint.layout import Layout
 from truejoint.models.features import FeatureState
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
-WORKING_TIME: Final = 3600.0
+LONGEST_WORK: Final = 3600.0
 """Motion [s] after which a comparison with the truth is due: accuracy falls within an hour or two
 of work, and hardly at rest (peng2024, II-G)."""
 FAR_OUTSIDE: Final = 0.5
@@ -57,9 +56,37 @@ RELEASE: Final = 0.7
 # Measures, in the order of the bits of `Reason`.
 SHIFT, FRICTION, RANGE, INNOVATION, WORK = 0, 1, 2, 3, 4
 N_MEASURES: Final = 5
-# Slow state.
-OUTSIDE, RATIO, RATIO_WEIGHT, WORKED, LAST, LAST_STEP, SEEN = 0, 1, 2, 3, 4, 5, 6
-N_SLOW: Final = 7
+
+LAYOUT: Final = Layout()
+N_JOINTS: Final = LAYOUT.integer("n_joints", "watched or not")
+N_TERMS: Final = LAYOUT.integer("n_terms", "of one joint's effort")
+HAS_LAST: Final = LAYOUT.integer("has_last", "whether there was a sample")
+GAP_LIMIT: Final = LAYOUT.scalar("gap_limit", "time that nothing is told of [s]")
+WORKING_TIME: Final = LAYOUT.scalar("working_time", "after which a comparison is due [s]")
+OUTSIDE: Final = LAYOUT.scalar("outside", "averaged share of samples far outside")
+RATIO: Final = LAYOUT.scalar("ratio", "averaged innovation")
+RATIO_WEIGHT: Final = LAYOUT.scalar("ratio_weight", "of that average")
+WORKED: Final = LAYOUT.scalar("worked", "time of motion since the last comparison [s]")
+LAST: Final = LAYOUT.scalar("last", "stamp of the last sample [s]")
+LAST_STEP: Final = LAYOUT.scalar("last_step", "when a joint last moved a step [s]")
+LOWER: Final = LAYOUT.array("lower", "range of each joint")
+UPPER: Final = LAYOUT.array("upper", "range of each joint")
+COEF: Final = LAYOUT.array("coef", "effort of each joint over the terms")
+SCALE: Final = LAYOUT.array("scale", "deviation of each joint's effort")
+SHIFT_LIMIT: Final = LAYOUT.array("shift_limit", "in deviations")
+FRICTION_LIMIT: Final = LAYOUT.array("friction_limit", "in deviations")
+TERMS: Final = LAYOUT.array("terms", "of one joint's effort")
+POSITION: Final = LAYOUT.array("position", "measured")
+TRAVEL: Final = LAYOUT.array("travel", "see `effort_baseline.travelled`")
+MEAN: Final = LAYOUT.array("mean", "of the efforts' deviations, each way")
+WEIGHT: Final = LAYOUT.array("weight", "of those means")
+SHIFTS: Final = LAYOUT.array("shifts", "shares of their limits")
+FRICTIONS: Final = LAYOUT.array("frictions", "shares of their limits")
+MEASURES: Final = LAYOUT.array("measures", "in the order of `Reason`")
+MEASURED: Final = LAYOUT.integers("measured", "signal of each joint's position")
+EFFORT: Final = LAYOUT.integers("effort", "signal of each joint's effort; -1: none")
+MONITORED: Final = LAYOUT.integers("monitored", "1 where efforts are compared")
+LEVELS: Final = LAYOUT.integers("levels", "of each measure")
 
 _CHECK: Final = np.array([1.0, 1.0, 0.1, 2.0, 1.0])
 _RECALIBRATE: Final = np.array([3.0, 3.0, 0.5, 4.0, math.inf])
@@ -165,7 +192,7 @@ class Monitor:
     """
 
     def __init__(
-        self, calibration: CalibrationData[Any], *, working_time: float = WORKING_TIME
+        self, calibration: CalibrationData[Any], *, working_time: float = LONGEST_WORK
     ) -> None:
         reference = calibration.effort_baseline
         if reference is None:
@@ -176,25 +203,32 @@ class Monitor:
         if not working_time > 0.0:
             raise CalibrationError(f"working time {working_time!r} s; give a time above 0 s")
         self._calibration = calibration
-        self._reference = reference
         joints, signals = calibration.joints, calibration.signals
-        self._measured = np.array([signals.index(f"measured/{j}") for j in joints])
+        n = len(joints)
         names = [f"effort/{joint}" for joint in joints]
-        self._effort = np.array([signals.index(n) if n in signals else -1 for n in names])
-        self._monitored = reference.monitored.astype(np.int64)
+        learnt = ("lower", "upper", "coef", "scale", "shift_limit", "friction_limit", "monitored")
+        self._packed = LAYOUT.pack(
+            n_joints=n,
+            n_terms=reference.coef.shape[1],
+            gap_limit=calibration.gap_limit,
+            working_time=working_time,
+            terms=np.zeros(reference.coef.shape[1]),
+            travel=np.zeros((N_TRAVEL, n)),
+            measures=np.zeros(N_MEASURES),
+            measured=[signals.index(f"measured/{joint}") for joint in joints],
+            effort=[signals.index(name) if name in signals else -1 for name in names],
+            levels=np.zeros(N_MEASURES),
+            **dict.fromkeys(("position", "shifts", "frictions"), np.zeros(n)),
+            **dict.fromkeys(("mean", "weight"), np.zeros((2, n))),
+            **{name: getattr(reference, name) for name in learnt},
+        )
+        self._numbers, self._memory = self._packed.numbers, self._packed.memory
+        self.shifts: Array = self._packed.view("shifts")
+        self.frictions: Array = self._packed.view("frictions")
+        self.measures: Array = self._packed.view("measures")
+        self._levels: Integers = self._packed.view("levels")
         self._per_span = inverse_span(calibration.lower, calibration.upper)
-        self._working_time = float(working_time)
-        self._terms = np.zeros(reference.coef.shape[1])
-        self._position = np.zeros(len(joints))
         self._row = np.zeros(len(calibration.feature_set))
-        self.shifts = np.full(len(joints), np.nan)
-        self.frictions = np.full(len(joints), np.nan)
-        self.measures = np.zeros(N_MEASURES)
-        self._levels = np.zeros(N_MEASURES, dtype=np.int64)
-        self._travel = np.zeros((N_TRAVEL, len(joints)))
-        self._mean = np.zeros((2, len(joints)))
-        self._weight = np.zeros((2, len(joints)))
-        self._slow = np.zeros(N_SLOW)
         self._features = calibration.feature_set.start()
         self.reset()
         self._warm_up()
@@ -203,7 +237,8 @@ class Monitor:
     def watched(self) -> tuple[str, ...]:
         """Joints whose efforts are compared with the reference."""
         joints = self._calibration.joints
-        return tuple(joint for joint, on in zip(joints, self._monitored, strict=True) if on)
+        monitored = self._packed.view("monitored")
+        return tuple(joint for joint, on in zip(joints, monitored, strict=True) if on)
 
     @property
     def alarm(self) -> Alarm:
@@ -220,17 +255,18 @@ class Monitor:
         self.shifts[:] = self.frictions[:] = np.nan
         self.measures[:] = 0.0
         self._levels[:] = 0
-        self._travel[:] = 0.0
-        self._travel[ANCHOR] = np.nan
-        self._mean[:] = self._weight[:] = 0.0
-        self._slow[:] = 0.0
+        for name in ("travel", "mean", "weight"):
+            self._packed.view(name)[:] = 0.0
+        self._packed.view("travel")[ANCHOR] = np.nan
+        self._memory[[OUTSIDE, RATIO, RATIO_WEIGHT, WORKED, LAST, LAST_STEP]] = 0.0
+        self._numbers[HAS_LAST] = 0
         state: FeatureState = self._calibration.feature_set.start()
         self._features.memory[:] = state.memory
         self._features.clock[:] = state.clock
 
     def compared_with_truth(self) -> None:
         """Start the working time anew: the arm was checked or re-zeroed."""
-        self._slow[WORKED] = 0.0
+        self._memory[WORKED] = 0.0
         self.measures[WORK] = 0.0
         self._levels[WORK] = 0
 
@@ -267,7 +303,7 @@ class Monitor:
         degrees : int
             How many measurements it is of, above 0.
         """
-        return int(take_innovation(squared / degrees, self._slow, self.measures, self._levels))
+        return int(take_innovation(self._numbers, self._memory, squared / degrees))
 
     def run(self, recording: Recording) -> MonitorTrace:
         """Watch a whole recording, from a fresh start.
@@ -290,20 +326,12 @@ class Monitor:
         return MonitorTrace(t, alarm, reasons, measures)
 
     def _advance(self, t: float, values: Array) -> int:
-        reference, calibration = self._reference, self._calibration
-        if not acceptable(t, values, self._slow):
+        calibration = self._calibration
+        if not acceptable(self._numbers, self._memory, t, values):
             return int(self._levels.max())
         calibration.feature_set.step(self._features, t, values, calibration.gap_limit, self._row)
         excess = range_excess(self._row, calibration.lower, calibration.upper, self._per_span)
-        return int(
-            watch(
-                t, values, self._measured, self._effort, self._monitored, reference.lower,
-                reference.upper, reference.coef, reference.scale, reference.shift_limit,
-                reference.friction_limit, excess, calibration.gap_limit, self._working_time,
-                self._terms, self._position, self._travel, self._mean, self._weight, self._slow,
-                self.shifts, self.frictions, self.measures, self._levels,
-            )
-        )  # fmt: skip
+        return int(watch(self._numbers, self._memory, t, values, excess))
 
     def _warm_up(self) -> None:
         """Compile, then forget."""
@@ -313,9 +341,9 @@ class Monitor:
 
 
 @compiled
-def acceptable(t: float, values: Array, slow: Array) -> bool:
+def acceptable(numbers: Integers, memory: Array, t: float, values: Array) -> bool:
     """Whether a sample is finite and later than the last one."""
-    if not np.isfinite(t) or (slow[SEEN] != 0.0 and not t > slow[LAST]):
+    if not np.isfinite(t) or (numbers[HAS_LAST] != 0 and not t > memory[LAST]):
         return False
     for i in range(values.shape[0]):  # noqa: SIM110  # a loop, compiled
         if not np.isfinite(values[i]):
@@ -324,71 +352,54 @@ def acceptable(t: float, values: Array, slow: Array) -> bool:
 
 
 @compiled
-def watch(
-    t: float,
-    values: Array,
-    measured: Integers,
-    effort: Integers,
-    monitored: Integers,
-    lower: Array,
-    upper: Array,
-    coef: Array,
-    scale: Array,
-    shift_limit: Array,
-    friction_limit: Array,
-    excess: float,
-    gap_limit: float,
-    working_time: float,
-    terms: Array,
-    position: Array,
-    travel: Array,
-    mean: Array,
-    weight: Array,
-    slow: Array,
-    shifts: Array,
-    frictions: Array,
-    measures: Array,
-    levels: Integers,
-) -> int:
+def watch(numbers: Integers, memory: Array, t: float, values: Array, excess: float) -> int:
     """Take one acceptable sample into all averages and grade them; returns the alarm.
 
-    The reference's arrays, then the state of `Monitor`, changed in place. `measured` and `effort`
-    are the places of the joints' signals in `values`.
+    `excess` is the share of its trained range by which a feature lies outside.
     """
-    n_joints = measured.shape[0]
-    elapsed = t - slow[LAST] if slow[SEEN] != 0.0 else 0.0
-    if elapsed > gap_limit:
+    n, n_terms = numbers[N_JOINTS], numbers[N_TERMS]
+    position = vector(memory, numbers[POSITION], n)
+    lower, upper = vector(memory, numbers[LOWER], n), vector(memory, numbers[UPPER], n)
+    travel = matrix(memory, numbers[TRAVEL], N_TRAVEL, n)
+    elapsed = t - memory[LAST] if numbers[HAS_LAST] != 0 else 0.0
+    if elapsed > memory[GAP_LIMIT]:
         # Nobody saw what happened meanwhile; direction and friction have to build up again.
         elapsed = 0.0
         travel[ANCHOR] = np.nan
         travel[1:] = 0.0
-    for j in range(n_joints):
-        position[j] = values[measured[j]]
-    for j in range(n_joints):
+    for j in range(n):
+        position[j] = values[numbers[numbers[MEASURED] + j]]
+    terms = vector(memory, numbers[TERMS], n_terms)
+    coef = matrix(memory, numbers[COEF], n, n_terms)
+    mean, weight = matrix(memory, numbers[MEAN], 2, n), matrix(memory, numbers[WEIGHT], 2, n)
+    shifts, frictions = vector(memory, numbers[SHIFTS], n), vector(memory, numbers[FRICTIONS], n)
+    for j in range(n):
         before = travel[TIME, j]
         speed = travelled(j, t, position, lower, upper, travel)
         if travel[TIME, j] != before:
-            slow[LAST_STEP] = t
-        if speed == 0.0 or monitored[j] == 0:
+            memory[LAST_STEP] = t
+        if speed == 0.0 or numbers[numbers[MONITORED] + j] == 0:
             continue
         effort_terms(position, speed, lower, upper, terms)
-        deviation = (values[effort[j]] - dot(coef[j], terms)) / scale[j]
+        deviation = values[numbers[numbers[EFFORT] + j]] - dot(coef[j], terms)
+        deviation /= memory[numbers[SCALE] + j]
         average_effort(deviation, speed, travel[MOVED, j], j, mean, weight)
         if min(weight[0, j], weight[1, j]) > WINDOW_FILLED:
             down, up = mean[0, j] / weight[0, j], mean[1, j] / weight[1, j]
-            shifts[j] = 0.5 * (up + down) / shift_limit[j]
-            frictions[j] = 0.5 * (up - down) / friction_limit[j]
-    if slow[SEEN] != 0.0 and t - slow[LAST_STEP] <= REST:
-        slow[WORKED] += elapsed
+            shifts[j] = 0.5 * (up + down) / memory[numbers[SHIFT_LIMIT] + j]
+            frictions[j] = 0.5 * (up - down) / memory[numbers[FRICTION_LIMIT] + j]
+    if numbers[HAS_LAST] != 0 and t - memory[LAST_STEP] <= REST:
+        memory[WORKED] += elapsed
     outside = 1.0 if excess > FAR_OUTSIDE else 0.0
-    slow[OUTSIDE] += (1.0 - np.exp(-elapsed / OUTSIDE_TIME)) * (outside - slow[OUTSIDE])
-    slow[SEEN] = 1.0
-    slow[LAST] = t
+    memory[OUTSIDE] += (1.0 - np.exp(-elapsed / OUTSIDE_TIME)) * (outside - memory[OUTSIDE])
+    numbers[HAS_LAST] = 1
+    memory[LAST] = t
+    measures = vector(memory, numbers[MEASURES], N_MEASURES)
     measures[SHIFT] = largest(shifts)
     measures[FRICTION] = largest(frictions)
-    measures[RANGE] = slow[OUTSIDE]
-    measures[WORK] = slow[WORKED] / working_time
-    return grade(measures, levels)
+    measures[RANGE] = memory[OUTSIDE]
+    measures[WORK] = memory[WORKED] / memory[WORKING_TIME]
+    return grade(measures, vector(numbers, numbers[LEVELS], N_MEASURES))
 
 
 @compiled
@@ -411,15 +422,16 @@ def largest(shares: Array) -> float:
 
 
 @compiled
-def take_innovation(ratio: float, slow: Array, measures: Array, levels: Integers) -> int:
+def take_innovation(numbers: Integers, memory: Array, ratio: float) -> int:
     """Take one innovation, squared and normalised per degree of freedom, into its average."""
+    measures = vector(memory, numbers[MEASURES], N_MEASURES)
     if np.isfinite(ratio):
         gain = 1.0 / INNOVATION_SAMPLES
-        slow[RATIO] += gain * (ratio - slow[RATIO])
-        slow[RATIO_WEIGHT] += gain * (1.0 - slow[RATIO_WEIGHT])
-        if slow[RATIO_WEIGHT] > WINDOW_FILLED:
-            measures[INNOVATION] = slow[RATIO] / slow[RATIO_WEIGHT]
-    return grade(measures, levels)
+        memory[RATIO] += gain * (ratio - memory[RATIO])
+        memory[RATIO_WEIGHT] += gain * (1.0 - memory[RATIO_WEIGHT])
+        if memory[RATIO_WEIGHT] > WINDOW_FILLED:
+            measures[INNOVATION] = memory[RATIO] / memory[RATIO_WEIGHT]
+    return grade(measures, vector(numbers, numbers[LEVELS], N_MEASURES))
 
 
 @compiled
