@@ -146,6 +146,11 @@ def first_line(path: Path, comment: str = "") -> tuple[int, str]:
     raise RecordingError(f"{path}: holds no rows")
 
 
+def count_fields(path: Path) -> int:
+    """How many numbers, between commas, stand in the first line of a file without a header."""
+    return len(split_fields(first_line(path)[1], ","))
+
+
 def split_fields(line: str, delimiter: str) -> list[str]:
     """Fields of a line, stripped and without quotes; the delimiter blank is any white space."""
     fields = line.split(None if delimiter == " " else delimiter)

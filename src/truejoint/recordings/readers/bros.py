@@ -7,34 +7,27 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Final, cast
+from typing import cast
 
 import numpy as np
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.files import read_bounded
 from truejoint.recordings.mat_file import read_mat
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.recording import Recording, recording_of_file
 from truejoint.robots import Transmission, get_robot
-
-VARIABLE: Final = re.compile(r"data_\d+")
 
 
 def read(path: Path) -> Recording:
     """Read one part of the measurement, a MATLAB file with one variable ``data_<k>`` (5, n).
 
-    Columns of the recording, for ``joint1`` and ``joint2``: ``motor`` [rad], ``measured`` [rad],
-    the motor angle over the ratio, and ``truth`` [rad], the absolute encoder on the joint. The
-    zeros of the two encoders differ by a constant.
-
-    Raises
-    ------
-    RecordingError
-        If the file is damaged or has no such variable.
+    Columns, for ``joint1`` and ``joint2``: ``motor`` [rad], ``measured`` [rad], the motor angle
+    over the ratio, and ``truth`` [rad], the absolute encoder on the joint. The zeros of the two
+    encoders differ by a constant.
     """
     data, digest = read_bounded(path)
     variables = read_mat(data, str(path))
-    found = [name for name in variables if VARIABLE.fullmatch(name)]
+    found = [name for name in variables if re.fullmatch(r"data_\d+", name)]
     values = variables[found[0]] if len(found) == 1 else None
     if not isinstance(values, np.ndarray) or values.shape[0] != 5:
         raise RecordingError(
@@ -51,11 +44,4 @@ def read(path: Path) -> Recording:
         "truth/joint1": truth1,
         "truth/joint2": truth2,
     }
-    provenance = Provenance(
-        robot="bros",
-        source=path.name,
-        sha256=digest,
-        session=path.stem,
-        rates={"state": 1000.0, "truth": 1000.0},
-    )
-    return Recording.from_columns(columns, provenance)
+    return recording_of_file(path, "bros", columns, rate=1000.0, sha256=digest, session=path.stem)
