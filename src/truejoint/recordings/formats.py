@@ -55,17 +55,13 @@ class Format:
     folder: bool = False
 
 
+_MAPPED: Final = ("robot", "arm", "column_map")
 FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         Format("parquet", "what truejoint writes", read_parquet),
-        Format("csv", "header, or column map", mapped.read_csv, ("robot", "arm", "column_map")),
-        Format(
-            "arrays",
-            ".npy or .mat with a column map",
-            mapped.read_arrays,
-            ("robot", "arm", "column_map"),
-        ),
+        Format("csv", "header, or column map", mapped.read_csv, _MAPPED),
+        Format("arrays", ".npy or .mat with a column map", mapped.read_arrays, _MAPPED),
         Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
         Format(
             "raven_csv_252",
@@ -144,8 +140,6 @@ def read_recording(
         if text.startswith(f"{source.name}:") and str(source) != source.name:
             raise RecordingError(str(source) + text.removeprefix(source.name)) from None
         raise
-    if not about:
-        return recording
     return replace(recording, provenance=replace(recording.provenance, **about))
 
 
@@ -157,9 +151,10 @@ def format_names() -> tuple[str, ...]:
 def _get_format(name: str) -> Format:
     if name in FORMATS:
         return FORMATS[name]
-    if name not in format_names():
+    others = plugins("truejoint.formats", tuple(FORMATS))
+    if name not in others:
         raise RecordingError(f"no format called {name!r}; choose from {', '.join(format_names())}")
-    entry: Format = load_plugin(plugins("truejoint.formats", tuple(FORMATS))[name], Format)
+    entry: Format = load_plugin(others[name], Format)
     return entry
 
 
@@ -213,17 +208,15 @@ def _detect_text(source: Path, head: str) -> str:
         if "t" in names:
             return "csv"
         raise _unknown(source, "a header without 't'; give a column map")
-    by_columns = {
-        raven_csv.STATE_COLUMNS: "raven_csv_240",
-        raven_csv.TRAINING_COLUMNS: "raven_csv_252",
-        **dict.fromkeys(kflex.LAYOUTS, "kflex_tendon_sheath"),
-    }
-    if len(fields) not in by_columns:
-        counts = ", ".join(str(n) for n in by_columns)
-        raise _unknown(
-            source, f"{len(fields)} columns without a header, expected {counts}; give a column map"
-        )
-    return by_columns[len(fields)]
+    count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
+    if count in ravens:
+        return f"raven_csv_{count}"
+    if count in kflex.LAYOUTS:
+        return "kflex_tendon_sheath"
+    counts = ", ".join(map(str, (*ravens, *kflex.LAYOUTS)))
+    raise _unknown(
+        source, f"{count} columns without a header, expected {counts}; give a column map"
+    )
 
 
 def _unknown(source: Path, found: str) -> RecordingError:

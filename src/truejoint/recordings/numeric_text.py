@@ -19,79 +19,38 @@ from truejoint.recordings.files import MAX_LINE_BYTES, BoundedFile, read_head, r
 
 Array = NDArray[np.float64]
 
-MAX_VALUES: Final = 250_000_000
-"""Most numbers kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns."""
+MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
 _PIECE_BYTES: Final = 1 << 22
 _MISSING: Final = frozenset(csv.ConvertOptions().null_values)
 
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How the numbers stand in a text file.
+    """How the numbers stand in a text file."""
 
-    Attributes
-    ----------
-    delimiter : str
-        Between two numbers: comma, semicolon or tab; a blank means any white space.
-    comment : str
-        One character; what follows it in a line is passed over; empty for none.
-    skip : int
-        Lines to pass over at the start, the header among them.
-    columns : int
-        How many numbers a line must have.
-    """
-
-    columns: int
-    delimiter: str = ","
-    comment: str = ""
-    skip: int = 0
+    columns: int  # numbers that a line must have
+    delimiter: str = ","  # comma, semicolon or tab; a blank means any white space
+    comment: str = ""  # one character; what follows it in a line is passed over
+    skip: int = 0  # lines to pass over at the start, the header among them
 
 
 @dataclass(frozen=True)
 class NumericTable:
-    """Some columns of a text file.
+    """Some columns of a text file."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, k)
-        The columns asked for, in the order asked for; NaN where a field is empty or ``nan``.
-    sha256 : str
-        Hash of the whole (unpacked) file.
-    incomplete : int
-        Lines at the end that were cut short and left out: 0 or 1.
-    """
-
-    values: Array
-    sha256: str
-    incomplete: int
+    values: Array  # (n, k); NaN where a field is empty or ``nan``
+    sha256: str  # of the whole (unpacked) file
+    incomplete: int  # lines at the end that were cut short and left out: 0 or 1
 
 
 def read_numbers(
     path: Path, layout: TextLayout, use: Sequence[int], may_miss: Sequence[int] = ()
 ) -> NumericTable:
-    """Columns `use` of a text file of numbers.
+    """Columns `use` of a text file of numbers, or of one in gzip; `may_miss` of them may be empty.
 
-    Parameters
-    ----------
-    path : Path
-        Text, or text in gzip.
-    layout : TextLayout
-    use : sequence of int
-        Columns to read, counted from 0.
-    may_miss : sequence of int
-        Those of `use` that may be empty or ``nan`` in some rows.
-
-    Returns
-    -------
-    NumericTable
-        A last line with too few numbers is what an interrupted recorder leaves behind: it is left
-        out and counted.
-
-    Raises
-    ------
-    RecordingError
-        Naming line, column and text of a field that is not a number or is missing, of a line with
-        too many or too few fields, or when the file holds more than is read.
+    A last line with too few numbers is what an interrupted recorder leaves behind: it is left out
+    and counted. A RecordingError names line, column and text of any other field that is missing or
+    not a number, a line with too many or too few fields, or says that the file holds too much.
     """
     # The last column tells a short line from a whole one.
     wanted = sorted({*use, layout.columns - 1})
@@ -122,20 +81,7 @@ def read_numbers(
 
 
 def first_line(path: Path, comment: str = "") -> tuple[int, str]:
-    """First line that is neither blank nor a comment.
-
-    Returns
-    -------
-    number : int
-        Of the line, counted from 1.
-    text : str
-        The line, stripped.
-
-    Raises
-    ------
-    RecordingError
-        If there is none, the file is not text or has more columns than are read.
-    """
+    """Find the first line that is neither blank nor a comment: its number, from 1, and its text."""
     head = read_head(path)
     if b"\0" in head:
         raise RecordingError(f"{path}: is not a text file; name its format")
