@@ -124,9 +124,11 @@ def load_column_map(source: MapSource) -> ColumnMap:
     return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
+_TEXTS: Final = {"robot": "", "arm": "", "delimiter": "", "comment": "#"}
+
+
 def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
-    texts = {"robot": "", "arm": "", "delimiter": "", "comment": "#"}
-    _check_keys(name, values, (*texts, "rate_hz", "columns"))
+    _check_keys(name, values, (*_TEXTS, "rate_hz", "columns"))
     columns, rate = values.get("columns"), values.get("rate_hz", 0.0)
     if not _is_number(rate) or not 0 <= rate <= 1e9:
         raise RecordingError(f"{name}: rate_hz is {rate!r:.40}; want a number above 0")
@@ -135,8 +137,8 @@ def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
             f"{name}: needs a table 'columns' that says which column is 't', or rate_hz where the "
             "file has no time stamps"
         )
-    for key in texts:
-        texts[key] = text = values.get(key, texts[key])
+    texts = {key: values.get(key, default) for key, default in _TEXTS.items()}
+    for key, text in texts.items():
         if not isinstance(text, str) or (key == "comment" and len(text) > 1):
             raise RecordingError(f"{name}: {key} is {text!r}; want text, one character at most")
     if texts["delimiter"] not in ("", ",", ";", "\t", " "):
