@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -41,18 +42,8 @@ _WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "faste
 def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """Robot of a TOML file, which may also name its ``arms`` and a URDF for its kinematics.
 
-    Parameters
-    ----------
-    path : Path
-    arm : str
-        One of the file's ``arms``, in any case; empty where they are alike or there is one.
-    source : str
-        What errors name; the path by default.
-
-    Raises
-    ------
-    RobotError
-        Naming the file, the key and the rule that it breaks.
+    Of the arms `arm`, in any case, is wanted; empty where they are alike or there is one. Errors
+    name `source`, the path by default.
     """
     values = read_toml(path, RobotError)
     source = source or str(path)
@@ -67,21 +58,10 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
 def robot_from_dict(
     values: Mapping[str, Any], source: str = "robot", *, folder: Path | None = None
 ) -> Robot:
-    """Robot of plain data, each value checked.
+    """Robot of plain data, of `robot_to_dict` or a robot file: docs/robots.md lists the keys.
 
-    Parameters
-    ----------
-    values : mapping
-        As `robot_to_dict` gives, or as a robot file has: docs/robots.md lists the keys.
-    source : str
-        What errors name.
-    folder : Path, optional
-        Where a URDF is searched that the kinematics name; none may be named without it.
-
-    Raises
-    ------
-    RobotError
-        Naming source, key and the rule that it breaks.
+    Errors name `source`. A URDF that the kinematics name is searched in `folder`; none may be
+    named without it.
     """
     _check_keys(values, _KEYS, ("name", "joints"), source)
     joints = _tables(values["joints"], f"{source}: joints")
@@ -114,7 +94,14 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
     values: dict[str, Any] = {
         "name": robot.name,
         "arm": robot.arm,
-        "joints": [_joint_to_dict(joint) for joint in robot.joints],
+        "joints": [
+            {
+                key: value
+                for key, value in asdict(joint).items()
+                if value not in (math.inf, -math.inf)
+            }
+            for joint in robot.joints
+        ],
         "channels": list(robot.channels),
         "positioning": list(robot.positioning),
         "effort": robot.effort,
@@ -130,33 +117,20 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         }
     chain: Any = robot.kinematics
     if hasattr(chain, "axes"):
+        matrices = ("axis_from_joint", "crtk_from_base", "tool_rotation")
         values["kinematics"] = {
-            "axes": [{key: getattr(axis, key) for key in _AXIS_KEYS} for axis in chain.axes],
-            "axis_from_joint": np.asarray(chain.axis_from_joint).tolist(),
-            "crtk_from_base": np.asarray(chain.crtk_from_base).tolist(),
-            "tool_rotation": np.asarray(chain.tool_rotation).tolist(),
+            "axes": [asdict(axis) for axis in chain.axes],
+            **{key: np.asarray(getattr(chain, key)).tolist() for key in matrices},
         }
     return values
-
-
-def _joint_to_dict(joint: Joint) -> dict[str, Any]:
-    numbers = {key: getattr(joint, key) for key in ("lower", "upper", "home", "max_speed")}
-    return {
-        "name": joint.name,
-        "kind": joint.kind,
-        **{key: value for key, value in numbers.items() if math.isfinite(value)},
-    }
 
 
 def _joint(values: Mapping[str, Any], where: str) -> Joint:
     _check_keys(values, _JOINT_KEYS, ("name",), where)
     name = _name(values["name"], f"{where}: name")
     kind, factor = _kind(values, f"joint {name!r}")
-    numbers = {
-        key: _number(values[key], f"joint {name!r}: {key}") * factor
-        for key in ("lower", "upper", "home", "max_speed")
-        if key in values
-    }
+    limits = [key for key in ("lower", "upper", "home", "max_speed") if key in values]
+    numbers = {key: _number(values[key], f"joint {name!r}: {key}") * factor for key in limits}
     return Joint(name, kind, **numbers)
 
 

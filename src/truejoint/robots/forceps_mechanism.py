@@ -16,24 +16,12 @@ Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 @dataclass(frozen=True)
 class ForcepsMechanism:
-    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1.
+    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1."""
 
-    Attributes
-    ----------
-    gear_ratio : float
-        Motor turns per turn of the winding wheel, ``z_i``.
-    spring_stiffness : float
-        Reset spring ``K_sp`` [N/m].
-    wheel_radius : float
-        Effective radius of the winding wheel ``R`` [m].
-    jaw_radius : float
-        Radius at which both cables act on the jaw ``r`` [m].
-    """
-
-    gear_ratio: float
-    spring_stiffness: float
-    wheel_radius: float
-    jaw_radius: float
+    gear_ratio: float  # motor turns per turn of the winding wheel, ``z_i``
+    spring_stiffness: float  # reset spring ``K_sp`` [N/m]
+    wheel_radius: float  # effective radius of the winding wheel ``R`` [m]
+    jaw_radius: float  # radius at which both cables act on the jaw ``r`` [m]
 
     @property
     def motor_per_jaw(self) -> float:

@@ -14,6 +14,7 @@ from truejoint.errors import RobotError
 from truejoint.extras import require
 from truejoint.robots.chain import Axis, SerialChain
 from truejoint.robots.robot import Joint
+from truejoint.toml_file import read_small
 
 Array = NDArray[np.float64]
 
@@ -23,29 +24,13 @@ _PARALLEL: Final = 1e-9
 
 
 def read_urdf(path: Path, joints: Sequence[Joint], base: str = "", tip: str = "") -> SerialChain:
-    """Kinematics of the chain from link `base` to link `tip` of a URDF.
+    """Kinematics of the chain from link `base` to link `tip` of a URDF; its first and last link.
 
-    Parameters
-    ----------
-    path : Path
-    joints : sequence of Joint
-        Of the robot, by the names that they have in the URDF; those after the tip move nothing.
-    base, tip : str
-        Links; the first and the last by default.
-
-    Raises
-    ------
-    RobotError
-        If the file is no URDF, has no such chain, or moves joints on it that are not in `joints`.
+    `joints` are the robot's, by the names that they have in the URDF; those after the tip move
+    nothing. Raises RobotError if the file is no URDF, has no such chain, or moves others on it.
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    if len(data) > MAX_BYTES:
-        raise RobotError(f"{path}: holds more than {MAX_BYTES} bytes; is it a URDF?")
+    data = read_small(path, RobotError, MAX_BYTES, "a URDF")
     try:
         _, _, found = urdf.parse_urdf(data.decode("utf-8"))
     except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise

@@ -20,10 +20,8 @@ Arm = Literal["left", "right"]
 # in the University of Washington technical report UWEETR-2012-0006.
 LINK1_TWIST: Final = math.radians(75.0)
 LINK2_TWIST: Final = math.radians(52.0)
-SHAFT_OFFSET: Final = -0.47
-"""Distance from the insertion's zero to the wrist along the shaft [m]."""
-WRIST_LENGTH: Final = 0.013
-"""Distance between wrist axis and jaw axis of the 10 mm RAVEN grasper [m]."""
+SHAFT_OFFSET: Final = -0.47  # from the insertion's zero to the wrist along the shaft [m]
+WRIST_LENGTH: Final = 0.013  # from wrist axis to jaw axis of the 10 mm RAVEN grasper [m]
 
 # Angle of the first two axes where the joint reads zero:
 # uw-biorobotics/raven2:src/raven/r2_kinematics.cpp (joint2theta).
@@ -47,7 +45,8 @@ _REMOTE_CENTRE: Final = 1e-3
 _RIGID_TOLERANCE: Final = 1e-6
 # How much 1 m of insertion counts against 1 rad when the nearest solution is chosen; the
 # weight that the robot's own controller uses (r2_kinematics.cpp, check_solutions).
-_INSERTION_WEIGHT: Final = 100.0
+_WEIGHTS: Final = np.array([1.0, 1.0, 100.0, 1.0, 1.0, 1.0])
+_TURNS: Final = [0, 1, 3, 4, 5]  # axes whose value is an angle
 
 _REACHED, _OUT_OF_CONE, _AT_CENTRE, _WRIST_UNDEFINED = 0, 1, 2, 3
 _REASONS: Final = {
@@ -72,44 +71,24 @@ class Raven2Kinematics(SerialChain):
         """All joint positions (n_solutions, 7) that reach a pose; up to 8, angles in [-pi, pi].
 
         The eight are two bends of the wrist, two sides of the remote centre and two bends of the
-        elbow (UWEETR-2012-0006). Joint limits are not applied.
-
-        Parameters
-        ----------
-        pose : array_like, shape (4, 4)
-            Tool pose in frame 0 [m].
-        opening : float
-            Sum of the jaw positions [rad]; the pose does not depend on it.
-
-        Raises
-        ------
-        RobotError
-            If `pose` is not a rigid transform or no solution exists; the message says why.
+        elbow (UWEETR-2012-0006). Joint limits are not applied. `pose` (4, 4) [m] is the tool's in
+        frame 0, `opening` the sum of the jaw positions [rad], on which the pose does not depend.
+        Raises RobotError if `pose` is not a rigid transform or no solution exists, and says why.
         """
         target = _rigid(pose)
         axes = np.full((8, 6), np.nan)
-        status = _solve(np.ascontiguousarray(target), self._table, axes)
+        status = _solve(np.ascontiguousarray(target), self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
         if len(found) == 0:
             raise RobotError(f"{_where(target)} cannot be reached: {_REASONS[status]}")
-        found[:, [0, 1, 3, 4, 5]] = _wrapped(found[:, [0, 1, 3, 4, 5]])
+        found[:, _TURNS] = _wrapped(found[:, _TURNS])
         return _joints(found, opening)
 
     def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
-        """Joint positions (7,) that reach `pose`, of the solutions the one nearest to `seed`.
+        """Joint positions (7,) that reach `pose`, of the solutions the one nearest to `seed` (7,).
 
-        Parameters
-        ----------
-        pose : array_like, shape (4, 4)
-            Tool pose in frame 0 [m].
-        seed : array_like, shape (7,)
-            Joint positions near the wanted ones [rad, m]; the jaws' opening is taken from it, and
-            angles are given within half a turn of it.
-
-        Raises
-        ------
-        RobotError
-            As `solutions`, and if `seed` is not 7 finite values.
+        The jaws' opening is taken from the seed [rad, m], and angles are given within half a turn
+        of it. Raises RobotError as `solutions`, and if `seed` is not 7 finite values.
         """
         start = np.asarray(seed, dtype=float)
         if start.shape != (7,) or not np.isfinite(start).all():
@@ -117,10 +96,8 @@ class Raven2Kinematics(SerialChain):
         origin = self.axis_from_joint @ start
         opening = float(start[5] + start[6])
         axes = self.solutions(pose, opening) @ self.axis_from_joint.T
-        turns = [0, 1, 3, 4, 5]
-        axes[:, turns] = origin[turns] + _wrapped(axes[:, turns] - origin[turns])
-        weight = np.array([1.0, 1.0, _INSERTION_WEIGHT, 1.0, 1.0, 1.0])
-        nearest = int(np.argmin((((axes - origin) * weight) ** 2).sum(axis=1)))
+        axes[:, _TURNS] = origin[_TURNS] + _wrapped(axes[:, _TURNS] - origin[_TURNS])
+        nearest = int(np.argmin((((axes - origin) * _WEIGHTS) ** 2).sum(axis=1)))
         joints: Array = _joints(axes[nearest : nearest + 1], opening)[0]
         return joints
 
@@ -131,16 +108,11 @@ def kinematics(arm: Arm) -> Raven2Kinematics:
     Source: uw-biorobotics/raven2:src/raven/r2_kinematics.cpp, UWEETR-2012-0006.
     """
     left = arm == "left"
+    quarter = math.pi / 2 if left else -math.pi / 2
     axes = (
         Axis(0.0 if left else math.pi, 0.0, 0.0, _SHOULDER_ZERO[arm]),
         Axis(LINK1_TWIST, 0.0, 0.0, _ELBOW_ZERO[arm]),
-        Axis(
-            math.pi - LINK2_TWIST if left else LINK2_TWIST,
-            0.0,
-            0.0,
-            math.pi / 2 if left else -math.pi / 2,
-            "prismatic",
-        ),
+        Axis(math.pi - LINK2_TWIST if left else LINK2_TWIST, 0.0, 0.0, quarter, "prismatic"),
         Axis(0.0, 0.0, SHAFT_OFFSET, 0.0),
         Axis(math.pi / 2, 0.0, 0.0, -math.pi / 2),
         Axis(math.pi / 2, WRIST_LENGTH, 0.0, 0.0),
