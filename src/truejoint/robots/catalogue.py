@@ -83,8 +83,8 @@ def adopt_robot(values: Mapping[str, Any], source: str) -> None:
     from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
 
     robot = Robot.from_dict(values, source)
-    _, known = _described.get(_key(robot), ("", None))
-    if _key(robot)[0] not in robot_names() and (known is None or _layout(known) != _layout(robot)):
+    known = _described.get(_key(robot))
+    if _key(robot)[0] not in robot_names() and not (known and _layout(known[1]) == _layout(robot)):
         _describe(robot, source)
 
 
@@ -100,10 +100,8 @@ def _describe(robot: Robot, source: str) -> Robot:
             f"{source}: describes another robot called {robot.name!r} than {before}; "
             "give one of them another name"
         )
-    if known.to_dict() != robot.to_dict():
-        known = robot
-    _described[_key(robot)] = (source, known)
-    return known
+    _described[_key(robot)] = source, known if known.to_dict() == robot.to_dict() else robot
+    return _described[_key(robot)][1]
 
 
 def _key(robot: Robot) -> tuple[str, str]:

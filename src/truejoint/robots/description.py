@@ -32,7 +32,8 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
 _ANGLES: Final = _UNITS["revolute"]
 _JOINT_KEYS: Final = ("name", "kind", "unit", "lower", "upper", "home", "max_speed")
 _AXIS_KEYS: Final = ("alpha", "a", "d", "theta", "kind")
-_CHAIN_KEYS: Final = ("axes", "unit", "axis_from_joint", "crtk_from_base", "tool_rotation")
+_MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
+_CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
 _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
                 "kinematics", "workspace")  # fmt: skip
@@ -117,10 +118,9 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
         }
     chain: Any = robot.kinematics
     if hasattr(chain, "axes"):
-        matrices = ("axis_from_joint", "crtk_from_base", "tool_rotation")
         values["kinematics"] = {
             "axes": [asdict(axis) for axis in chain.axes],
-            **{key: np.asarray(getattr(chain, key)).tolist() for key in matrices},
+            **{key: np.asarray(getattr(chain, key)).tolist() for key in _MATRIX_KEYS},
         }
     return values
 
@@ -159,10 +159,8 @@ def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:
         raise RobotError(f"{where}: kind is {kind!r:.40}; want {' or '.join(_UNITS)}")
     unit = values.get("unit", next(iter(_UNITS[kind])))
     if unit not in tuple(_UNITS[kind]):
-        raise RobotError(
-            f"{where}: unit {unit!r:.40} does not fit a {kind} joint; "
-            f"want {' or '.join(_UNITS[kind])}"
-        )
+        units = " or ".join(_UNITS[kind])
+        raise RobotError(f"{where}: unit {unit!r:.40} does not fit a {kind} joint; want {units}")
     return kind, _UNITS[kind][unit]
 
 
@@ -186,9 +184,8 @@ def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
     _check_keys(values, _CHAIN_KEYS, ("axes",), "kinematics")
     unit = values.get("unit", "rad")
     if unit not in tuple(_ANGLES):
-        raise RobotError(
-            f"kinematics: unit {unit!r:.40} is no angle's; want {' or '.join(_ANGLES)}"
-        )
+        angles = " or ".join(_ANGLES)
+        raise RobotError(f"kinematics: unit {unit!r:.40} is no angle's; want {angles}")
     axes = []
     for n, row in enumerate(_tables(values["axes"], "kinematics: axes"), 1):
         where = f"kinematics: axis {n}"
@@ -198,18 +195,15 @@ def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
             _number(row.get(key, 0.0), f"{where}: {key}") for key in _AXIS_KEYS[:4]
         )
         axes.append(Axis(alpha * _ANGLES[unit], a, d, theta * _ANGLES[unit], kind))
-    shape = (len(axes), len(joints))
-    defaults = {"axis_from_joint": np.eye(*shape), "crtk_from_base": np.eye(4),
-                "tool_rotation": np.eye(3)}  # fmt: skip
-    matrices = {}
-    for key, default in defaults.items():
-        matrix = _matrix(values[key], f"kinematics: {key}") if key in values else default
-        if matrix.shape != default.shape:
-            raise RobotError(
-                f"kinematics: {key} is of shape {matrix.shape}, expected {default.shape}"
-            )
-        matrices[key] = matrix
-    return SerialChain(tuple(axes), **matrices)
+    matrices = [np.eye(len(axes), len(joints)), np.eye(4), np.eye(3)]
+    for k, key in enumerate(_MATRIX_KEYS):
+        expected = matrices[k].shape
+        if key in values:
+            matrices[k] = _matrix(values[key], f"kinematics: {key}")
+        if matrices[k].shape != expected:
+            shape = matrices[k].shape
+            raise RobotError(f"kinematics: {key} is of shape {shape}, expected {expected}")
+    return SerialChain(tuple(axes), *matrices)
 
 
 def _check_keys(

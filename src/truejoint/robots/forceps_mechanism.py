@@ -51,6 +51,3 @@ LINEAR_ENCODER_RESOLUTION: Final = 1.0e-6  # [m], scale RGS-40 with an RH100 hea
 REFERENCE_ENCODER_COUNTS: Final = 4096  # RM08, 12 bit absolute
 CABLE_LENGTH: Final = 0.65  # [m], from motor to jaw
 CABLE_MASS_PER_LENGTH: Final = 0.81e-3  # [kg/m], 0.45 mm steel cable
-
-# Section IV-D and Table 3.
-LOAD_MASSES: Final = (0.03, 0.05, 0.1, 0.2, 0.25)  # [kg]

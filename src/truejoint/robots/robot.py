@@ -89,13 +89,11 @@ class Transmission:
     matrix: Array
 
     def __post_init__(self) -> None:
-        matrix = self.matrix
-        square = matrix.ndim == 2 and matrix.shape[0] == matrix.shape[1]
-        if not (
-            square and np.isfinite(matrix).all() and np.linalg.matrix_rank(matrix) == len(matrix)
-        ):
+        matrix, shape = self.matrix, self.matrix.shape
+        finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
+        if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
             raise RobotError(
-                f"transmission matrix of shape {matrix.shape} must be square, finite and "
+                f"transmission matrix of shape {shape} must be square, finite and "
                 "invertible: each joint needs a motor of its own"
             )
 
@@ -127,14 +125,6 @@ class Kinematics(Protocol):
 
     def jacobian(self, joint: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
-        ...
-
-
-class InvertibleKinematics(Kinematics, Protocol):
-    """Kinematics with a closed-form inverse."""
-
-    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
-        """Joint positions (n_joints,) that reach `pose` (4, 4), nearest to `seed`."""
         ...
 
 

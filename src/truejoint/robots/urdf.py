@@ -106,15 +106,14 @@ def _append(axes: list[Axis], fixed: Array, kind: Any) -> None:
     normal of the two z axes; the first two go into the last axis, the others make the new one.
     """
     x, y, z = fixed[:3, 3]
-    sine = math.hypot(fixed[0, 2], fixed[1, 2])
+    sine, cosine = math.hypot(fixed[0, 2], fixed[1, 2]), fixed[2, 2]
     if sine > _PARALLEL:
         theta0 = math.atan2(fixed[0, 2], -fixed[1, 2])
-        along_y = y * math.cos(theta0) - x * math.sin(theta0)
-        d = -along_y / sine
+        d = (x * math.sin(theta0) - y * math.cos(theta0)) / sine
     else:
+        sine, cosine = 0.0, math.copysign(1.0, cosine)
         theta0, d = math.atan2(y, x), 0.0
-    cosine = math.copysign(1.0, fixed[2, 2]) if sine <= _PARALLEL else fixed[2, 2]
-    alpha = math.atan2(sine if sine > _PARALLEL else 0.0, cosine)
+    alpha = math.atan2(sine, cosine)
     a = x * math.cos(theta0) + y * math.sin(theta0)
     normal = np.array([math.cos(theta0), math.sin(theta0), 0.0])
     # The normal, seen from the new frame, is turned back by theta.

@@ -80,7 +80,11 @@ class Raven2Kinematics(SerialChain):
         status = _solve(np.ascontiguousarray(target), self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
         if len(found) == 0:
-            raise RobotError(f"{_where(target)} cannot be reached: {_REASONS[status]}")
+            x, y, z = 1e3 * target[:3, 3]
+            raise RobotError(
+                f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached: "
+                f"{_REASONS[status]}"
+            )
         found[:, _TURNS] = _wrapped(found[:, _TURNS])
         return _joints(found, opening)
 
@@ -148,11 +152,6 @@ def _rigid(pose: ArrayLike) -> Array:
     return target
 
 
-def _where(pose: Array) -> str:
-    x, y, z = 1e3 * pose[:3, 3]
-    return f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
-
-
 @njit(cache=True, error_model="numpy")
 def _solve(pose: Array, table: Array, out: Array) -> int:
     """Fill `out` (8, 6) with the axis values that reach `pose`; rows stay NaN where none does.
@@ -179,7 +178,11 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
             out[:] = np.nan
             return _AT_CENTRE
         for side in (-1.0, 1.0):
-            cosine, v_x, v_y = _elbow_cosine(wrist / (side * depth), table)
+            # The shaft's direction, seen before the shoulder turns, gives the elbow.
+            v_x, y, z = wrist / (side * depth)
+            v_y = table[0, 0] * y + table[0, 1] * z
+            v_z = table[0, 0] * z - table[0, 1] * y
+            cosine = (table[1, 0] * table[2, 0] - v_z) / (table[1, 1] * table[2, 1])
             if not (abs(cosine) <= 1.0 + 1e-9):
                 row += 2
                 continue
@@ -190,15 +193,6 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
                 _finish(theta2, v_x, v_y, insertion, x5, x6, z6, table, out[row])
                 row += 1
     return status
-
-
-@njit(cache=True, error_model="numpy")
-def _elbow_cosine(shaft: Array, table: Array) -> tuple[float, float, float]:
-    """Cosine of the elbow's angle, and x and y of the shaft seen before the shoulder turns."""
-    v_y = table[0, 0] * shaft[1] + table[0, 1] * shaft[2]
-    v_z = table[0, 0] * shaft[2] - table[0, 1] * shaft[1]
-    cosine = (table[1, 0] * table[2, 0] - v_z) / (table[1, 1] * table[2, 1])
-    return cosine, shaft[0], v_y
 
 
 @njit(cache=True, error_model="numpy")
