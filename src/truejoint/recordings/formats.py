@@ -15,11 +15,10 @@ from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
 from truejoint.recordings.parquet import PARQUET_MAGIC, read_parquet
 from truejoint.recordings.readers import (
-    bros,
     davinci_grasper,
+    double_encoder,
     dvrk_berkeley,
     kflex,
-    kuka,
     mapped,
     raven_csv,
 )
@@ -71,8 +70,8 @@ FORMATS: Final[Mapping[str, Format]] = {
         ),
         Format("davinci_grasper_umn", "da Vinci grasper bench", davinci_grasper.read),
         Format("dvrk_psm_berkeley", "dVRK PSM, .npy folder", dvrk_berkeley.read, folder=True),
-        Format("bros_dual_encoder", "two-joint haptic arm, .mat", bros.read),
-        Format("kuka_kr300_dual_encoder", "KUKA KR300, .mat", kuka.read),
+        Format("bros_dual_encoder", "two-joint haptic arm, .mat", double_encoder.read_bros),
+        Format("kuka_kr300_dual_encoder", "KUKA KR300, .mat", double_encoder.read_kuka),
         Format("kflex_tendon_sheath", "K-FLEX bending joint", kflex.read),
     )
 }

@@ -53,8 +53,7 @@ def read_numbers(
     not a number, a line with too many or too few fields, or says that the file holds too much.
     """
     # The last column tells a short line from a whole one.
-    wanted = sorted({*use, layout.columns - 1})
-    strict = [column for column in wanted if column not in may_miss]
+    wanted = {column: column in may_miss for column in sorted({*use, layout.columns - 1})}
     pieces: list[Array] = []
     left = most = MAX_VALUES // len(wanted)
     incomplete = 0
@@ -62,10 +61,9 @@ def read_numbers(
     with raw, io.BufferedReader(raw, _PIECE_BYTES) as file:
         for piece in _pieces(file, layout):
             try:
-                values = _parse(piece, layout, wanted, strict)
+                values = _parse(piece, layout, wanted)
             except pa.ArrowInvalid:
-                rows = len(pieces) and most > left
-                values, incomplete = _parse_by_line(path, piece, layout, wanted, strict, bool(rows))
+                values, incomplete = _parse_by_line(path, piece, layout, wanted, left < most)
             left -= len(values)
             if left < 0:
                 raise RecordingError(
@@ -77,7 +75,7 @@ def read_numbers(
     if left == most:
         raise RecordingError(f"{path}: holds no rows of numbers")
     values = np.concatenate(pieces)
-    return NumericTable(values[:, [wanted.index(c) for c in use]], digest, incomplete)
+    return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)
 
 
 def first_line(path: Path, comment: str = "") -> tuple[int, str]:
@@ -141,8 +139,8 @@ def _lines(text: bytes) -> io.TextIOWrapper:
     return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8-sig", errors="replace")
 
 
-def _parse(piece: _Piece, layout: TextLayout, wanted: list[int], strict: list[int]) -> Array:
-    """Columns `wanted` of a piece; raises ArrowInvalid when it does not fit the layout."""
+def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
+    """Columns `wanted`, which say if they may miss, of a piece; ArrowInvalid if it does not fit."""
     names = [str(column) for column in range(layout.columns)]
     use = [names[column] for column in wanted]
     table = csv.read_csv(
@@ -157,20 +155,15 @@ def _parse(piece: _Piece, layout: TextLayout, wanted: list[int], strict: list[in
         csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
     )
     values = np.column_stack([table[name].to_numpy() for name in use])
-    if np.isnan(values[:, [wanted.index(column) for column in strict]]).any():
+    if np.isnan(values[:, ~np.array([*wanted.values()])]).any():
         raise pa.ArrowInvalid("a field is missing")
     return values
 
 
 def _parse_by_line(
-    path: Path,
-    piece: _Piece,
-    layout: TextLayout,
-    wanted: list[int],
-    strict: list[int],
-    after_rows: bool,
+    path: Path, piece: _Piece, layout: TextLayout, wanted: dict[int, bool], after_rows: bool
 ) -> tuple[Array, int]:
-    """Columns `wanted` of a piece, and whether its last line was cut short; slow, names the fault.
+    """As `_parse`, and whether its last line was cut short; slow, names the fault.
 
     It also reads what is right but unusual, such as numbers in quotes.
     """
@@ -183,7 +176,7 @@ def _parse_by_line(
             raise fault
         fields = split_fields(line.strip("\r\n "), layout.delimiter)
         try:
-            rows.append(_numbers(fields, layout, wanted, strict))
+            rows.append(_numbers(fields, layout, wanted))
         except RecordingError as error:
             fault = RecordingError(f"{path}: line {number}{error}; repair or remove the line")
             short = (len(fields), all(map(is_number, fields))) < (layout.columns, True)
@@ -193,16 +186,14 @@ def _parse_by_line(
     return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), int(fault is not None)
 
 
-def _numbers(
-    fields: list[str], layout: TextLayout, wanted: list[int], strict: list[int]
-) -> list[float]:
+def _numbers(fields: list[str], layout: TextLayout, wanted: dict[int, bool]) -> list[float]:
     if len(fields) != layout.columns:
         raise RecordingError(f" has {len(fields)} columns, expected {layout.columns}")
     numbers = []
-    for column in wanted:
+    for column, may_miss in wanted.items():
         field = fields[column]
         value = float(field) if is_number(field) else np.nan
-        if np.isnan(value) and (column in strict or field not in _MISSING):
+        if np.isnan(value) and not (may_miss and field in _MISSING):
             raise RecordingError(f", column {column} is {field[:40]!r}, not a number")
         numbers.append(value)
     return numbers

@@ -48,9 +48,8 @@ def read_csv(
     """
     mapping = load_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
-    delimiter = (mapping.delimiter if mapping else "") or next(
-        (d for d in ",;\t" if d in line), " "
-    )
+    guess = next((d for d in ",;\t" if d in line), " ")
+    delimiter = (mapping.delimiter if mapping else "") or guess
     fields = split_fields(line, delimiter)
     header = None if all(is_number(field) for field in fields) else fields
     if mapping is None:
@@ -126,7 +125,20 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
     if not model:
         raise RecordingError(f"{path}: which robot is it? state robot=..., or put it in the map")
     machine = get_robot(model, arm or mapping.arm)
-    _check_names(path, mapping, machine)
+    for name in mapping.columns:
+        quantity, _, channel = name.partition("/")
+        if name != "t" and not (quantity and channel):
+            raise RecordingError(
+                f"{path}: column {name!r} is neither 't' nor '<quantity>/<joint>', for instance "
+                f"'measured/{machine.joint_names[0]}'; give a column map"
+            )
+        if quantity in (*POSITION_QUANTITIES, "velocity") and channel not in machine.channels:
+            raise RecordingError(
+                f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
+                f"{', '.join(machine.channels)}"
+            )
+    if not any(name.startswith("measured/") for name in mapping.columns):
+        raise RecordingError(f"{path}: no 'measured/<joint>' column; there is nothing to correct")
     return machine
 
 
@@ -138,7 +150,19 @@ def _recording(
     sha256: str,
     incomplete: int = 0,
 ) -> Recording:
-    columns, units = _convert(path, mapping, robot, found)
+    columns: dict[str, Array] = {}
+    units = {}
+    for name, values in found.items():
+        mapped = mapping.columns[name]
+        expected = "s" if name == "t" else default_unit(name, robot)
+        units[name], factor = SI_UNITS[mapped.unit] if mapped.unit else (expected, 1.0)
+        if expected not in {units[name], "1"}:
+            raise RecordingError(
+                f"{path}: column {name!r} is in {expected}, which {mapped.unit!r} cannot be; "
+                "correct the column map"
+            )
+        columns[name] = values * (mapped.scale * factor)
+    units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
     keep = last_of_each_stamp(columns["t"])
@@ -154,23 +178,6 @@ def _recording(
     return recording_of_file(
         path, robot, columns, units, sha256=sha256, dropped=dropped, start=start
     )
-
-
-def _check_names(path: Path, mapping: ColumnMap, robot: Robot) -> None:
-    for name in mapping.columns:
-        quantity, _, channel = name.partition("/")
-        if name != "t" and not (quantity and channel):
-            raise RecordingError(
-                f"{path}: column {name!r} is neither 't' nor '<quantity>/<joint>', for instance "
-                f"'measured/{robot.joint_names[0]}'; give a column map"
-            )
-        if quantity in (*POSITION_QUANTITIES, "velocity") and channel not in robot.channels:
-            raise RecordingError(
-                f"{path}: column {name!r}: {robot.title} has no joint {channel!r}; it has "
-                f"{', '.join(robot.channels)}"
-            )
-    if not any(name.startswith("measured/") for name in mapping.columns):
-        raise RecordingError(f"{path}: no 'measured/<joint>' column; there is nothing to correct")
 
 
 def _positions(
@@ -199,23 +206,3 @@ def _positions(
             )
         use[name] = header.index(mapped.column)
     return use
-
-
-def _convert(
-    path: Path, mapping: ColumnMap, robot: Robot, columns: Mapping[str, Array]
-) -> tuple[dict[str, Array], dict[str, str]]:
-    """Columns in SI, and the units of those whose unit is stated or is not the default."""
-    converted, units = {}, {}
-    for name, values in columns.items():
-        mapped = mapping.columns[name]
-        expected = "s" if name == "t" else default_unit(name, robot)
-        si, factor = SI_UNITS[mapped.unit] if mapped.unit else (expected, 1.0)
-        if expected not in {si, "1"}:
-            raise RecordingError(
-                f"{path}: column {name!r} is in {expected}, which {mapped.unit!r} cannot be; "
-                "correct the column map"
-            )
-        converted[name] = values * (mapped.scale * factor)
-        if name != "t":
-            units[name] = si
-    return converted, units
