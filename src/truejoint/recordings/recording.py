@@ -254,8 +254,7 @@ class Recording(Summarised):
 
     def with_truth(self, joints: Sequence[str]) -> Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
-        unknown = np.isnan(self.columns("truth", joints)).any(axis=1)
-        return self.rows(np.flatnonzero(~unknown))
+        return self.rows(~np.isnan(self.columns("truth", joints)).any(axis=1))
 
 
 def as_recording(value: object) -> Recording:
@@ -333,16 +332,12 @@ def default_unit(column: str, robot: Robot) -> str:
 
 
 _UNITS: Final = {
-    "motor": "rad",
-    "driver": "rad",
-    "motor_velocity": "rad/s",
-    "driver_velocity": "rad/s",
+    **dict.fromkeys(("motor", "driver"), "rad"),
+    **dict.fromkeys(("motor_velocity", "driver_velocity"), "rad/s"),
+    **dict.fromkeys(("tool", "cable"), "m"),
+    **dict.fromkeys(("tension", "truth_tension"), "N"),
     "current": "A",
-    "tool": "m",
-    "cable": "m",
-    "tension": "N",
     "truth_load": "Nm",
-    "truth_tension": "N",
 }
 
 

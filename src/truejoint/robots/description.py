@@ -30,7 +30,7 @@ _UNITS: Final[Mapping[str, Mapping[str, float]]] = {
     "prismatic": {"m": 1.0, "mm": 1e-3},
 }
 _ANGLES: Final = _UNITS["revolute"]
-_JOINT_KEYS: Final = ("name", "kind", "unit", "lower", "upper", "home", "max_speed")
+_LIMIT_KEYS: Final = ("lower", "upper", "home", "max_speed")
 _AXIS_KEYS: Final = ("alpha", "a", "d", "theta", "kind")
 _MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
 _CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
@@ -92,17 +92,11 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
     Kinematics other than a `SerialChain`, which are code, are left out; of a subclass the chain
     is kept.
     """
+    joints, limitless = [asdict(joint) for joint in robot.joints], (math.inf, -math.inf)
     values: dict[str, Any] = {
         "name": robot.name,
         "arm": robot.arm,
-        "joints": [
-            {
-                key: value
-                for key, value in asdict(joint).items()
-                if value not in (math.inf, -math.inf)
-            }
-            for joint in robot.joints
-        ],
+        "joints": [{k: v for k, v in joint.items() if v not in limitless} for joint in joints],
         "channels": list(robot.channels),
         "positioning": list(robot.positioning),
         "effort": robot.effort,
@@ -126,11 +120,11 @@ def robot_to_dict(robot: Robot) -> dict[str, Any]:
 
 
 def _joint(values: Mapping[str, Any], where: str) -> Joint:
-    _check_keys(values, _JOINT_KEYS, ("name",), where)
+    _check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
     name = _name(values["name"], f"{where}: name")
     kind, factor = _kind(values, f"joint {name!r}")
-    limits = [key for key in ("lower", "upper", "home", "max_speed") if key in values]
-    numbers = {key: _number(values[key], f"joint {name!r}: {key}") * factor for key in limits}
+    limits = {key: values[key] for key in _LIMIT_KEYS if key in values}
+    numbers = {k: _number(v, f"joint {name!r}: {k}") * factor for k, v in limits.items()}
     return Joint(name, kind, **numbers)
 
 

@@ -267,21 +267,21 @@ def _fetch_one(store: Any, dataset: Dataset, file: DatasetFile, meter: _Meter) -
 
     try:
         store.fetch(file.name, downloader=attempt)
+        return
     except _TooLongError:
-        raise RecordingError(
-            f"{dataset.url(file)}: is longer than the {file.size} bytes that are known; it is not "
-            "the file that was published"
-        ) from None
+        known = f"is longer than the {file.size} bytes that are known"
+        fault = f"{known}; it is not the file that was published"
     except requests.RequestException as error:
-        raise RecordingError(
-            f"{dataset.url(file)}: cannot be fetched ({type(error).__name__}); check the network, "
+        fault = (
+            f"cannot be fetched ({type(error).__name__}); check the network, "
             f"or copy the data set yourself and set {DATA_VARIABLE}"
-        ) from None
+        )
     except ValueError:
         # pooch's word for a wrong hash; it has removed the file.
-        raise RecordingError(
-            f"{dataset.url(file)}: its SHA-256 is not {file.sha256[:16]}...; it is not the file "
+        fault = (
+            f"its SHA-256 is not {file.sha256[:16]}...; it is not the file "
             "that was published: try again later"
-        ) from None
+        )
     except OSError as error:
         raise RecordingError(f"{file.name}: cannot be written to the cache ({error})") from None
+    raise RecordingError(f"{dataset.url(file)}: {fault}")

@@ -77,7 +77,7 @@ class Raven2Kinematics(SerialChain):
         """
         target = _rigid(pose)
         axes = np.full((8, 6), np.nan)
-        status = _solve(np.ascontiguousarray(target), self._arrays[0], axes)
+        status = _solve(target, self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
         if len(found) == 0:
             x, y, z = 1e3 * target[:3, 3]
@@ -138,7 +138,7 @@ def _wrapped(angle: Array) -> Array:
 
 
 def _rigid(pose: ArrayLike) -> Array:
-    target = np.asarray(pose, dtype=float)
+    target = np.ascontiguousarray(pose, dtype=float)
     if target.shape != (4, 4) or not np.isfinite(target).all():
         raise RobotError(f"pose of shape {target.shape} must be 4 x 4 and finite")
     rotation = target[:3, :3]
