@@ -254,7 +254,7 @@ class Recording(Summarised):
 
     def with_truth(self, joints: Sequence[str]) -> Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
-        return self.rows(~np.isnan(self.columns("truth", joints)).any(axis=1))
+        return self.rows(np.flatnonzero(~np.isnan(self.columns("truth", joints)).any(axis=1)))
 
 
 def as_recording(value: object) -> Recording:

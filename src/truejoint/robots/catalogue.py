@@ -63,7 +63,7 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
     """
     text = os.fspath(name).strip()
     if text.lower().endswith(".toml"):
-        from truejoint.robots.description import read_robot  # noqa: PLC0415  # as above
+        from truejoint.robots.robot import read_robot  # noqa: PLC0415  # as above
 
         return _describe(read_robot(Path(text), arm), text)
     known, wanted = text.lower(), arm.strip().lower()
@@ -115,8 +115,7 @@ def _layout(robot: Robot) -> tuple[object, ...]:
 
 @cache
 def _build(name: str, arm: str) -> Robot:
-    from truejoint.robots.description import read_robot  # noqa: PLC0415  # as above
-    from truejoint.robots.robot import Robot  # noqa: PLC0415
+    from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
     if name == "raven2":
         from truejoint.robots import raven2  # noqa: PLC0415  # compiles its kinematics

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 from truejoint.errors import RobotError
 from truejoint.extras import require
 from truejoint.robots.chain import Axis, SerialChain
-from truejoint.robots.robot import Joint
 from truejoint.toml_file import read_small
+
+if TYPE_CHECKING:
+    from truejoint.robots.robot import Joint
 
 Array = NDArray[np.float64]
 
