@@ -210,11 +210,10 @@ class Recorder:
             stream.add(block.t, np.asarray(block.position), chosen & ~late)
             return
         self._past_end += int((chosen & late).sum())
-        measured = [q for q in QUANTITIES if getattr(block, q).shape[1]]
+        measured = {q: getattr(block, q) for q in QUANTITIES if getattr(block, q).shape[1]}
         stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
-        columns = [getattr(block, q) for q in measured]
-        extra = [values[:, None] for values in block.extra.values()]
-        stream.add(block.t, np.hstack(columns + extra), chosen & ~late)
+        rows = np.column_stack([*measured.values(), *block.extra.values()])
+        stream.add(block.t, rows, chosen & ~late)
 
 
 class _Rows:

@@ -121,15 +121,11 @@ def forward_rows(t: Array) -> NDArray[np.bool_]:
     """
     keep = np.isfinite(t)
     rows = np.flatnonzero(keep)
-    stamps = t[rows]
-    if stamps.size > 2:
-        stray = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2])
-        keep[rows[1:-1][stray]] = False
-        rows = np.flatnonzero(keep)
-        stamps = t[rows]
-    if stamps.size > 1:
-        latest = np.maximum.accumulate(stamps)
-        keep[rows[1:][stamps[1:] <= latest[:-1]]] = False
+    before, stamps, after = t[rows][:-2], t[rows][1:-1], t[rows][2:]
+    keep[rows[1:-1][(stamps > after) & (after > before)]] = False
+    rows = np.flatnonzero(keep)
+    latest = np.maximum.accumulate(t[rows])
+    keep[rows[1:][t[rows][1:] <= latest[:-1]]] = False
     return keep
 
 

@@ -135,12 +135,12 @@ class Dataset:
     robot: str
     repository: str
     commit: str
-    licence: str
-    notice: str
     citation: str
     features: tuple[str, ...]
     splits: tuple[HeldOut, ...]
     recordings: tuple[DatasetRecording, ...]
+    licence: str = ""
+    notice: str = ""
     format: str = ""
     maps: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     fit_rate: float | None = None
