@@ -1,4 +1,4 @@
-"""Files from others, read within bounds; files of ours, written whole or not at all."""
+"""Files from others, read within bounds."""
 
 from __future__ import annotations
 

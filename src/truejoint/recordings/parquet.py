@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,10 +62,7 @@ def write_parquet(
     )
     # Values that change a little from row to row pack best with their bytes split apart.
     packing = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
-
-    def write(temporary: Path) -> None:
-        pq.write_table(table, temporary, **packing)
-
+    write = partial(pq.write_table, table, **packing)
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 
 

@@ -45,17 +45,13 @@ def read_bros(path: Path) -> Recording:
         raise RecordingError(
             f"{path}: expected one variable data_<k> of 5 rows, found {', '.join(variables)}"
         )
-    time, motor1, truth1, motor2, truth2 = values
+    time, *rows = values
+    motor, truth = rows[::2], rows[1::2]
     ratios = np.diag(cast("Transmission", get_robot("bros").transmission).matrix)
-    columns = {
-        "t": time,
-        "measured/joint1": motor1 / ratios[0],
-        "measured/joint2": motor2 / ratios[1],
-        "motor/joint1": motor1,
-        "motor/joint2": motor2,
-        "truth/joint1": truth1,
-        "truth/joint2": truth2,
-    }
+    measured = [angle / ratio for angle, ratio in zip(motor, ratios, strict=True)]
+    columns = {"t": time}
+    for quantity, both in (("measured", measured), ("motor", motor), ("truth", truth)):
+        columns |= {f"{quantity}/joint{k}": angle for k, angle in enumerate(both, 1)}
     return recording_of_file(path, "bros", columns, rate=1000.0, sha256=digest, session=path.stem)
 
 
