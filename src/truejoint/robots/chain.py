@@ -116,13 +116,6 @@ def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _start(frame: Array) -> None:
-    frame[:] = 0.0
-    for i in range(3):
-        frame[i, i] = 1.0
-
-
-@njit(cache=True, error_model="numpy")
 def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     value = 0.0
     for j in range(joint.size):
@@ -137,9 +130,9 @@ def _link_frames(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
 ) -> None:
     """Fill `frames` (n, m, 4, 4) with those of the last m axes."""
-    first = table.shape[0] - frames.shape[1]
+    first, base = table.shape[0] - frames.shape[1], np.eye(3, 4)
     for n in range(joints.shape[0]):
-        _start(frames[n, 0, :3])
+        frames[n, 0, :3] = base
         for k in range(table.shape[0]):
             frame = frames[n, max(k - first, 0), :3]
             if k > first:
@@ -154,11 +147,11 @@ def _jacobian(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
 ) -> None:
     n_axes = table.shape[0]
-    frame = np.empty((3, 4))
+    frame, base = np.empty((3, 4)), np.eye(3, 4)
     direction = np.empty((n_axes, 3))
     origin = np.empty((n_axes, 3))
     for n in range(joints.shape[0]):
-        _start(frame)
+        frame[:] = base
         for k in range(n_axes):
             advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
             direction[k] = frame[:, 2]
