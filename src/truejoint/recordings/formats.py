@@ -139,6 +139,8 @@ def read_recording(
         if text.startswith(f"{source.name}:") and str(source) != source.name:
             raise RecordingError(str(source) + text.removeprefix(source.name)) from None
         raise
+    if not about:  # nor check the table again
+        return recording
     return replace(recording, provenance=replace(recording.provenance, **about))
 
 
