@@ -13,14 +13,20 @@ MAX_BYTES: Final = 1 << 20
 
 def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
     """Table of a TOML file of at most 1 MiB; raises `error` naming the file and the fault."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as fault:
-        raise error(f"{path}: cannot be read ({fault.strerror}); check the path") from None
-    if len(data) > MAX_BYTES:
-        raise error(f"{path}: holds more than {MAX_BYTES} bytes; is it the right file?")
+    data = read_small(path, error, MAX_BYTES, "the right file")
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as fault:
         raise error(f"{path}: is not TOML ({' '.join(str(fault).split())[:120]})") from None
+
+
+def read_small(path: Path, error: type[TruejointError], most: int, kind: str) -> bytes:
+    """Content of a file that is `kind` only if it holds at most `most` bytes; raises `error`."""
+    try:
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except OSError as fault:
+        raise error(f"{path}: cannot be read ({fault.strerror}); check the path") from None
+    if len(data) > most:
+        raise error(f"{path}: holds more than {most} bytes; is it {kind}?")
+    return data

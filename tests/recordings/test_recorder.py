@@ -17,7 +17,7 @@ from truejoint.motion import follow
 from truejoint.motion.forceps_references import calibration_reference, verification_reference
 from truejoint.recordings import Recorder, read_parquet
 from truejoint.recordings.recorder import PAST_END, Decimator
-from truejoint.recordings.synchronise import AFTER, STATE_BACK
+from truejoint.recordings.synchronise import AFTER, BACK
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
 
@@ -132,7 +132,7 @@ def test_a_clock_that_is_set_back_is_counted(arm: Any) -> None:
         arm.state(np.arange(100) * 1e-3)
         arm.state(np.arange(100) * 1e-3 + 0.05)
     recording = recorder.recording()
-    assert recording.provenance.dropped == {STATE_BACK: 50}
+    assert recording.provenance.dropped == {f"state: {BACK}": 50}
     assert len(recording) == 150
 
 

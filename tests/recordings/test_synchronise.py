@@ -9,12 +9,10 @@ from truejoint.errors import RecordingError
 from truejoint.recordings import Stream, synchronise
 from truejoint.recordings.synchronise import (
     AFTER,
+    BACK,
     BEFORE,
     GAP,
-    STATE_BACK,
-    STATE_MISSING,
-    TRUTH_BACK,
-    TRUTH_MISSING,
+    MISSING,
     forward_rows,
 )
 
@@ -99,7 +97,7 @@ def test_rows_that_cannot_be_used_are_counted() -> None:
     x = u.copy()
     x[50] = np.nan
     columns, dropped = synchronise(stream(t, a=a), stream(u, x=x), 0.05)
-    assert dropped == {STATE_BACK: 1, STATE_MISSING: 1, TRUTH_BACK: 1, TRUTH_MISSING: 1}
+    assert dropped == {f"{s}: {why}": 1 for s in ("state", "truth") for why in (BACK, MISSING)}
     assert len(columns["t"]) == 38
     assert np.allclose(columns["x"], columns["t"])
 

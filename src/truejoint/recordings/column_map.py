@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -13,29 +13,20 @@ from truejoint.errors import RecordingError
 from truejoint.toml_file import read_toml
 
 SI_UNITS: Final[Mapping[str, tuple[str, float]]] = {
-    "s": ("s", 1.0),
-    "ms": ("s", 1e-3),
-    "us": ("s", 1e-6),
-    "ns": ("s", 1e-9),
-    "rad": ("rad", 1.0),
-    "deg": ("rad", math.pi / 180.0),
-    "m": ("m", 1.0),
-    "cm": ("m", 1e-2),
-    "mm": ("m", 1e-3),
-    "um": ("m", 1e-6),
-    "rad/s": ("rad/s", 1.0),
-    "deg/s": ("rad/s", math.pi / 180.0),
-    "rpm": ("rad/s", math.pi / 30.0),
-    "m/s": ("m/s", 1.0),
-    "mm/s": ("m/s", 1e-3),
-    "Nm": ("Nm", 1.0),
-    "mNm": ("Nm", 1e-3),
-    "N": ("N", 1.0),
-    "mN": ("N", 1e-3),
-    "A": ("A", 1.0),
-    "mA": ("A", 1e-3),
-    "V": ("V", 1.0),
-    "1": ("1", 1.0),
+    unit: (si, factor)
+    for si, factors in {
+        "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+        "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+        "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+        "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+        "Nm": {"Nm": 1.0, "mNm": 1e-3},
+        "N": {"N": 1.0, "mN": 1e-3},
+        "A": {"A": 1.0, "mA": 1e-3},
+        "V": {"V": 1.0},
+        "1": {"1": 1.0},
+    }.items()
+    for unit, factor in factors.items()
 }
 """Unit in a file: SI unit and the factor to it."""
 
@@ -133,14 +124,13 @@ def load_column_map(source: MapSource) -> ColumnMap:
     return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
+_TEXTS: Final = {"robot": "", "arm": "", "delimiter": "", "comment": "#"}
+
+
 def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
-    known = (*_TEXTS, "rate_hz", "columns")
-    unknown = [key for key in values if key not in known]
-    if unknown:
-        raise RecordingError(f"{name}: key {unknown[0]!r} is not known; use {', '.join(known)}")
-    columns = values.get("columns")
-    rate = values.get("rate_hz", 0.0)
-    if isinstance(rate, bool) or not isinstance(rate, int | float) or not 0 <= rate <= 1e9:
+    _check_keys(name, values, (*_TEXTS, "rate_hz", "columns"))
+    columns, rate = values.get("columns"), values.get("rate_hz", 0.0)
+    if not _is_number(rate) or not 0 <= rate <= 1e9:
         raise RecordingError(f"{name}: rate_hz is {rate!r:.40}; want a number above 0")
     if not isinstance(columns, Mapping) or ("t" in columns) == (rate > 0):
         raise RecordingError(
@@ -151,7 +141,7 @@ def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
     for key, text in texts.items():
         if not isinstance(text, str) or (key == "comment" and len(text) > 1):
             raise RecordingError(f"{name}: {key} is {text!r}; want text, one character at most")
-    if texts["delimiter"] not in _DELIMITERS:
+    if texts["delimiter"] not in ("", ",", ";", "\t", " "):
         raise RecordingError(
             f"{name}: delimiter is {texts['delimiter']!r}; want comma, semicolon, tab or blank"
         )
@@ -159,18 +149,12 @@ def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
     return ColumnMap(mapped, **texts, rate=float(rate))
 
 
-_DELIMITERS: Final = ("", ",", ";", "\t", " ")
-_TEXTS: Final = {"robot": "", "arm": "", "delimiter": "", "comment": "#"}
-
-
 def _column(name: str, value: Any) -> MappedColumn:
     if isinstance(value, str | int) and not isinstance(value, bool):
         value = {"column": value}
     if not isinstance(value, Mapping) or "column" not in value:
         raise RecordingError(f"{name} is {value!r}; want a column's name, position or table")
-    unknown = [key for key in value if key not in {"column", "unit", "scale"}]
-    if unknown:
-        raise RecordingError(f"{name}: key {unknown[0]!r} is not known; use column, unit, scale")
+    _check_keys(name, value, ("column", "unit", "scale"))
     column, unit, scale = value["column"], value.get("unit", ""), value.get("scale", 1.0)
     if isinstance(column, bool) or not isinstance(column, str | int):
         raise RecordingError(f"{name}: column is {column!r}; want a name or a position")
@@ -178,8 +162,18 @@ def _column(name: str, value: Any) -> MappedColumn:
         raise RecordingError(f"{name}: column is {column}; positions count from 0")
     if unit and unit not in SI_UNITS:
         raise RecordingError(f"{name}: unit {unit!r} is not known; use {', '.join(SI_UNITS)}")
-    if isinstance(scale, bool) or not isinstance(scale, int | float):
+    if not _is_number(scale):
         raise RecordingError(f"{name}: scale is {scale!r}; want a number")
     if not (math.isfinite(scale) and scale != 0):
         raise RecordingError(f"{name}: scale is {scale}; want a number other than 0")
     return MappedColumn(column, unit, float(scale))
+
+
+def _check_keys(name: str, values: Mapping[str, Any], known: Sequence[str]) -> None:
+    for key in values:
+        if key not in known:
+            raise RecordingError(f"{name}: key {key!r} is not known; use {', '.join(known)}")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

@@ -1,4 +1,4 @@
-"""Files from others, read within bounds; files of ours, written whole or not at all."""
+"""Files from others, read within bounds."""
 
 from __future__ import annotations
 
@@ -11,18 +11,11 @@ from typing import Any, Final
 
 from truejoint.errors import RecordingError
 
+# Most bytes of a text file once unpacked: 6 h of the 252-column layout is 4.5 GB.
 MAX_UNPACKED_BYTES: Final = 8 * 2**30
-"""Most bytes that a text file may hold once unpacked: 6 h of the 252-column layout is 4.5 GB."""
-MAX_BINARY_BYTES: Final = 2**30
-"""Most bytes that a file that is read in one go (.npy, .mat) may hold."""
-
-MAX_LINE_BYTES: Final = 1 << 20
-"""Longest line of a text file; the widest layout known takes 6.3 kB a line."""
-
-_GZIP_MAGIC: Final = b"\x1f\x8b"
-_CHUNK: Final = 1 << 20
-HEAD_BYTES: Final = 1 << 16
-"""How much of a file is looked at to tell its format."""
+MAX_BINARY_BYTES: Final = 2**30  # of a file that is read in one go (.npy, .mat)
+MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes 6.3 kB a line
+HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
 
 
 class BoundedFile(io.RawIOBase):
@@ -34,15 +27,12 @@ class BoundedFile(io.RawIOBase):
 
     def __init__(self, path: Path, limit: int = MAX_UNPACKED_BYTES, *, lines: bool = False) -> None:
         super().__init__()
-        self._path = path
-        self._limit = limit
-        self._lines = lines
-        self._taken = 0
-        self._line = 0
+        self._path, self._limit, self._lines = path, limit, lines
+        self._taken = self._line = 0
         self._hash = hashlib.sha256()
-        self._packed = is_gzip(path)
-        file: Any = gzip.GzipFile(path) if self._packed else io.FileIO(path)
-        self._file: io.RawIOBase = file
+        with path.open("rb") as start:
+            self._packed = start.read(2) == b"\x1f\x8b"  # whatever the file is called
+        self._file: Any = gzip.GzipFile(path) if self._packed else io.FileIO(path)
 
     def readable(self) -> bool:
         """Say that it is made for reading."""
@@ -76,7 +66,7 @@ class BoundedFile(io.RawIOBase):
 
     def sha256(self) -> str:
         """SHA-256 of the whole unpacked file, hexadecimal; reads what is left of it."""
-        buffer = bytearray(_CHUNK)
+        buffer = bytearray(1 << 20)
         while self.readinto(buffer):
             pass
         return self._hash.hexdigest()
@@ -85,12 +75,6 @@ class BoundedFile(io.RawIOBase):
         """Close the file."""
         self._file.close()
         super().close()
-
-
-def is_gzip(path: Path) -> bool:
-    """Whether the file starts as a gzip file does, whatever it is called."""
-    with path.open("rb") as file:
-        return file.read(len(_GZIP_MAGIC)) == _GZIP_MAGIC
 
 
 def require_file(path: Path) -> Path:
@@ -105,13 +89,7 @@ def require_file(path: Path) -> Path:
 
 
 def read_bounded(path: Path, limit: int = MAX_BINARY_BYTES) -> tuple[bytes, str]:
-    """Whole content of a file, unpacked, and its SHA-256.
-
-    Raises
-    ------
-    RecordingError
-        If the file does not exist, is empty, damaged, or holds more than `limit` bytes.
-    """
+    """Whole content of a file, unpacked, of at most `limit` bytes, and its SHA-256."""
     with BoundedFile(require_file(path), limit) as file:
         data = file.readall()
         return data, file.sha256()

@@ -15,11 +15,10 @@ from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
 from truejoint.recordings.parquet import PARQUET_MAGIC, read_parquet
 from truejoint.recordings.readers import (
-    bros,
     davinci_grasper,
+    double_encoder,
     dvrk_berkeley,
     kflex,
-    kuka,
     mapped,
     raven_csv,
 )
@@ -55,17 +54,13 @@ class Format:
     folder: bool = False
 
 
+_MAPPED: Final = ("robot", "arm", "column_map")
 FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         Format("parquet", "what truejoint writes", read_parquet),
-        Format("csv", "header, or column map", mapped.read_csv, ("robot", "arm", "column_map")),
-        Format(
-            "arrays",
-            ".npy or .mat with a column map",
-            mapped.read_arrays,
-            ("robot", "arm", "column_map"),
-        ),
+        Format("csv", "header, or column map", mapped.read_csv, _MAPPED),
+        Format("arrays", ".npy or .mat with a column map", mapped.read_arrays, _MAPPED),
         Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
         Format(
             "raven_csv_252",
@@ -75,8 +70,8 @@ FORMATS: Final[Mapping[str, Format]] = {
         ),
         Format("davinci_grasper_umn", "da Vinci grasper bench", davinci_grasper.read),
         Format("dvrk_psm_berkeley", "dVRK PSM, .npy folder", dvrk_berkeley.read, folder=True),
-        Format("bros_dual_encoder", "two-joint haptic arm, .mat", bros.read),
-        Format("kuka_kr300_dual_encoder", "KUKA KR300, .mat", kuka.read),
+        Format("bros_dual_encoder", "two-joint haptic arm, .mat", double_encoder.read_bros),
+        Format("kuka_kr300_dual_encoder", "KUKA KR300, .mat", double_encoder.read_kuka),
         Format("kflex_tendon_sheath", "K-FLEX bending joint", kflex.read),
     )
 }
@@ -144,7 +139,7 @@ def read_recording(
         if text.startswith(f"{source.name}:") and str(source) != source.name:
             raise RecordingError(str(source) + text.removeprefix(source.name)) from None
         raise
-    if not about:
+    if not about:  # nor check the table again
         return recording
     return replace(recording, provenance=replace(recording.provenance, **about))
 
@@ -163,9 +158,10 @@ def format_names() -> tuple[str, ...]:
 def _get_format(name: str) -> Format:
     if name in FORMATS:
         return FORMATS[name]
-    if name not in format_names():
+    others = plugins("truejoint.formats", tuple(FORMATS))
+    if name not in others:
         raise RecordingError(unknown("format", name, format_names()))
-    entry: Format = load_plugin(plugins("truejoint.formats", tuple(FORMATS))[name], Format)
+    entry: Format = load_plugin(others[name], Format)
     return entry
 
 
@@ -219,17 +215,15 @@ def _detect_text(source: Path, head: str) -> str:
         if "t" in names:
             return "csv"
         raise _unknown(source, "a header without 't'; give a column map")
-    by_columns = {
-        raven_csv.STATE_COLUMNS: "raven_csv_240",
-        raven_csv.TRAINING_COLUMNS: "raven_csv_252",
-        **dict.fromkeys(kflex.LAYOUTS, "kflex_tendon_sheath"),
-    }
-    if len(fields) not in by_columns:
-        counts = ", ".join(str(n) for n in by_columns)
-        raise _unknown(
-            source, f"{len(fields)} columns without a header, expected {counts}; give a column map"
-        )
-    return by_columns[len(fields)]
+    count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
+    if count in ravens:
+        return f"raven_csv_{count}"
+    if count in kflex.LAYOUTS:
+        return "kflex_tendon_sheath"
+    counts = ", ".join(map(str, (*ravens, *kflex.LAYOUTS)))
+    raise _unknown(
+        source, f"{count} columns without a header, expected {counts}; give a column map"
+    )
 
 
 def _unknown(source: Path, found: str) -> RecordingError:

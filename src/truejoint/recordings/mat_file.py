@@ -24,14 +24,13 @@ Array = NDArray[np.float64]
 MatValue = Array | dict[str, Array]
 
 VERSION5_MARK: Final = b"MATLAB 5.0 MAT-file"
-MAX_MAT_BYTES: Final = 2**28
-"""Most bytes that the variables of one file may unpack to."""
+MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
 
 _MAX_NESTED: Final = 1000
 _HEADER_BYTES: Final = 128
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
+# Classes of array that are read; SciPy cannot list what is in a file with some of the others.
 _STRUCTS_AND_NUMBERS: Final = (2, *range(6, 16))
-"""Classes of array that are read; SciPy cannot list what is in a file with some of the others."""
 
 
 class _MatError(Exception):
@@ -39,26 +38,10 @@ class _MatError(Exception):
 
 
 def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
-    """Variables of a MATLAB file that are arrays of numbers, or structs of them.
+    """Variables of a MATLAB file by name: arrays of numbers (rows, columns), or structs of them.
 
-    Everything else in a file, objects and functions above all, is left out.
-
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    source : str
-        Its name, for errors.
-
-    Returns
-    -------
-    dict
-        Name to array (rows, columns), or to a dict of such arrays for a struct.
-
-    Raises
-    ------
-    RecordingError
-        If the file is cut short, damaged, of version 7.3 (HDF5), or unpacks to more than is read.
+    Everything else in a file, objects and functions above all, is left out. A RecordingError that
+    names `source` says if it is damaged, of version 7.3 (HDF5), or unpacks to more than is read.
     """
     if data[:8] == b"\x89HDF\r\n\x1a\n" or b"HDF5 schema" in data[:_HEADER_BYTES]:
         raise RecordingError(f"{source}: is a version 7.3 MAT file; save it with -v7 instead")

@@ -18,13 +18,9 @@ NPY_MAGIC: Final = b"\x93NUMPY"
 
 
 def read_npy(path: Path) -> tuple[NDArray[np.float64], str]:
-    """Array of a .npy file as float64, and the file's SHA-256.
+    """Array of a .npy file of real numbers as float64, and the file's SHA-256.
 
-    Raises
-    ------
-    RecordingError
-        If the file is not there, is no .npy file of real numbers, or does not hold exactly the
-        numbers that its header announces.
+    Raises RecordingError too if it does not hold exactly the numbers that its header announces.
     """
     data, digest = read_bounded(path)
     file = io.BytesIO(data)

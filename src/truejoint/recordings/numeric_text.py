@@ -19,83 +19,41 @@ from truejoint.recordings.files import MAX_LINE_BYTES, BoundedFile, read_head, r
 
 Array = NDArray[np.float64]
 
-MAX_VALUES: Final = 250_000_000
-"""Most numbers kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns."""
+MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
 _PIECE_BYTES: Final = 1 << 22
 _MISSING: Final = frozenset(csv.ConvertOptions().null_values)
 
 
 @dataclass(frozen=True)
 class TextLayout:
-    """How the numbers stand in a text file.
+    """How the numbers stand in a text file."""
 
-    Attributes
-    ----------
-    delimiter : str
-        Between two numbers: comma, semicolon or tab; a blank means any white space.
-    comment : str
-        One character; what follows it in a line is passed over; empty for none.
-    skip : int
-        Lines to pass over at the start, the header among them.
-    columns : int
-        How many numbers a line must have.
-    """
-
-    columns: int
-    delimiter: str = ","
-    comment: str = ""
-    skip: int = 0
+    columns: int  # numbers that a line must have
+    delimiter: str = ","  # comma, semicolon or tab; a blank means any white space
+    comment: str = ""  # one character; what follows it in a line is passed over
+    skip: int = 0  # lines to pass over at the start, the header among them
 
 
 @dataclass(frozen=True)
 class NumericTable:
-    """Some columns of a text file.
+    """Some columns of a text file."""
 
-    Attributes
-    ----------
-    values : ndarray, shape (n, k)
-        The columns asked for, in the order asked for; NaN where a field is empty or ``nan``.
-    sha256 : str
-        Hash of the whole (unpacked) file.
-    incomplete : int
-        Lines at the end that were cut short and left out: 0 or 1.
-    """
-
-    values: Array
-    sha256: str
-    incomplete: int
+    values: Array  # (n, k); NaN where a field is empty or ``nan``
+    sha256: str  # of the whole (unpacked) file
+    incomplete: int  # lines at the end that were cut short and left out: 0 or 1
 
 
 def read_numbers(
     path: Path, layout: TextLayout, use: Sequence[int], may_miss: Sequence[int] = ()
 ) -> NumericTable:
-    """Columns `use` of a text file of numbers.
+    """Columns `use` of a text file of numbers, or of one in gzip; `may_miss` of them may be empty.
 
-    Parameters
-    ----------
-    path : Path
-        Text, or text in gzip.
-    layout : TextLayout
-    use : sequence of int
-        Columns to read, counted from 0.
-    may_miss : sequence of int
-        Those of `use` that may be empty or ``nan`` in some rows.
-
-    Returns
-    -------
-    NumericTable
-        A last line with too few numbers is what an interrupted recorder leaves behind: it is left
-        out and counted.
-
-    Raises
-    ------
-    RecordingError
-        Naming line, column and text of a field that is not a number or is missing, of a line with
-        too many or too few fields, or when the file holds more than is read.
+    A last line with too few numbers is what an interrupted recorder leaves behind: it is left out
+    and counted. A RecordingError names line, column and text of any other field that is missing or
+    not a number, a line with too many or too few fields, or says that the file holds too much.
     """
     # The last column tells a short line from a whole one.
-    wanted = sorted({*use, layout.columns - 1})
-    strict = [column for column in wanted if column not in may_miss]
+    wanted = {column: column in may_miss for column in sorted({*use, layout.columns - 1})}
     pieces: list[Array] = []
     left = most = MAX_VALUES // len(wanted)
     incomplete = 0
@@ -103,10 +61,9 @@ def read_numbers(
     with raw, io.BufferedReader(raw, _PIECE_BYTES) as file:
         for piece in _pieces(file, layout):
             try:
-                values = _parse(piece, layout, wanted, strict)
+                values = _parse(piece, layout, wanted)
             except pa.ArrowInvalid:
-                rows = len(pieces) and most > left
-                values, incomplete = _parse_by_line(path, piece, layout, wanted, strict, bool(rows))
+                values, incomplete = _parse_by_line(path, piece, layout, wanted, left < most)
             left -= len(values)
             if left < 0:
                 raise RecordingError(
@@ -118,24 +75,11 @@ def read_numbers(
     if left == most:
         raise RecordingError(f"{path}: holds no rows of numbers")
     values = np.concatenate(pieces)
-    return NumericTable(values[:, [wanted.index(c) for c in use]], digest, incomplete)
+    return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)
 
 
 def first_line(path: Path, comment: str = "") -> tuple[int, str]:
-    """First line that is neither blank nor a comment.
-
-    Returns
-    -------
-    number : int
-        Of the line, counted from 1.
-    text : str
-        The line, stripped.
-
-    Raises
-    ------
-    RecordingError
-        If there is none, the file is not text or has more columns than are read.
-    """
+    """Find the first line that is neither blank nor a comment: its number, from 1, and its text."""
     head = read_head(path)
     if b"\0" in head:
         raise RecordingError(f"{path}: is not a text file; name its format")
@@ -144,6 +88,11 @@ def first_line(path: Path, comment: str = "") -> tuple[int, str]:
         if text and not (comment and text.startswith(comment)):
             return number, text
     raise RecordingError(f"{path}: holds no rows")
+
+
+def count_fields(path: Path) -> int:
+    """How many numbers, between commas, stand in the first line of a file without a header."""
+    return len(split_fields(first_line(path)[1], ","))
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:
@@ -190,8 +139,8 @@ def _lines(text: bytes) -> io.TextIOWrapper:
     return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8-sig", errors="replace")
 
 
-def _parse(piece: _Piece, layout: TextLayout, wanted: list[int], strict: list[int]) -> Array:
-    """Columns `wanted` of a piece; raises ArrowInvalid when it does not fit the layout."""
+def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
+    """Columns `wanted`, which say if they may miss, of a piece; ArrowInvalid if it does not fit."""
     names = [str(column) for column in range(layout.columns)]
     use = [names[column] for column in wanted]
     table = csv.read_csv(
@@ -206,20 +155,15 @@ def _parse(piece: _Piece, layout: TextLayout, wanted: list[int], strict: list[in
         csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
     )
     values = np.column_stack([table[name].to_numpy() for name in use])
-    if np.isnan(values[:, [wanted.index(column) for column in strict]]).any():
+    if np.isnan(values[:, ~np.array([*wanted.values()])]).any():
         raise pa.ArrowInvalid("a field is missing")
     return values
 
 
 def _parse_by_line(
-    path: Path,
-    piece: _Piece,
-    layout: TextLayout,
-    wanted: list[int],
-    strict: list[int],
-    after_rows: bool,
+    path: Path, piece: _Piece, layout: TextLayout, wanted: dict[int, bool], after_rows: bool
 ) -> tuple[Array, int]:
-    """Columns `wanted` of a piece, and whether its last line was cut short; slow, names the fault.
+    """As `_parse`, and whether its last line was cut short; slow, names the fault.
 
     It also reads what is right but unusual, such as numbers in quotes.
     """
@@ -232,7 +176,7 @@ def _parse_by_line(
             raise fault
         fields = split_fields(line.strip("\r\n "), layout.delimiter)
         try:
-            rows.append(_numbers(fields, layout, wanted, strict))
+            rows.append(_numbers(fields, layout, wanted))
         except RecordingError as error:
             fault = RecordingError(f"{path}: line {number}{error}; repair or remove the line")
             short = (len(fields), all(map(is_number, fields))) < (layout.columns, True)
@@ -242,16 +186,14 @@ def _parse_by_line(
     return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), int(fault is not None)
 
 
-def _numbers(
-    fields: list[str], layout: TextLayout, wanted: list[int], strict: list[int]
-) -> list[float]:
+def _numbers(fields: list[str], layout: TextLayout, wanted: dict[int, bool]) -> list[float]:
     if len(fields) != layout.columns:
         raise RecordingError(f" has {len(fields)} columns, expected {layout.columns}")
     numbers = []
-    for column in wanted:
+    for column, may_miss in wanted.items():
         field = fields[column]
         value = float(field) if is_number(field) else np.nan
-        if np.isnan(value) and (column in strict or field not in _MISSING):
+        if np.isnan(value) and not (may_miss and field in _MISSING):
             raise RecordingError(f", column {column} is {field[:40]!r}, not a number")
         numbers.append(value)
     return numbers

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -19,8 +19,7 @@ from truejoint.recordings.recording import Provenance, Recording, as_recording
 from truejoint.robots import adopt_robot
 
 METADATA_KEY: Final = b"truejoint"
-VERSION: Final = 1
-"""Version of the JSON under `METADATA_KEY`; a newer one is refused."""
+VERSION: Final = 1  # of the JSON under `METADATA_KEY`; a newer one is refused
 PARQUET_MAGIC: Final = b"PAR1"
 
 _MAX_COLUMNS: Final = 4096
@@ -57,23 +56,13 @@ def write_parquet(
         "provenance": recording.provenance.to_dict(),
         "robot": recording.robot.to_dict(),
     }
-    arrays = [pa.array(recording.table[name].to_numpy()) for name in recording.table.columns]
-    schema = pa.schema(
-        [(str(name), pa.float64()) for name in recording.table.columns],
+    table = pa.table(
+        {str(name): column.to_numpy() for name, column in recording.table.items()},
         metadata={METADATA_KEY: json.dumps(header, allow_nan=False).encode()},
     )
-    table = pa.Table.from_arrays(arrays, schema=schema)
-
-    def write(temporary: Path) -> None:
-        # Values that change a little from row to row pack best with their bytes split apart.
-        pq.write_table(
-            table,
-            temporary,
-            compression="zstd",
-            use_dictionary=False,
-            use_byte_stream_split=True,
-        )
-
+    # Values that change a little from row to row pack best with their bytes split apart.
+    packing = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
+    write = partial(pq.write_table, table, **packing)
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 
 
@@ -109,18 +98,14 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
             _check_size(source, file)
             header = _header(source, file.schema_arrow)
             table = file.read(use_threads=False)
-        names = table.column_names
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise RecordingError(
             f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
+    columns = {name: table.column(name).to_numpy() for name in table.column_names}
     try:
         provenance = Provenance.from_dict(header["provenance"])
-    except RecordingError as error:
-        raise RecordingError(f"{source}: {error}") from None
-    columns = {name: np.asarray(table.column(name).to_numpy(), dtype=np.float64) for name in names}
-    try:
         if "robot" in header:
             adopt_robot(header["robot"], source.name)
         return Recording.from_columns(columns, provenance, header["units"])
@@ -164,11 +149,11 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
             f"{source}: is of version {header['version']}, this truejoint reads up to {VERSION}; "
             "update truejoint"
         )
-    units, provenance = header.get("units"), header.get("provenance")
-    if not isinstance(units, dict) or not all(isinstance(u, str) for u in units.values()):
+    units = header.get("units")
+    others = header.get("robot", {}), header.get("provenance")
+    if not isinstance(units, dict) or not all(isinstance(other, dict) for other in others):
         raise damaged
-    if not isinstance(header.get("robot", {}), dict) or not isinstance(provenance, dict):
-        raise damaged
-    if set(units) != set(schema.names) - {"t"}:
+    texts = all(isinstance(unit, str) for unit in units.values())
+    if not texts or set(units) != set(schema.names) - {"t"}:
         raise damaged
     return header

@@ -15,34 +15,21 @@ from numpy.typing import NDArray
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
 from truejoint.recordings.parquet import write_parquet
-from truejoint.recordings.recording import Provenance, Recording
-from truejoint.recordings.synchronise import (
-    STATE_BACK,
-    TRUTH_BACK,
-    Stream,
-    forward_rows,
-    synchronise,
-)
+from truejoint.recordings.recording import Provenance, Recording, nominal_rates
+from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
 from truejoint.robots.blocks import QUANTITIES
 
 Array = NDArray[np.float64]
 
 PAST_END: Final = "state: past the longest duration"
 
-_MAX_DURATION: Final = 12 * 3600.0
-
 
 class Decimator:
-    """Picks rows so that no more than `rate` a second are left, by their stamps.
+    """Picks rows so that no more than `rate` a second [Hz] are left, by their stamps.
 
     Time is cut into cells of 1/rate from the first stamp on; the first row in each cell
     is picked. So it does not matter how the rows come in pieces, and a stream that is slower than
     `rate` passes whole. A clock that is set back is not judged here: its rows pass.
-
-    Parameters
-    ----------
-    rate : float
-        [Hz]; infinite to pick every row.
     """
 
     def __init__(self, rate: float) -> None:
@@ -106,7 +93,7 @@ class Recorder:
         truth_rate: float | None = None,
         *,
         gap_limit: float = 0.05,
-        max_duration: float = _MAX_DURATION,
+        max_duration: float = 12 * 3600.0,
         path: str | os.PathLike[str] | None = None,
         session: str = "",
         homing_id: str | None = None,
@@ -183,15 +170,16 @@ class Recorder:
                 f"recorder: {self.rows} rows from {self._arm.robot.title}; it reports only while "
                 "homed and moving or holding"
             )
-        dropped: dict[str, int] = {PAST_END: self._past_end} if self._past_end else {}
-        state = self._state.joined(dropped)
+        state, back = self._state.joined()
+        dropped = {PAST_END: self._past_end, f"state: {BACK}": back}
         columns = {"t": state.t, **state.columns}
-        rates = {"state": _rate(state.t) if math.isinf(self._state_rate) else self._state_rate}
+        known = {} if math.isinf(self._state_rate) else {"state": self._state_rate}
+        rates = nominal_rates(state=state.t) | known
         if len(self._truth) >= 2:
-            truth = self._truth.joined(dropped)
+            truth, back = self._truth.joined()
             columns, unmatched = synchronise(state, truth, self._gap_limit)
-            dropped |= unmatched
-            rates["truth"] = _rate(truth.t)
+            dropped |= {f"truth: {BACK}": back} | unmatched
+            rates |= nominal_rates(truth=truth.t)
         start = float(columns["t"][0])
         columns["t"] = columns["t"] - start
         provenance = replace(
@@ -205,8 +193,8 @@ class Recorder:
         return Recording.from_columns(columns, provenance)
 
     def _clear(self) -> None:
-        self._state = _Rows(self._state_rate, STATE_BACK)
-        self._truth = _Rows(self._truth_rate, TRUTH_BACK)
+        self._state = _Rows(self._state_rate)
+        self._truth = _Rows(self._truth_rate)
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
@@ -222,20 +210,18 @@ class Recorder:
             stream.add(block.t, np.asarray(block.position), chosen & ~late)
             return
         self._past_end += int((chosen & late).sum())
-        measured = [q for q in QUANTITIES if getattr(block, q).shape[1]]
+        measured = {q: getattr(block, q) for q in QUANTITIES if getattr(block, q).shape[1]}
         stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
-        columns = [getattr(block, q) for q in measured]
-        extra = [values[:, None] for values in block.extra.values()]
-        stream.add(block.t, np.hstack(columns + extra), chosen & ~late)
+        rows = np.column_stack([*measured.values(), *block.extra.values()])
+        stream.add(block.t, rows, chosen & ~late)
 
 
 class _Rows:
     """Rows kept of one stream, in the blocks that they came in."""
 
-    def __init__(self, rate: float, back: str) -> None:
+    def __init__(self, rate: float) -> None:
         self.decimator = Decimator(rate)
         self.names: tuple[str, ...] = ()
-        self._back = back
         self._blocks: list[tuple[Array, Array]] = []
 
     def __len__(self) -> int:
@@ -245,16 +231,9 @@ class _Rows:
         """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
         self._blocks.append((t[kept], values[kept]))
 
-    def joined(self, dropped: dict[str, int]) -> Stream:
-        """One stream of all rows but those of a clock that was set back, which are counted."""
-        t = np.concatenate([stamps for stamps, _ in self._blocks])
-        rows = np.concatenate([values for _, values in self._blocks])
+    def joined(self) -> tuple[Stream, int]:
+        """One stream of all rows but those of a clock that was set back, and how many those are."""
+        t, rows = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
         forward = forward_rows(t)
-        if not forward.all():
-            dropped[self._back] = int((~forward).sum())
-        return Stream(t[forward], dict(zip(self.names, rows[forward].T, strict=True)))
-
-
-def _rate(t: Array) -> float:
-    """Usual rate of stamps (n,) [Hz]."""
-    return round(float(1.0 / np.median(np.diff(t))), 3)
+        columns = dict(zip(self.names, rows[forward].T, strict=True))
+        return Stream(t[forward], columns), int((~forward).sum())

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -65,10 +67,10 @@ class Provenance:
     sha256: str = ""
     session: str = ""
     homing_id: str = ""
-    load: float = float("nan")
+    load: float = math.nan
     rates: Mapping[str, float] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
-    start: float = float("nan")
+    start: float = math.nan
     command: str = ""
     notes: str = ""
 
@@ -85,50 +87,33 @@ class Provenance:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
         """Inverse of `to_dict`; raises RecordingError on unknown keys and wrong kinds of value."""
-        known = {f.name for f in fields(cls)}
-        unknown = sorted(set(values) - known)
+        kinds = {f.name: str(f.type) for f in fields(cls)}
+        unknown = sorted(set(values) - set(kinds))
         if unknown or "robot" not in values:
             raise RecordingError(
                 f"provenance has unknown keys {unknown} or lacks 'robot'; "
                 "was the file written by a newer version?"
             )
         for name, value in values.items():
-            if not _FITS[name](value):
+            if not _fits(kinds[name], value):
                 raise RecordingError(
                     f"provenance: {name!r} is {str(value)[:60]!r}, not what stands there; "
                     "was the file edited?"
                 )
-        clean: dict[str, Any] = {
-            name: float("nan") if value is None else value for name, value in values.items()
-        }
+        clean: dict[str, Any] = {k: math.nan if v is None else v for k, v in values.items()}
         return cls(**clean)
 
 
-def _is_text(value: object) -> bool:
-    return isinstance(value, str)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_number_or_none(value: object) -> bool:
-    return value is None or _is_number(value)
-
-
-def _maps_to_numbers(value: object) -> bool:
+def _fits(kind: str, value: object) -> bool:
+    """Whether plain data can be a field of the type that is annotated as `kind`."""
+    if kind == "str":
+        return isinstance(value, str)
+    if kind == "float":
+        number = isinstance(value, int | float) and not isinstance(value, bool)
+        return value is None or number
     return isinstance(value, dict) and all(
-        isinstance(k, str) and _is_number(v) for k, v in value.items()
+        isinstance(k, str) and v is not None and _fits("float", v) for k, v in value.items()
     )
-
-
-_FITS: Final[dict[str, Callable[[object], bool]]] = {
-    **dict.fromkeys(
-        ("robot", "arm", "source", "sha256", "session", "homing_id", "command", "notes"), _is_text
-    ),
-    **dict.fromkeys(("load", "start"), _is_number_or_none),
-    **dict.fromkeys(("rates", "dropped"), _maps_to_numbers),
-}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -269,19 +254,11 @@ class Recording(Summarised):
 
     def with_truth(self, joints: Sequence[str]) -> Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
-        unknown = np.isnan(self.columns("truth", joints)).any(axis=1)
-        return self.rows(np.flatnonzero(~unknown))
+        return self.rows(np.flatnonzero(~np.isnan(self.columns("truth", joints)).any(axis=1)))
 
 
 def as_recording(value: object) -> Recording:
-    """Give back a recording; raises RecordingError for anything else, saying how to make one.
-
-    Examples
-    --------
-    >>> as_recording("run.parquet")
-    Traceback (most recent call last):
-    truejoint.errors.RecordingError: 'run.parquet' is a str, not a Recording; read files with ...
-    """
+    """Give back a recording; raises RecordingError for anything else, saying how to make one."""
     if isinstance(value, Recording):
         return value
     what = repr(value) if isinstance(value, str) else "this"
@@ -299,33 +276,43 @@ def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording
 
 
 def since_first(t: Array) -> tuple[Array, float]:
-    """Count stamps from the first one if they count from 1970; leave others as they are.
-
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps [s], n > 0.
-
-    Returns
-    -------
-    t : ndarray, shape (n,)
-        [s].
-    start : float
-        What was taken off, for `Provenance.start`; NaN if nothing was.
-    """
+    """Stamps `t` (n,) [s] since the first if they are since 1970, and what was taken off or NaN."""
     first = float(t[0])
-    return (t - first, first) if first > _EPOCH else (t, float("nan"))
+    return (t - first, first) if first > _EPOCH else (t, math.nan)
 
 
-def state_rate(t: Array) -> dict[str, float]:
-    """Give the usual rate [Hz] of stamps `t` (n,) [s] for `Provenance.rates`, if they have one."""
-    interval = float(np.median(np.diff(t))) if t.size > 1 else 0.0
-    return {"state": round(1.0 / interval, 3)} if interval > 0 else {}
+def nominal_rates(**stamps: Array) -> dict[str, float]:
+    """Give the usual rate [Hz] of each stream's stamps (n,) [s], of those that have one."""
+    intervals = {name: float(np.median(np.diff(t))) for name, t in stamps.items() if t.size > 1}
+    return {name: round(1.0 / interval, 3) for name, interval in intervals.items() if interval > 0}
 
 
 def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:
     """Rows (n,) of stamps `t` (n,) [s] that are not repeated by the next: a clock that stood."""
     return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
+
+
+def recording_of_file(
+    path: Path,
+    robot: Robot | str,
+    columns: Mapping[str, Array],
+    units: Mapping[str, str] | None = None,
+    *,
+    rate: float | None = None,
+    **about: Any,
+) -> Recording:
+    """Make a recording of a file's columns (n,); its name up to a dot is the session unless stated.
+
+    State and truth are of `rate` [Hz]; without one the state is of that which its stamps show.
+    """
+    robot = get_robot(robot) if isinstance(robot, str) else robot
+    stated: dict[str, Any] = {
+        "source": path.name,
+        "session": path.name.partition(".")[0],
+        "rates": {"state": rate, "truth": rate} if rate else nominal_rates(state=columns["t"]),
+    }
+    provenance = Provenance(robot.name, robot.arm, **(stated | about))
+    return Recording.from_columns(columns, provenance, units)
 
 
 def default_unit(column: str, robot: Robot) -> str:
@@ -345,34 +332,33 @@ def default_unit(column: str, robot: Robot) -> str:
 
 
 _UNITS: Final = {
-    "motor": "rad",
-    "driver": "rad",
-    "motor_velocity": "rad/s",
-    "driver_velocity": "rad/s",
+    **dict.fromkeys(("motor", "driver"), "rad"),
+    **dict.fromkeys(("motor_velocity", "driver_velocity"), "rad/s"),
+    **dict.fromkeys(("tool", "cable"), "m"),
+    **dict.fromkeys(("tension", "truth_tension"), "N"),
     "current": "A",
-    "tool": "m",
-    "cable": "m",
-    "tension": "N",
     "truth_load": "Nm",
-    "truth_tension": "N",
 }
 
 
+def _require_time(columns: Iterable[str], source: str) -> None:
+    if "t" not in columns:
+        raise RecordingError(f"{source}: no column 't'; a recording needs time stamps in seconds")
+
+
 def _check_shapes(columns: Mapping[str, Array], source: str) -> None:
-    rows = columns["t"].shape if "t" in columns else None
+    _require_time(columns, source)
+    rows = columns["t"].shape
     for name, values in columns.items():
-        if values.ndim != 1 or values.shape != (rows or values.shape):
+        if values.ndim != 1 or values.shape != rows:
             raise RecordingError(
                 f"{source}: column {name!r} has shape {values.shape}, 't' has {rows}; "
                 "give every column one value a row"
             )
-    if rows is None:
-        raise RecordingError(f"{source}: no column 't'; a recording needs time stamps in seconds")
 
 
 def _check_table(table: pd.DataFrame, units: Mapping[str, str], source: str) -> None:
-    if "t" not in table.columns:
-        raise RecordingError(f"{source}: no column 't'; a recording needs time stamps in seconds")
+    _require_time(table.columns, source)
     if table.columns.has_duplicates:
         twice = sorted(set(table.columns[table.columns.duplicated()]))
         raise RecordingError(f"{source}: columns {twice} appear twice; each name may stand once")

@@ -13,16 +13,13 @@ from truejoint.errors import RecordingError
 
 Array = NDArray[np.float64]
 
-STATE_BACK: Final = "state: time stamp not after the one before"
-STATE_MISSING: Final = "state: value missing"
-TRUTH_BACK: Final = "truth: time stamp not after the one before"
-TRUTH_MISSING: Final = "truth: value missing"
+BACK: Final = "time stamp not after the one before"
+MISSING: Final = "value missing"
 BEFORE: Final = "no truth: before it starts"
 AFTER: Final = "no truth: after it ends"
 GAP: Final = "no truth: gap between its samples"
 
-_MAX_LOST: Final = 0.1
-"""Largest share of rows that a clock which jumps may cost."""
+_MAX_LOST: Final = 0.1  # largest share of rows that a clock which jumps may cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,60 +98,41 @@ def synchronise(
     if not (gap_limit > 0):
         raise RecordingError(f"synchronise: gap limit {gap_limit} s; give one above 0 s")
     dropped: dict[str, int] = {}
-    state = _clean(state, "state", dropped, STATE_BACK, STATE_MISSING)
-    truth = _clean(truth, "truth", dropped, TRUTH_BACK, TRUTH_MISSING)
+    state, truth = _clean(state, "state", dropped), _clean(truth, "truth", dropped)
     after = np.searchsorted(truth.t, state.t, side="left")
     exact = truth.t[np.minimum(after, truth.t.size - 1)] == state.t
-    early = state.t < truth.t[0]
-    late = state.t > truth.t[-1]
+    early, late = state.t < truth.t[0], state.t > truth.t[-1]
     inside = ~early & ~late & ~exact
     upper = np.clip(after, 1, truth.t.size - 1)
     gap = inside & (truth.t[upper] - truth.t[upper - 1] > gap_limit)
     unknown = early | late | gap
     columns = {"t": state.t, **state.columns}
     for name, values in truth.columns.items():
-        there = np.interp(state.t, truth.t, values)
-        there[unknown] = np.nan
-        columns[name] = there
+        columns[name] = np.where(unknown, np.nan, np.interp(state.t, truth.t, values))
     counts = {BEFORE: early, AFTER: late, GAP: gap}
     dropped |= {reason: int(rows.sum()) for reason, rows in counts.items() if rows.any()}
     return columns, dropped
 
 
 def forward_rows(t: Array) -> NDArray[np.bool_]:
-    """Rows whose stamps go forward.
+    """Rows (n,) whose stamps `t` (n,) [s] go forward; NaN does not.
 
     A single stamp that leaps ahead is a stray: it is left out, not all those after it.
-
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps [s]; NaN is left out.
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
     """
     keep = np.isfinite(t)
     rows = np.flatnonzero(keep)
-    stamps = t[rows]
-    if stamps.size > 2:
-        stray = (stamps[1:-1] > stamps[2:]) & (stamps[2:] > stamps[:-2])
-        keep[rows[1:-1][stray]] = False
-        rows = np.flatnonzero(keep)
-        stamps = t[rows]
-    if stamps.size > 1:
-        latest = np.maximum.accumulate(stamps)
-        keep[rows[1:][stamps[1:] <= latest[:-1]]] = False
+    before, stamps, after = t[rows][:-2], t[rows][1:-1], t[rows][2:]
+    keep[rows[1:-1][(stamps > after) & (after > before)]] = False
+    rows = np.flatnonzero(keep)
+    latest = np.maximum.accumulate(t[rows])
+    keep[rows[1:][t[rows][1:] <= latest[:-1]]] = False
     return keep
 
 
-def _clean(stream: Stream, name: str, dropped: dict[str, int], back: str, missing: str) -> Stream:
-    known = np.isfinite(stream.t)
-    for values in stream.columns.values():
-        known &= np.isfinite(values)
+def _clean(stream: Stream, name: str, dropped: dict[str, int]) -> Stream:
+    known = np.logical_and.reduce([np.isfinite(v) for v in (stream.t, *stream.columns.values())])
     if not known.all():
-        dropped[missing] = int((~known).sum())
+        dropped[f"{name}: {MISSING}"] = int((~known).sum())
         stream = stream.rows(known)
     forward = forward_rows(stream.t)
     lost = int((~forward).sum())
@@ -165,7 +143,7 @@ def _clean(stream: Stream, name: str, dropped: dict[str, int], back: str, missin
             f"{forward.size} rows do not follow the time before; cut the recording there"
         )
     if lost:
-        dropped[back] = lost
+        dropped[f"{name}: {BACK}"] = lost
         stream = stream.rows(forward)
     if stream.t.size < 2:
         raise RecordingError(f"{name}: {stream.t.size} usable rows; at least 2 are needed")

@@ -63,7 +63,7 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
     """
     text = os.fspath(name).strip()
     if text.lower().endswith(".toml"):
-        from truejoint.robots.description import read_robot  # noqa: PLC0415  # as above
+        from truejoint.robots.robot import read_robot  # noqa: PLC0415  # as above
 
         return _describe(read_robot(Path(text), arm), text)
     known, wanted = text.lower(), arm.strip().lower()
@@ -87,8 +87,8 @@ def adopt_robot(values: Mapping[str, Any], source: str) -> None:
     from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
 
     robot = Robot.from_dict(values, source)
-    _, known = _described.get(_key(robot), ("", None))
-    if _key(robot)[0] not in robot_names() and (known is None or _layout(known) != _layout(robot)):
+    known = _described.get(_key(robot))
+    if _key(robot)[0] not in robot_names() and not (known and _layout(known[1]) == _layout(robot)):
         _describe(robot, source)
 
 
@@ -104,10 +104,8 @@ def _describe(robot: Robot, source: str) -> Robot:
             f"{source}: describes another robot called {robot.name!r} than {before}; "
             "give one of them another name"
         )
-    if known.to_dict() != robot.to_dict():
-        known = robot
-    _described[_key(robot)] = (source, known)
-    return known
+    _described[_key(robot)] = source, known if known.to_dict() == robot.to_dict() else robot
+    return _described[_key(robot)][1]
 
 
 def _key(robot: Robot) -> tuple[str, str]:
@@ -121,8 +119,7 @@ def _layout(robot: Robot) -> tuple[object, ...]:
 
 @cache
 def _build(name: str, arm: str) -> Robot:
-    from truejoint.robots.description import read_robot  # noqa: PLC0415  # as above
-    from truejoint.robots.robot import Robot  # noqa: PLC0415
+    from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
     if name == "raven2":
         from truejoint.robots import raven2  # noqa: PLC0415  # compiles its kinematics

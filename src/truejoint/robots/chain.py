@@ -18,60 +18,33 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Axis:
-    """One axis of a chain, modified (Craig) Denavit-Hartenberg parameters [rad, m].
+    """One axis of a chain, modified (Craig) Denavit-Hartenberg parameters [rad, m]."""
 
-    Attributes
-    ----------
-    alpha, a : float
-        Twist about and shift along the previous frame's x axis.
-    d, theta : float
-        Shift along and turn about the new z axis where the axis' value is zero.
-    kind : {"revolute", "prismatic"}
-        Whether the axis' value adds to `theta` or to `d`.
-    """
-
-    alpha: float
+    alpha: float  # twist about and shift along the previous frame's x axis
     a: float
-    d: float
+    d: float  # shift along and turn about the new z axis where the axis' value is zero
     theta: float
-    kind: Literal["revolute", "prismatic"] = "revolute"
+    kind: Literal["revolute", "prismatic"] = "revolute"  # the value adds to `theta` or to `d`
 
 
 @dataclass(frozen=True, eq=False)
 class SerialChain:
-    """Kinematics of a serial arm, vectorised over rows.
+    """Kinematics of a serial arm, vectorised over rows."""
 
-    Attributes
-    ----------
-    axes : sequence of Axis
-        From the base to the tool.
-    axis_from_joint : ndarray, shape (n_axes, n_joints)
-        Values of the axes as a linear function of the joint positions: a gripper's two jaws,
-        for instance, turn the last axis by half their difference.
-    crtk_from_base : ndarray, shape (4, 4)
-        Pose of the base frame in the frame in which the robot's CRTK topics state poses.
-    tool_rotation : ndarray, shape (3, 3)
-        Orientation of the tool in the last axis' frame.
-    """
-
-    axes: Sequence[Axis]
+    axes: Sequence[Axis]  # from the base to the tool
+    # Values of the axes as a linear function of the joint positions, (n_axes, n_joints): the two
+    # jaws of a gripper, for instance, turn the last axis by half their difference.
     axis_from_joint: Array
+    # Pose (4, 4) of the base frame in the frame in which the robot's CRTK topics state poses.
     crtk_from_base: Array = field(default_factory=lambda: np.eye(4))
+    # Orientation (3, 3) of the tool in the last axis' frame.
     tool_rotation: Array = field(default_factory=lambda: np.eye(3))
 
     def forward(self, joint: ArrayLike) -> Array:
-        """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints).
-
-        Raises
-        ------
-        RobotError
-            If the last dimension is not the number of joints.
-        """
-        rows, shape = self._rows(joint)
-        poses = np.empty((len(rows), 4, 4))
-        _forward(self._table, self._prismatic, self._mapping, rows, poses)
-        poses[:, :3, :3] = poses[:, :3, :3] @ self.tool_rotation
-        return poses.reshape(*shape, 4, 4)
+        """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
+        poses = self._frames(joint, 1)[..., 0, :, :]
+        poses[..., :3, :3] = poses[..., :3, :3] @ self.tool_rotation
+        return poses
 
     def forward_crtk(self, joint: ArrayLike) -> Array:
         """Tool poses (..., 4, 4) [m] in the CRTK frame, of joint positions (..., n_joints)."""
@@ -80,10 +53,7 @@ class SerialChain:
 
     def link_frames(self, joint: ArrayLike) -> Array:
         """Frames of all axes (..., n_axes, 4, 4) [m] in the base frame."""
-        rows, shape = self._rows(joint)
-        frames = np.empty((len(rows), len(self.axes), 4, 4))
-        _link_frames(self._table, self._prismatic, self._mapping, rows, frames)
-        return frames.reshape(*shape, len(self.axes), 4, 4)
+        return self._frames(joint, len(self.axes))
 
     def jacobian(self, joint: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame.
@@ -93,9 +63,16 @@ class SerialChain:
         """
         rows, shape = self._rows(joint)
         by_axis = np.empty((len(rows), 6, len(self.axes)))
-        _jacobian(self._table, self._prismatic, self._mapping, rows, by_axis)
+        _jacobian(*self._arrays, rows, by_axis)
         jacobian: Array = by_axis @ self.axis_from_joint
         return jacobian.reshape(*shape, 6, rows.shape[1])
+
+    def _frames(self, joint: ArrayLike, last: int) -> Array:
+        """Frames of the last axes (..., last, 4, 4)."""
+        rows, shape = self._rows(joint)
+        frames = np.empty((len(rows), last, 4, 4))
+        _link_frames(*self._arrays, rows, frames)
+        return frames.reshape(*shape, last, 4, 4)
 
     def _rows(self, joint: ArrayLike) -> tuple[Array, tuple[int, ...]]:
         array = np.asarray(joint, dtype=float)
@@ -108,16 +85,12 @@ class SerialChain:
         return np.ascontiguousarray(array.reshape(-1, n_joints)), array.shape[:-1]
 
     @cached_property
-    def _table(self) -> Array:
-        return np.array([[np.cos(x.alpha), np.sin(x.alpha), x.a, x.d, x.theta] for x in self.axes])
-
-    @cached_property
-    def _prismatic(self) -> NDArray[np.bool_]:
-        return np.array([axis.kind == "prismatic" for axis in self.axes])
-
-    @cached_property
-    def _mapping(self) -> Array:
-        return np.ascontiguousarray(self.axis_from_joint, dtype=float)
+    def _arrays(self) -> tuple[Array, NDArray[np.bool_], Array]:
+        """What the kernels take: table of the axes, which are prismatic, `axis_from_joint`."""
+        rows = [[np.cos(x.alpha), np.sin(x.alpha), x.a, x.d, x.theta] for x in self.axes]
+        prismatic = np.array([axis.kind == "prismatic" for axis in self.axes])
+        mapping = np.ascontiguousarray(self.axis_from_joint, dtype=float)
+        return np.array(rows), prismatic, mapping
 
 
 @njit(cache=True, error_model="numpy")
@@ -143,13 +116,6 @@ def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
 
 
 @njit(cache=True, error_model="numpy")
-def _start(frame: Array) -> None:
-    frame[:] = 0.0
-    for i in range(3):
-        frame[i, i] = 1.0
-
-
-@njit(cache=True, error_model="numpy")
 def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     value = 0.0
     for j in range(joint.size):
@@ -160,31 +126,20 @@ def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _forward(
-    table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, poses: Array
-) -> None:
-    for n in range(joints.shape[0]):
-        pose = poses[n]
-        pose[3, :3] = 0.0
-        pose[3, 3] = 1.0
-        frame = pose[:3]
-        _start(frame)
-        for k in range(table.shape[0]):
-            advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
-
-
-@njit(cache=True, error_model="numpy")
 def _link_frames(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
 ) -> None:
-    frame = np.empty((3, 4))
+    """Fill `frames` (n, m, 4, 4) with those of the last m axes."""
+    first, base = table.shape[0] - frames.shape[1], np.eye(3, 4)
     for n in range(joints.shape[0]):
-        _start(frame)
+        frames[n, 0, :3] = base
         for k in range(table.shape[0]):
+            frame = frames[n, max(k - first, 0), :3]
+            if k > first:
+                frame[:] = frames[n, k - first - 1, :3]
             advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
-            frames[n, k, :3] = frame
-            frames[n, k, 3, :3] = 0.0
-            frames[n, k, 3, 3] = 1.0
+        frames[n, :, 3, :3] = 0.0
+        frames[n, :, 3, 3] = 1.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -192,11 +147,11 @@ def _jacobian(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
 ) -> None:
     n_axes = table.shape[0]
-    frame = np.empty((3, 4))
+    frame, base = np.empty((3, 4)), np.eye(3, 4)
     direction = np.empty((n_axes, 3))
     origin = np.empty((n_axes, 3))
     for n in range(joints.shape[0]):
-        _start(frame)
+        frame[:] = base
         for k in range(n_axes):
             advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
             direction[k] = frame[:, 2]

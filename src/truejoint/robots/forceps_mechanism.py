@@ -16,24 +16,12 @@ Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 @dataclass(frozen=True)
 class ForcepsMechanism:
-    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1.
+    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1."""
 
-    Attributes
-    ----------
-    gear_ratio : float
-        Motor turns per turn of the winding wheel, ``z_i``.
-    spring_stiffness : float
-        Reset spring ``K_sp`` [N/m].
-    wheel_radius : float
-        Effective radius of the winding wheel ``R`` [m].
-    jaw_radius : float
-        Radius at which both cables act on the jaw ``r`` [m].
-    """
-
-    gear_ratio: float
-    spring_stiffness: float
-    wheel_radius: float
-    jaw_radius: float
+    gear_ratio: float  # motor turns per turn of the winding wheel, ``z_i``
+    spring_stiffness: float  # reset spring ``K_sp`` [N/m]
+    wheel_radius: float  # effective radius of the winding wheel ``R`` [m]
+    jaw_radius: float  # radius at which both cables act on the jaw ``r`` [m]
 
     @property
     def motor_per_jaw(self) -> float:
@@ -63,6 +51,3 @@ LINEAR_ENCODER_RESOLUTION: Final = 1.0e-6  # [m], scale RGS-40 with an RH100 hea
 REFERENCE_ENCODER_COUNTS: Final = 4096  # RM08, 12 bit absolute
 CABLE_LENGTH: Final = 0.65  # [m], from motor to jaw
 CABLE_MASS_PER_LENGTH: Final = 0.81e-3  # [kg/m], 0.45 mm steel cable
-
-# Section IV-D and Table 3.
-LOAD_MASSES: Final = (0.03, 0.05, 0.1, 0.2, 0.25)  # [kg]

@@ -1,21 +1,44 @@
-"""What a robot is: its joints with units and limits, its transmission and its kinematics."""
+"""What a robot is, and as plain data: joints with units and limits, transmission, kinematics."""
 
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
-from typing import Any, Literal, Protocol, get_args
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.workspace import Workspace
+from truejoint.toml_file import read_toml
+
+if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
+    from truejoint.robots.chain import SerialChain
 
 Array = NDArray[np.float64]
 Effort = Literal["joint", "motor"]
+
+MAX_JOINTS: Final = 64
+_LARGEST: Final = 1e9
+_NAME: Final = re.compile(r"\w{1,60}", re.ASCII)
+_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "revolute": {"rad": 1.0, "deg": math.pi / 180.0},
+    "prismatic": {"m": 1.0, "mm": 1e-3},
+}
+_ANGLES: Final = _UNITS["revolute"]
+_LIMIT_KEYS: Final = ("lower", "upper", "home", "max_speed")
+_AXIS_KEYS: Final = ("alpha", "a", "d", "theta", "kind")
+_MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
+_CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
+_URDF_KEYS: Final = ("urdf", "base", "tip")
+_KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
+                "kinematics", "workspace")  # fmt: skip
+_WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest")
 
 
 @dataclass(frozen=True)
@@ -89,13 +112,11 @@ class Transmission:
     matrix: Array
 
     def __post_init__(self) -> None:
-        matrix = self.matrix
-        square = matrix.ndim == 2 and matrix.shape[0] == matrix.shape[1]
-        if not (
-            square and np.isfinite(matrix).all() and np.linalg.matrix_rank(matrix) == len(matrix)
-        ):
+        matrix, shape = self.matrix, self.matrix.shape
+        finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
+        if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
             raise RobotError(
-                f"transmission matrix of shape {matrix.shape} must be square, finite and "
+                f"transmission matrix of shape {shape} must be square, finite and "
                 "invertible: each joint needs a motor of its own"
             )
 
@@ -127,14 +148,6 @@ class Kinematics(Protocol):
 
     def jacobian(self, joint: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
-        ...
-
-
-class InvertibleKinematics(Kinematics, Protocol):
-    """Kinematics with a closed-form inverse."""
-
-    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
-        """Joint positions (n_joints,) that reach `pose` (4, 4), nearest to `seed`."""
         ...
 
 
@@ -210,15 +223,19 @@ class Robot:
             raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
 
     @classmethod
-    def from_dict(cls, values: Mapping[str, Any], source: str = "robot") -> Robot:
+    def from_dict(
+        cls, values: Mapping[str, Any], source: str = "robot", *, folder: Path | None = None
+    ) -> Robot:
         """Robot of plain data, each value checked.
 
         Parameters
         ----------
         values : mapping
-            As `to_dict` gives.
+            As `to_dict` gives, or as a robot file has: docs/robots.md lists the keys.
         source : str
             What errors name.
+        folder : Path, optional
+            Where a URDF is searched that the kinematics name; none may be named without it.
 
         Raises
         ------
@@ -231,15 +248,54 @@ class Robot:
         >>> Robot.from_dict(tool).joint_names
         ('jaw',)
         """
-        from truejoint.robots.description import robot_from_dict  # noqa: PLC0415
-
-        return robot_from_dict(values, source)
+        _check_keys(values, _KEYS, ("name", "joints"), source)
+        joints = _tables(values["joints"], f"{source}: joints")
+        try:
+            made = tuple(_joint(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
+            names = tuple(joint.name for joint in made)
+            matrix = values.get("transmission")
+            kinematics, workspace = values.get("kinematics"), values.get("workspace")
+            return cls(
+                _name(values["name"], "name"),
+                made,
+                _name(values.get("arm", ""), "arm") if values.get("arm") else "",
+                _names(values.get("channels", names), "channels"),
+                _names(values.get("positioning", names), "positioning"),
+                None if matrix is None else Transmission(_matrix(matrix, "transmission")),
+                None if kinematics is None else _kinematics(kinematics, made, folder),
+                values.get("effort", "joint"),
+                None if workspace is None else _workspace(workspace, joints),
+            )
+        except RobotError as error:
+            raise RobotError(f"{source}: {error}") from None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
-        from truejoint.robots.description import robot_to_dict  # noqa: PLC0415
-
-        return robot_to_dict(self)
+        joints, limitless = [asdict(joint) for joint in self.joints], (math.inf, -math.inf)
+        values: dict[str, Any] = {
+            "name": self.name,
+            "arm": self.arm,
+            "joints": [{k: v for k, v in joint.items() if v not in limitless} for joint in joints],
+            "channels": list(self.channels),
+            "positioning": list(self.positioning),
+            "effort": self.effort,
+        }
+        if self.transmission is not None:
+            values["transmission"] = self.transmission.matrix.tolist()
+        space = self.workspace
+        if space is not None:
+            rows = {key: getattr(space, key) for key in _WORKSPACE_KEYS}
+            values["workspace"] = {
+                joint: {key: float(row[k]) for key, row in rows.items() if row is not None}
+                for k, joint in enumerate(space.joints)
+            }
+        chain: Any = self.kinematics
+        if hasattr(chain, "axes"):
+            values["kinematics"] = {
+                "axes": [asdict(axis) for axis in chain.axes],
+                **{key: np.asarray(getattr(chain, key)).tolist() for key in _MATRIX_KEYS},
+            }
+        return values
 
     @property
     def title(self) -> str:
@@ -283,3 +339,148 @@ class Robot:
         for name in names:
             self.joint(name)
         return [self.joint_names.index(name) for name in names]
+
+
+def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
+    """Robot of a TOML file, which may also name its ``arms`` and a URDF for its kinematics.
+
+    Of the arms `arm`, in any case, is wanted; empty where they are alike or there is one. Errors
+    name `source`, the path by default.
+    """
+    values = read_toml(path, RobotError)
+    source = source or str(path)
+    arms = _names(values.pop("arms", []), f"{source}: arms")
+    wanted = arm.strip().lower()
+    if wanted and wanted not in arms:
+        known = ", ".join(arms) or "none: leave the arm empty"
+        raise RobotError(f"{source}: has no arm called {arm!r}; its arms: {known}")
+    return Robot.from_dict({**values, "arm": wanted}, source, folder=path.parent)
+
+
+def _joint(values: Mapping[str, Any], where: str) -> Joint:
+    _check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
+    name = _name(values["name"], f"{where}: name")
+    kind, factor = _kind(values, f"joint {name!r}")
+    limits = {key: values[key] for key in _LIMIT_KEYS if key in values}
+    numbers = {k: _number(v, f"joint {name!r}: {k}") * factor for k, v in limits.items()}
+    return Joint(name, kind, **numbers)
+
+
+def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
+    """Workspace of one table a joint, ``jaw = {lower = -50, ...}`` in that joint's unit."""
+    if not isinstance(values, Mapping) or not values:
+        raise RobotError(f"workspace is {values!r:.40}; want a table for each joint that moves")
+    factors = {joint["name"]: _kind(joint, "workspace")[1] for joint in joints}
+    rows = []
+    for name, row in values.items():
+        where = f"workspace.{name}"
+        if name not in factors or not isinstance(row, Mapping):
+            raise RobotError(f"{where}: want a table for one of the joints {', '.join(factors)}")
+        _check_keys(row, _WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
+        rows.append({k: _number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
+        if not (rows[-1]["lower"] < rows[-1]["upper"] and rows[-1]["speed"] > 0):
+            raise RobotError(f"{where}: lower must be below upper, and speed above 0")
+    shared = [key for key in _WORKSPACE_KEYS if all(key in row for row in rows)]
+    return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
+
+
+def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:
+    """Kind of a joint and the factor from its unit in the file to SI."""
+    kind = values.get("kind", "revolute")
+    if kind not in tuple(_UNITS):
+        raise RobotError(f"{where}: kind is {kind!r:.40}; want {' or '.join(_UNITS)}")
+    unit = values.get("unit", next(iter(_UNITS[kind])))
+    if unit not in tuple(_UNITS[kind]):
+        units = " or ".join(_UNITS[kind])
+        raise RobotError(f"{where}: unit {unit!r:.40} does not fit a {kind} joint; want {units}")
+    return kind, _UNITS[kind][unit]
+
+
+def _kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
+    if not isinstance(values, Mapping):
+        raise RobotError(f"kinematics is {values!r:.40}; want a table")
+    if "urdf" in values:
+        from truejoint.robots.urdf import read_urdf  # noqa: PLC0415  # an optional extra
+
+        _check_keys(values, _URDF_KEYS, (), "kinematics")
+        if folder is None or not all(isinstance(value, str) for value in values.values()):
+            raise RobotError("kinematics: urdf, base and tip are texts, and stand in a robot file")
+        path = folder / values["urdf"]
+        return read_urdf(path, joints, values.get("base", ""), values.get("tip", ""))
+    return _chain(values, joints)
+
+
+def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
+    from truejoint.robots.chain import Axis, SerialChain  # noqa: PLC0415
+
+    _check_keys(values, _CHAIN_KEYS, ("axes",), "kinematics")
+    unit = values.get("unit", "rad")
+    if unit not in tuple(_ANGLES):
+        angles = " or ".join(_ANGLES)
+        raise RobotError(f"kinematics: unit {unit!r:.40} is no angle's; want {angles}")
+    axes = []
+    for n, row in enumerate(_tables(values["axes"], "kinematics: axes"), 1):
+        where = f"kinematics: axis {n}"
+        _check_keys(row, _AXIS_KEYS, (), where)
+        kind, _ = _kind({"kind": row.get("kind", "revolute")}, where)
+        alpha, a, d, theta = (
+            _number(row.get(key, 0.0), f"{where}: {key}") for key in _AXIS_KEYS[:4]
+        )
+        axes.append(Axis(alpha * _ANGLES[unit], a, d, theta * _ANGLES[unit], kind))
+    matrices = [np.eye(len(axes), len(joints)), np.eye(4), np.eye(3)]
+    for k, key in enumerate(_MATRIX_KEYS):
+        expected = matrices[k].shape
+        if key in values:
+            matrices[k] = _matrix(values[key], f"kinematics: {key}")
+        if matrices[k].shape != expected:
+            shape = matrices[k].shape
+            raise RobotError(f"kinematics: {key} is of shape {shape}, expected {expected}")
+    return SerialChain(tuple(axes), *matrices)
+
+
+def _check_keys(
+    values: Mapping[str, Any], known: Sequence[str], needed: Sequence[str], where: str
+) -> None:
+    for key in values:
+        if key not in known:
+            raise RobotError(f"{where}: key {key!r:.60} is not known; use {', '.join(known)}")
+    for key in needed:
+        if key not in values:
+            raise RobotError(f"{where}: {key!r} is missing; add it")
+
+
+def _tables(values: Any, where: str) -> Sequence[Mapping[str, Any]]:
+    good = isinstance(values, list | tuple) and all(isinstance(row, Mapping) for row in values)
+    if not good or not 0 < len(values) <= MAX_JOINTS:
+        raise RobotError(f"{where} are {values!r:.40}; want 1 to {MAX_JOINTS} tables")
+    rows: Sequence[Mapping[str, Any]] = values
+    return rows
+
+
+def _name(value: Any, where: str) -> str:
+    if not isinstance(value, str) or not _NAME.fullmatch(value):
+        raise RobotError(f"{where} is {value!r:.80}; want up to 60 letters, digits and _")
+    return value
+
+
+def _names(values: Any, where: str) -> tuple[str, ...]:
+    if not isinstance(values, list | tuple) or len(values) > MAX_JOINTS:
+        raise RobotError(f"{where} is {values!r:.40}; want a list of at most {MAX_JOINTS} names")
+    return tuple(_name(value, where) for value in values)
+
+
+def _number(value: Any, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RobotError(f"{where} is {value!r:.40}; want a number")
+    if not -_LARGEST <= value <= _LARGEST:
+        raise RobotError(
+            f"{where} is beyond {_LARGEST:g} in size; leave it out where there is none"
+        )
+    return float(value)
+
+
+def _matrix(values: Any, where: str) -> Array:
+    rows = values if isinstance(values, list | tuple) else [values]
+    if not all(isinstance(row, list | tuple) and len(row) == len(rows[0]) for row in rows):
+        raise RobotError(f"{where} is {values!r:.40}; want a list of rows of the same length")
+    return np.array([[_number(value, where) for value in row] for row in rows], dtype=np.float64)

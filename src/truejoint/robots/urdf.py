@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,10 @@ from numpy.typing import NDArray
 from truejoint.errors import RobotError
 from truejoint.extras import require
 from truejoint.robots.chain import Axis, SerialChain
-from truejoint.robots.robot import Joint
+from truejoint.toml_file import read_small
+
+if TYPE_CHECKING:
+    from truejoint.robots.robot import Joint
 
 Array = NDArray[np.float64]
 
@@ -23,29 +26,13 @@ _PARALLEL: Final = 1e-9
 
 
 def read_urdf(path: Path, joints: Sequence[Joint], base: str = "", tip: str = "") -> SerialChain:
-    """Kinematics of the chain from link `base` to link `tip` of a URDF.
+    """Kinematics of the chain from link `base` to link `tip` of a URDF; its first and last link.
 
-    Parameters
-    ----------
-    path : Path
-    joints : sequence of Joint
-        Of the robot, by the names that they have in the URDF; those after the tip move nothing.
-    base, tip : str
-        Links; the first and the last by default.
-
-    Raises
-    ------
-    RobotError
-        If the file is no URDF, has no such chain, or moves joints on it that are not in `joints`.
+    `joints` are the robot's, by the names that they have in the URDF; those after the tip move
+    nothing. Raises RobotError if the file is no URDF, has no such chain, or moves others on it.
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
-    try:
-        with path.open("rb") as file:
-            data = file.read(MAX_BYTES + 1)
-    except OSError as error:
-        raise RobotError(f"{path}: cannot be read ({error.strerror}); check the path") from None
-    if len(data) > MAX_BYTES:
-        raise RobotError(f"{path}: holds more than {MAX_BYTES} bytes; is it a URDF?")
+    data = read_small(path, RobotError, MAX_BYTES, "a URDF")
     try:
         _, _, found = urdf.parse_urdf(data.decode("utf-8"))
     except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise
@@ -121,15 +108,14 @@ def _append(axes: list[Axis], fixed: Array, kind: Any) -> None:
     normal of the two z axes; the first two go into the last axis, the others make the new one.
     """
     x, y, z = fixed[:3, 3]
-    sine = math.hypot(fixed[0, 2], fixed[1, 2])
+    sine, cosine = math.hypot(fixed[0, 2], fixed[1, 2]), fixed[2, 2]
     if sine > _PARALLEL:
         theta0 = math.atan2(fixed[0, 2], -fixed[1, 2])
-        along_y = y * math.cos(theta0) - x * math.sin(theta0)
-        d = -along_y / sine
+        d = (x * math.sin(theta0) - y * math.cos(theta0)) / sine
     else:
+        sine, cosine = 0.0, math.copysign(1.0, cosine)
         theta0, d = math.atan2(y, x), 0.0
-    cosine = math.copysign(1.0, fixed[2, 2]) if sine <= _PARALLEL else fixed[2, 2]
-    alpha = math.atan2(sine if sine > _PARALLEL else 0.0, cosine)
+    alpha = math.atan2(sine, cosine)
     a = x * math.cos(theta0) + y * math.sin(theta0)
     normal = np.array([math.cos(theta0), math.sin(theta0), 0.0])
     # The normal, seen from the new frame, is turned back by theta.

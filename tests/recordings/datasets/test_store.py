@@ -88,7 +88,7 @@ def upstream(
     thread.start()
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
     monkeypatch.setattr(catalogue, "RAW_HOST", f"http://127.0.0.1:{server.server_port}")
-    monkeypatch.setattr(store, "_ATTEMPTS", 1)
+    monkeypatch.setattr(store, "_RETRIES", 0)
     yield result
     server.shutdown()
     server.server_close()
@@ -155,7 +155,7 @@ def test_a_file_that_is_gone_upstream(upstream: Upstream, cache: Path) -> None:
 
 def test_no_network(dataset: Dataset, cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("NO_PROXY", "127.0.0.1")
-    monkeypatch.setattr(store, "_ATTEMPTS", 1)
+    monkeypatch.setattr(store, "_RETRIES", 0)
     # Nobody listens on port 9 of this machine.
     monkeypatch.setattr(catalogue, "RAW_HOST", "http://127.0.0.1:9")
     with pytest.raises(RecordingError, match=r"cannot be fetched \(ConnectionError\)"):

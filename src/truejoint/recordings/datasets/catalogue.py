@@ -6,7 +6,7 @@ import csv
 import io
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from importlib.resources import files
 from typing import Any, Final
@@ -133,18 +133,18 @@ class Dataset:
     name: str
     title: str
     robot: str
-    format: str
-    maps: Mapping[str, Mapping[str, Any]]
     repository: str
     commit: str
-    licence: str
-    notice: str
     citation: str
     features: tuple[str, ...]
-    fit_rate: float | None
-    settings: Mapping[str, Mapping[str, Any]]
     splits: tuple[HeldOut, ...]
     recordings: tuple[DatasetRecording, ...]
+    licence: str = ""
+    notice: str = ""
+    format: str = ""
+    maps: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    fit_rate: float | None = None
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     @property
     def size(self) -> int:
@@ -167,8 +167,9 @@ class Dataset:
         for split in self.splits:
             if name in {"", split.name}:
                 return split
-        splits = (split.name for split in self.splits)
-        raise RecordingError(f"{self.name}: {unknown('split', name, splits)}")
+        raise RecordingError(
+            f"{self.name}: {unknown('split', name, (s.name for s in self.splits))}"
+        )
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""
@@ -179,11 +180,7 @@ class Dataset:
         """Repository, commit and path of a file of it."""
         place, separator, path = file.upstream.rpartition(":")
         repository, _, commit = place.partition("@")
-        return (
-            (repository, commit, path)
-            if separator
-            else (self.repository, self.commit, file.upstream)
-        )
+        return (repository, commit, path) if separator else (self.repository, self.commit, path)
 
 
 def get_dataset(name: str) -> Dataset:
@@ -206,23 +203,12 @@ def _load() -> dict[str, Dataset]:
     for row in csv.DictReader(io.StringIO((package / "files.csv").read_text("utf-8"))):
         file = DatasetFile(row["file"], row["upstream"], int(row["bytes"]), row["sha256"])
         recordings[row["dataset"]].setdefault(row["recording"], []).append(file)
-    return {name: _dataset(name, values, recordings[name]) for name, values in catalogue.items()}
-
-
-def _dataset(
-    name: str, values: dict[str, Any], recordings: Mapping[str, list[DatasetFile]]
-) -> Dataset:
-    return Dataset(
-        name=name,
-        format=values.pop("format", ""),
-        maps=values.pop("maps", {}),
-        features=tuple(values.pop("features", ())),
-        fit_rate=values.pop("fit_rate", None),
-        settings=values.pop("settings", {}),
-        splits=tuple(HeldOut(**split) for split in values.pop("splits", ())),
-        recordings=tuple(DatasetRecording(key, tuple(f)) for key, f in recordings.items()),
-        **values,
-    )
+    for name, values in catalogue.items():
+        values["features"] = tuple(values.get("features", ()))
+        values["splits"] = tuple(HeldOut(**split) for split in values.get("splits", ()))
+        found = recordings[name].items()
+        values["recordings"] = tuple(DatasetRecording(key, tuple(f)) for key, f in found)
+    return {name: Dataset(name, **values) for name, values in catalogue.items()}
 
 
 DATASETS: Final[Mapping[str, Dataset]] = _load()

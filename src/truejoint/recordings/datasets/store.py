@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -28,7 +27,7 @@ DATA_VARIABLE: Final = "TRUEJOINT_DATA"
 """Environment variable: a folder with one folder per data set, files as upstream or in gzip."""
 
 _TIMEOUT: Final = 30.0
-_ATTEMPTS: Final = 2
+_RETRIES: Final = 1
 _CHUNK: Final = 1024
 
 
@@ -141,16 +140,21 @@ def fetch(
         base_url="",
         registry={file.name: f"sha256:{file.sha256}" for file in wanted},
         urls={file.name: dataset.url(file) for file in wanted},
-        retry_if_failed=_ATTEMPTS - 1,
+        retry_if_failed=_RETRIES,
     )
     total = sum(file.size for file in wanted)
     done = 0
-    report = progress or _ignore
-    with _quiet_pooch():
+    logger = pooch.get_logger()
+    level = logger.level
+    logger.setLevel(logging.ERROR)
+    try:
         for file in wanted:
-            _fetch_one(store, dataset, file, _Meter(file.size, done, total, report))
+            _fetch_one(store, dataset, file, _Meter(file.size, done, total, progress))
             done += file.size
-            report(done / total)
+            if progress:
+                progress(done / total)
+    finally:
+        logger.setLevel(level)
     return folder
 
 
@@ -186,70 +190,69 @@ def open_dataset(
     dataset = get_dataset(name)
     wanted = dataset.match(pattern)
     folder = locate(name)
-    report = progress or _ignore
     opened = []
-    for count, recording in enumerate(wanted, start=1):
+    for recording in wanted:
         opened.append(_open_one(dataset, folder, recording))
-        report(count / len(wanted))
+        if progress:
+            progress(len(opened) / len(wanted))
     return opened
 
 
 def _open_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Recording:
-    paths = [_existing(dataset, folder, file) for file in recording.files]
-    for file, path in zip(recording.files, paths, strict=True):
+    paths = []
+    for file in recording.files:
+        plain = folder / file.name
+        packed = folder / f"{file.name}.gz"
+        path = plain if plain.is_file() else packed
+        if not path.is_file():
+            raise RecordingError(
+                f"{plain}: is missing; run 'truejoint datasets fetch {dataset.name}'"
+            )
         if sha256_of(path) != file.sha256:
             repository, commit, _ = dataset.origin(file)
             raise RecordingError(
                 f"{path}: is not the file of {repository} at {commit[:8]} "
                 "(its SHA-256 differs); fetch it again"
             )
-    path = paths[0] if len(paths) == 1 else paths[0].parent
+        paths.append(path)
+    alone = len(paths) == 1
+    path = paths[0] if alone else paths[0].parent
     given = {"column_map": dataset.maps[recording.name]} if recording.name in dataset.maps else {}
     result = read_recording(path, dataset.format or None, session=recording.name, **given)
     repository, commit, upstream = dataset.origin(recording.files[0])
-    place = PurePosixPath(upstream) if len(paths) == 1 else PurePosixPath(upstream).parent
+    place = upstream if alone else PurePosixPath(upstream).parent
     source = f"{repository}@{commit[:8]}:{place}"
     return replace(result, provenance=replace(result.provenance, source=source))
-
-
-def _existing(dataset: Dataset, folder: Path, file: DatasetFile) -> Path:
-    for path in (folder / file.name, folder / f"{file.name}.gz"):
-        if path.is_file():
-            return path
-    raise RecordingError(
-        f"{folder / file.name}: is missing; run 'truejoint datasets fetch {dataset.name}'"
-    )
 
 
 class _TooLongError(Exception):
     """More bytes arrive than the file has."""
 
 
+@dataclass
 class _Meter:
     """What pooch tells of its progress on one file, as part of all files."""
 
-    def __init__(
-        self, size: int, before: int, all_files: int, report: Callable[[float], None]
-    ) -> None:
-        self._size = size
-        self._before = before
-        self._all = all_files
-        self._report = report
-        self._taken = 0
-        # pooch sets it to what the server says; the size in the catalogue is what counts.
-        self.total = size
+    total: int  # pooch sets it to what the server says; the size in the catalogue is what counts
+    before: int
+    all_files: int
+    report: Callable[[float], None] | None
+
+    def __post_init__(self) -> None:
+        self.size, self.taken = self.total, 0
 
     def update(self, count: int) -> None:
         """Count bytes that have arrived."""
-        self._taken += count
+        self.taken += count
         # pooch counts the last chunk as a whole one.
-        if self._taken >= self._size + _CHUNK:
+        if self.taken >= self.size + _CHUNK:
             raise _TooLongError
-        self._report((self._before + min(self._taken, self._size)) / self._all)
+        if self.report:
+            self.report((self.before + min(self.taken, self.size)) / self.all_files)
 
     def reset(self) -> None:
         """Start the file anew."""
-        self._taken = 0
+        self.taken = 0
 
     def close(self) -> None:
         """Do nothing: there is no bar to close."""
@@ -264,36 +267,21 @@ def _fetch_one(store: Any, dataset: Dataset, file: DatasetFile, meter: _Meter) -
 
     try:
         store.fetch(file.name, downloader=attempt)
+        return
     except _TooLongError:
-        raise RecordingError(
-            f"{dataset.url(file)}: is longer than the {file.size} bytes that are known; it is not "
-            "the file that was published"
-        ) from None
+        known = f"is longer than the {file.size} bytes that are known"
+        fault = f"{known}; it is not the file that was published"
     except requests.RequestException as error:
-        raise RecordingError(
-            f"{dataset.url(file)}: cannot be fetched ({type(error).__name__}); check the network, "
+        fault = (
+            f"cannot be fetched ({type(error).__name__}); check the network, "
             f"or copy the data set yourself and set {DATA_VARIABLE}"
-        ) from None
+        )
     except ValueError:
         # pooch's word for a wrong hash; it has removed the file.
-        raise RecordingError(
-            f"{dataset.url(file)}: its SHA-256 is not {file.sha256[:16]}...; it is not the file "
+        fault = (
+            f"its SHA-256 is not {file.sha256[:16]}...; it is not the file "
             "that was published: try again later"
-        ) from None
+        )
     except OSError as error:
         raise RecordingError(f"{file.name}: cannot be written to the cache ({error})") from None
-
-
-@contextmanager
-def _quiet_pooch() -> Iterator[None]:
-    logger = pooch.get_logger()
-    before = logger.level
-    logger.setLevel(logging.ERROR)
-    try:
-        yield
-    finally:
-        logger.setLevel(before)
-
-
-def _ignore(_fraction: float) -> None:
-    """Progress that nobody watches."""
+    raise RecordingError(f"{dataset.url(file)}: {fault}")

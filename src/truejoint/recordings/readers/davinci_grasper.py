@@ -11,48 +11,36 @@ from pathlib import Path
 from typing import Final
 
 from truejoint.recordings.numeric_text import TextLayout, read_numbers
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.recording import Recording, recording_of_file
 
 COLUMNS: Final = 10
-HEADER_MARK: Final = "Front-end Maxon Encoder"
-"""Stands in the header line of every file of this layout."""
+HEADER_MARK: Final = "Front-end Maxon Encoder"  # stands in the header line of every file
 
 # MRDLab/mis-tool-characterization: README and the headers of the recordings.
+# Turn per count of each encoder [rad]: of the instrument's driven spindle, of the jaw, and of the
+# spindle by the motor's encoder, before the gearbox.
+GEAR_RATIO: Final = 35.0  # turns of the motor per turn of the spindle
 DRIVER_COUNT: Final = 2 * math.pi / 8192
-"""Turn of the instrument's driven spindle per count of its encoder [rad]."""
 JAW_COUNT: Final = 2 * math.pi / 4000
-"""Turn of the jaw per count of its encoder [rad]."""
 MOTOR_COUNT: Final = 2 * math.pi / (4096 * 35)
-"""Turn of the spindle per count of the motor's encoder, before the 35:1 gearbox [rad]."""
-TORQUE_COUNT: Final = 3.9811e-5
-"""Torque per count of either torque sensor [Nm]."""
-GEAR_RATIO: Final = 35.0
-"""Turns of the motor per turn of the spindle."""
+TORQUE_COUNT: Final = 3.9811e-5  # [Nm] per count of either torque sensor
+# Nominal transmission: the jaw turns against the driver and a little less, from a round number
+# amid the published files (62-72 deg). The benches' zeros mean nothing, so the error of the
+# uncorrected position does not either: compare with a fixed offset.
 JAW_PER_DRIVER: Final = -0.9
-"""Nominal transmission: the jaw turns against the driver and a little less."""
 JAW_AT_DRIVER_ZERO: Final = math.radians(67.0)
-"""Nominal jaw angle at driver angle zero, a round number amid the published files (62-72 deg).
-
-The benches' zeros mean nothing, so the error of the uncorrected position does not either:
-compare with a fixed offset.
-"""
 
 
 def read(path: Path) -> Recording:
     """Read one file of the grasper bench, text or gzip.
 
-    Columns of the recording: ``measured/jaw`` [rad], the jaw angle that the driver angle stands
-    for nominally (`JAW_AT_DRIVER_ZERO` + `JAW_PER_DRIVER` x driver); ``setpoint/jaw`` likewise
-    from the driver's target; ``driver/jaw`` [rad], the driver angle as recorded; ``motor/jaw``
-    [rad], motor shaft before the gearbox; ``effort/jaw`` [Nm], torque at the driver's spindle, in
-    the driver's direction; ``current/jaw`` [A]; ``command/jaw``, motor command in -1..1;
-    ``truth/jaw`` [rad]; ``truth_effort/jaw`` [Nm], torque at the jaw; ``brake/jaw`` [A], command
-    of the motor that resists the jaw.
-
-    Raises
-    ------
-    RecordingError
-        Naming file, line and what is wrong with it.
+    Columns: ``measured/jaw`` [rad], the jaw angle that the driver angle stands for nominally
+    (`JAW_AT_DRIVER_ZERO` + `JAW_PER_DRIVER` x driver); ``setpoint/jaw`` likewise from the driver's
+    target; ``driver/jaw`` [rad], the driver angle as recorded; ``motor/jaw`` [rad], motor shaft
+    before the gearbox; ``effort/jaw`` [Nm], torque at the driver's spindle, in the driver's
+    direction; ``current/jaw`` [A]; ``command/jaw``, motor command in -1..1; ``truth/jaw`` [rad];
+    ``truth_effort/jaw`` [Nm], torque at the jaw; ``brake/jaw`` [A], command of the motor that
+    resists the jaw.
     """
     table = read_numbers(path, TextLayout(COLUMNS, comment="%"), range(COLUMNS))
     time, driver, spindle, current, jaw, jaw_torque, brake, command, motor, target = table.values.T
@@ -70,22 +58,19 @@ def read(path: Path) -> Recording:
         "truth/jaw": jaw * JAW_COUNT,
         "truth_effort/jaw": jaw_torque * TORQUE_COUNT,
     }
-    stem = path.name.split(".", maxsplit=1)[0]
-    provenance = Provenance(
-        robot="davinci_grasper",
-        source=path.name,
+    stem = path.name.partition(".")[0]
+    return recording_of_file(
+        path,
+        "davinci_grasper",
+        columns,
+        {"truth_effort/jaw": "Nm", "brake/jaw": "A"},
+        rate=1000.0,
         sha256=table.sha256,
         session=f"{path.parent.name}/{stem}",
-        rates={"state": 1000.0, "truth": 1000.0},
         dropped={"last line cut short": table.incomplete},
         notes=_conditions(stem)
         + "measured is the driver angle times a nominal ratio; the jaw's zero drifts by 1-3 deg "
         "between files",
-    )
-    return Recording.from_columns(
-        columns,
-        provenance,
-        {"effort/jaw": "Nm", "truth_effort/jaw": "Nm", "brake/jaw": "A"},
     )
 
 

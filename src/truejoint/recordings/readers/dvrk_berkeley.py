@@ -11,7 +11,7 @@ from typing import Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.npy_file import read_npy
-from truejoint.recordings.recording import Array, Provenance, Recording, state_rate
+from truejoint.recordings.recording import Recording, recording_of_file
 from truejoint.robots import get_robot
 
 FILES: Final = ("t_stamp.npy", "q_des.npy", "q_act.npy")
@@ -20,41 +20,33 @@ FILES: Final = ("t_stamp.npy", "q_des.npy", "q_act.npy")
 def read(path: Path) -> Recording:
     """Read the folder of one experiment.
 
-    Columns of the recording, for each of the arm's six joints: ``measured/<joint>`` [rad, m], the
-    joint position that was commanded (the arm stood still there by its own encoders), and
-    ``truth/<joint>`` [rad, m], from coloured spheres in a depth camera. About 2 rows a second.
-
-    Raises
-    ------
-    RecordingError
-        If a file is missing or damaged, or the files do not fit each other.
+    Columns, for each of the arm's six joints: ``measured/<joint>`` [rad, m], the joint position
+    that was commanded (the arm stood still there by its own encoders), and ``truth/<joint>``
+    [rad, m], from coloured spheres in a depth camera. About 2 rows a second.
     """
     if not path.is_dir():
         raise RecordingError(
             f"{path}: is not a folder; name the folder that holds {', '.join(FILES)}"
         )
     joints = tuple(name for name in get_robot("dvrk_psm").joint_names if name != "jaw")
-    arrays: dict[str, Array] = {}
-    digests = []
-    for name in FILES:
-        arrays[name], digest = read_npy(path / name)
-        digests.append(digest)
-    time = arrays["t_stamp.npy"].reshape(-1)
-    columns = {"t": time}
-    for quantity, name in (("measured", "q_des.npy"), ("truth", "q_act.npy")):
-        values = arrays[name]
-        if values.shape != (time.size, len(joints)):
+    (time, _), (commanded, _), (truth, digest) = (read_npy(path / name) for name in FILES)
+    columns = {"t": time.reshape(-1)}
+    shape = (columns["t"].size, len(joints))
+    for quantity, name, values in (
+        ("measured", "q_des.npy", commanded),
+        ("truth", "q_act.npy", truth),
+    ):
+        if values.shape != shape:
             raise RecordingError(
-                f"{path / name}: shape {values.shape}, expected {(time.size, len(joints))} as "
-                "t_stamp.npy says; are the files of one experiment?"
+                f"{path / name}: shape {values.shape}, expected {shape} as t_stamp.npy says; "
+                "are the files of one experiment?"
             )
         columns |= {f"{quantity}/{joint}": values[:, i] for i, joint in enumerate(joints)}
-    provenance = Provenance(
-        robot="dvrk_psm",
-        source=path.name,
-        sha256=digests[-1],
+    return recording_of_file(
+        path,
+        "dvrk_psm",
+        columns,
+        sha256=digest,
         session=path.name,
-        rates=state_rate(time),
         notes="measured is the commanded position; sha256 is that of q_act.npy",
     )
-    return Recording.from_columns(columns, provenance)

@@ -12,59 +12,46 @@ from typing import Final
 import numpy as np
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.numeric_text import (
-    TextLayout,
-    first_line,
-    read_numbers,
-    split_fields,
-)
-from truejoint.recordings.recording import Provenance, Recording, last_of_each_stamp
+from truejoint.recordings.numeric_text import TextLayout, count_fields, read_numbers
+from truejoint.recordings.recording import Recording, last_of_each_stamp, recording_of_file
 
-# Time, commanded angle, truth, tension of each wire, current of each motor.
-_TWO_WIRES: Final = (0, 1, 3, 4, 5, 6, 7)
-_FOUR_WIRES: Final = (0, 1, 5, 6, 7, 8, 9)
-LAYOUTS: Final = {8: _TWO_WIRES, 10: _FOUR_WIRES}
+# By the number of columns: time, commanded angle, truth, tension of each wire, current of each
+# motor; and the rate [Hz].
+LAYOUTS: Final = {8: ((0, 1, 3, 4, 5, 6, 7), 40.0), 10: ((0, 1, 5, 6, 7, 8, 9), 2000.0)}
 
 
 def read(path: Path) -> Recording:
     """Read one file, text or gzip, of either layout.
 
-    Columns of the recording: ``measured/bend`` [rad], the commanded angle; ``truth/bend`` [rad],
-    the angle at the far end; ``effort/wire<k>``, wire tension in undocumented units; in the
-    8-column layout ``current/wire<k>`` [A]. The commanded velocity and the camera's estimates
-    are left out: the first is mis-scaled, the others were switched off.
+    Columns: ``measured/bend`` [rad], the commanded angle; ``truth/bend`` [rad], the angle at the
+    far end; ``effort/wire<k>``, wire tension in undocumented units; in the 8-column layout
+    ``current/wire<k>`` [A]. The commanded velocity and the camera's estimates are left out: the
+    first is mis-scaled, the others were switched off.
 
     The recorder wrote rows more than once while its clock stood: the last one of each time stamp
     is kept, the others are counted.
-
-    Raises
-    ------
-    RecordingError
-        Naming file, line and what is wrong with it.
     """
-    count = len(split_fields(first_line(path)[1], ","))
+    count = count_fields(path)
     if count not in LAYOUTS:
         raise RecordingError(f"{path}: {count} columns, expected 8 or 10; is it a K-FLEX file?")
-    table = read_numbers(path, TextLayout(count), LAYOUTS[count])
+    use, rate = LAYOUTS[count]
+    table = read_numbers(path, TextLayout(count), use)
     last = last_of_each_stamp(table.values[:, 0])
-    time, commanded, truth, *others = table.values[last].T
+    time, commanded, truth, *wires = table.values[last].T
     columns = {"t": time, "measured/bend": np.radians(commanded), "truth/bend": np.radians(truth)}
-    if count == 8:
-        columns |= {f"effort/wire{k + 1}": others[k] for k in range(2)}
-        # mA in the file
-        columns |= {f"current/wire{k + 1}": others[2 + k] * 1e-3 for k in range(2)}
-    else:
-        columns |= {f"effort/wire{k + 1}": others[k] for k in range(4)}
-    dropped = {"repeated time stamp": int((~last).sum()), "last line cut short": table.incomplete}
-    session = path.name.split(".", maxsplit=1)[0]
-    rate = 40.0 if count == 8 else 2000.0
-    provenance = Provenance(
-        robot="kflex",
-        source=path.name,
+    currents = wires[2:] if count == 8 else []  # mA in the file
+    tensions = wires[: len(wires) - len(currents)]
+    columns |= {f"effort/wire{k}": tension for k, tension in enumerate(tensions, 1)}
+    columns |= {f"current/wire{k}": current * 1e-3 for k, current in enumerate(currents, 1)}
+    return recording_of_file(
+        path,
+        "kflex",
+        columns,
+        rate=rate,
         sha256=table.sha256,
-        session=session,
-        rates={"state": rate, "truth": rate},
-        dropped=dropped,
+        dropped={
+            "repeated time stamp": int((~last).sum()),
+            "last line cut short": table.incomplete,
+        },
         notes="measured is the commanded angle; wire tensions are in undocumented units",
     )
-    return Recording.from_columns(columns, provenance)

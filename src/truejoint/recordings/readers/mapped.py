@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -29,60 +28,44 @@ from truejoint.recordings.numeric_text import (
 from truejoint.recordings.recording import (
     POSITION_QUANTITIES,
     Array,
-    Provenance,
     Recording,
     default_unit,
     last_of_each_stamp,
+    recording_of_file,
     since_first,
-    state_rate,
 )
 from truejoint.robots import Robot, get_robot
-
-_JOINT_QUANTITIES: Final = (*POSITION_QUANTITIES, "velocity")
 
 
 def read_csv(
     path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
 ) -> Recording:
-    """Read a CSV file.
+    """Read a CSV file, text or gzip; without a map its first line must name columns, in SI units.
 
-    Parameters
-    ----------
-    path : Path
-        Text or gzip. Without a column map its first line must name ``t`` and
-        ``<quantity>/<joint>`` columns, in SI units.
-    robot, arm : str
-        As in `truejoint.robots.get_robot`; they overrule those of the column map.
-    column_map : path-like or mapping or ColumnMap, optional
-        See `truejoint.recordings.load_column_map`.
-
-    Returns
-    -------
-    Recording
-        Empty and ``nan`` fields are accepted for truth only. Stamps counted from 1970 are counted
-        from the first row instead, which `Provenance.start` keeps. Of rows with the same stamp the
-        last is kept, the others are counted.
-
-    Raises
-    ------
-    RecordingError
-        Naming file and column, line or value that is wrong.
+    Empty and ``nan`` fields are accepted for truth only. Stamps counted from 1970 are counted from
+    the first row instead, which `Provenance.start` keeps. Of rows with the same stamp the last is
+    kept, the others are counted. `robot` and `arm` overrule those of the column map.
     """
     mapping = load_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
-    delimiter = (mapping.delimiter if mapping else "") or _delimiter(line)
+    guess = next((d for d in ",;\t" if d in line), " ")
+    delimiter = (mapping.delimiter if mapping else "") or guess
     fields = split_fields(line, delimiter)
     header = None if all(is_number(field) for field in fields) else fields
     if mapping is None:
-        mapping = _map_of_header(path, header)
+        if header is None:
+            raise RecordingError(
+                f"{path}: has no header that names t and <quantity>/<joint> columns; "
+                "give a column map"
+            )
+        mapping = ColumnMap({name: MappedColumn(name) for name in header})
     machine = _robot(path, mapping, robot, arm)
     use = _positions(path, mapping, header, len(fields))
     layout = TextLayout(len(fields), delimiter, mapping.comment, number if header else 0)
     may_miss = [use[name] for name in use if name.startswith("truth")]
     table = read_numbers(path, layout, list(use.values()), may_miss)
     columns = dict(zip(use, table.values.T, strict=True))
-    dropped = {"last line cut short": table.incomplete}
-    return _recording(path, mapping, machine, columns, table.sha256, dropped)
+    return _recording(path, mapping, machine, columns, table.sha256, table.incomplete)
 
 
 def read_arrays(
@@ -90,19 +73,8 @@ def read_arrays(
 ) -> Recording:
     """Read a .npy file with a row a sample, or a MATLAB file with a row or column a signal.
 
-    Parameters
-    ----------
-    path : Path
-    robot, arm : str
-        As in `truejoint.robots.get_robot`; they overrule those of the column map.
-    column_map : path-like or mapping or ColumnMap
-        See `truejoint.recordings.load_column_map`; needed. In a MATLAB file a column is called
-        ``variable`` or ``struct.field``, followed by ``[k]`` where that holds several signals.
-
-    Raises
-    ------
-    RecordingError
-        Naming file and column that is wrong.
+    In a MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where
+    that holds several signals. The column map is needed; otherwise as `read_csv`.
     """
     if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? give a column map")
@@ -119,7 +91,7 @@ def read_arrays(
         names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
         rows = _signal(path, variables, names["t"]).size if "t" in names else 0
         columns = {k: _signal(path, variables, name, rows) for k, name in names.items()}
-    return _recording(path, mapping, machine, columns, digest, {})
+    return _recording(path, mapping, machine, columns, digest)
 
 
 def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int = 0) -> Array:
@@ -153,7 +125,20 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
     if not model:
         raise RecordingError(f"{path}: which robot is it? state robot=..., or put it in the map")
     machine = get_robot(model, arm or mapping.arm)
-    _check_names(path, mapping, machine)
+    for name in mapping.columns:
+        quantity, _, channel = name.partition("/")
+        if name != "t" and not (quantity and channel):
+            raise RecordingError(
+                f"{path}: column {name!r} is neither 't' nor '<quantity>/<joint>', for instance "
+                f"'measured/{machine.joint_names[0]}'; give a column map"
+            )
+        if quantity in (*POSITION_QUANTITIES, "velocity") and channel not in machine.channels:
+            raise RecordingError(
+                f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
+                f"{', '.join(machine.channels)}"
+            )
+    if not any(name.startswith("measured/") for name in mapping.columns):
+        raise RecordingError(f"{path}: no 'measured/<joint>' column; there is nothing to correct")
     return machine
 
 
@@ -163,62 +148,36 @@ def _recording(
     robot: Robot,
     found: dict[str, Array],
     sha256: str,
-    dropped: dict[str, int],
+    incomplete: int = 0,
 ) -> Recording:
-    columns, units = _convert(path, mapping, robot, found)
+    columns: dict[str, Array] = {}
+    units = {}
+    for name, values in found.items():
+        mapped = mapping.columns[name]
+        expected = "s" if name == "t" else default_unit(name, robot)
+        units[name], factor = SI_UNITS[mapped.unit] if mapped.unit else (expected, 1.0)
+        if expected not in {units[name], "1"}:
+            raise RecordingError(
+                f"{path}: column {name!r} is in {expected}, which {mapped.unit!r} cannot be; "
+                "correct the column map"
+            )
+        columns[name] = values * (mapped.scale * factor)
+    units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
     keep = last_of_each_stamp(columns["t"])
     if not keep.all():
         columns = {name: values[keep] for name, values in columns.items()}
     columns["t"], start = since_first(columns["t"])
-    dropped |= {
+    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
+    dropped = {
+        "last line cut short": incomplete,
         "repeated time stamp": int((~keep).sum()),
-        "truth: value missing": _missing(columns),
+        "truth: value missing": int(np.any(truth, axis=0).sum()),
     }
-    provenance = Provenance(
-        robot=robot.name,
-        arm=robot.arm,
-        source=path.name,
-        sha256=sha256,
-        session=path.name.split(".", maxsplit=1)[0],
-        rates=state_rate(columns["t"]),
-        dropped=dropped,
-        start=start,
+    return recording_of_file(
+        path, robot, columns, units, sha256=sha256, dropped=dropped, start=start
     )
-    return Recording.from_columns(columns, provenance, units)
-
-
-def _delimiter(line: str) -> str:
-    for delimiter in (",", ";", "\t"):
-        if delimiter in line:
-            return delimiter
-    return " "
-
-
-def _map_of_header(path: Path, header: Sequence[str] | None) -> ColumnMap:
-    if header is None:
-        raise RecordingError(
-            f"{path}: has no header that names t and <quantity>/<joint> columns; give a column map"
-        )
-    return ColumnMap({name: MappedColumn(name) for name in header})
-
-
-def _check_names(path: Path, mapping: ColumnMap, robot: Robot) -> None:
-    for name in mapping.columns:
-        quantity, _, channel = name.partition("/")
-        if name != "t" and not (quantity and channel):
-            raise RecordingError(
-                f"{path}: column {name!r} is neither 't' nor '<quantity>/<joint>', for instance "
-                f"'measured/{robot.joint_names[0]}'; give a column map"
-            )
-        if quantity in _JOINT_QUANTITIES and channel not in robot.channels:
-            raise RecordingError(
-                f"{path}: column {name!r}: {robot.title} has no joint {channel!r}; it has "
-                f"{', '.join(robot.channels)}"
-            )
-    if not any(name.startswith("measured/") for name in mapping.columns):
-        raise RecordingError(f"{path}: no 'measured/<joint>' column; there is nothing to correct")
 
 
 def _positions(
@@ -247,28 +206,3 @@ def _positions(
             )
         use[name] = header.index(mapped.column)
     return use
-
-
-def _convert(
-    path: Path, mapping: ColumnMap, robot: Robot, columns: Mapping[str, Array]
-) -> tuple[dict[str, Array], dict[str, str]]:
-    """Columns in SI, and the units of those whose unit is stated or is not the default."""
-    converted, units = {}, {}
-    for name, values in columns.items():
-        mapped = mapping.columns[name]
-        expected = "s" if name == "t" else default_unit(name, robot)
-        si, factor = SI_UNITS[mapped.unit] if mapped.unit else (expected, 1.0)
-        if expected not in {si, "1"}:
-            raise RecordingError(
-                f"{path}: column {name!r} is in {expected}, which {mapped.unit!r} cannot be; "
-                "correct the column map"
-            )
-        converted[name] = values * (mapped.scale * factor)
-        if name != "t":
-            units[name] = si
-    return converted, units
-
-
-def _missing(columns: Mapping[str, Array]) -> int:
-    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
-    return int(np.any(truth, axis=0).sum()) if truth else 0

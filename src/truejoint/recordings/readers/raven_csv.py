@@ -23,31 +23,28 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.numeric_text import (
     NumericTable,
     TextLayout,
-    first_line,
+    count_fields,
     read_numbers,
-    split_fields,
 )
 from truejoint.recordings.recording import (
     Array,
-    Provenance,
     Recording,
+    nominal_rates,
+    recording_of_file,
     since_first,
-    state_rate,
 )
 from truejoint.robots import Robot, get_robot
 
+# In the 252-column layout the external encoders of shoulder, elbow and insertion stand in columns 1
+# to 3, and the robot's state from column 12 on.
 STATE_COLUMNS: Final = 240
 TRAINING_COLUMNS: Final = 252
 STATE_START: Final = 12
-"""First column of the robot's state in the 252-column layout."""
 EXTERNAL: Final = (1, 2, 3)
-"""Columns of the external encoders of shoulder, elbow and insertion in the 252-column layout."""
 
-CHANNELS: Final = 8
-"""Of one arm in every block of 16: the gold (left) arm's, then the green (right) arm's."""
+CHANNELS: Final = 8  # of one arm in every block of 16: gold (left), then green (right)
 RUN_LEVEL: Final = 17
-HOMING: Final = 1
-"""Run level while the arm explores its hard stops: positions mean nothing."""
+HOMING: Final = 1  # run level while the arm explores its hard stops: positions mean nothing
 
 _DEG: Final = math.pi / 180.0
 # Quantity: first column of its block of 16 in the 240-column layout, factor to SI.
@@ -60,18 +57,16 @@ BLOCKS: Final[Mapping[str, tuple[int, float]]] = {
     "motor_velocity": (134, _DEG),
 }
 
+# Units that the external encoders may be written in: shoulder, elbow, insertion. Their driver
+# counts in 2 pi/80000 rad and 5 um (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
+# func_raven_joint_encodersIII.py), so rad and m is what it publishes; files that were worked on
+# since may differ.
 TRUTH_UNITS: Final[Mapping[str, tuple[float, float, float]]] = {
     "rad_m": (1.0, 1.0, 1.0),
     "deg_m": (_DEG, _DEG, 1.0),
     "deg_mm": (_DEG, _DEG, 1e-3),
     "ravenstate": (_DEG, _DEG, _DEG),
 }
-"""Units that the external encoders may be written in: shoulder, elbow, insertion.
-
-The encoders' driver counts in 2 pi/80000 rad and 5 um
-(uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py), so rad
-and m is what it publishes; files that were worked on since may differ.
-"""
 # Truth further from measured than this is in another unit: the raw error of the arm is about
 # 8 deg and 12 mm (peng2024, Table I), a home-made zero a little more.
 _PLAUSIBLE: Final = (math.radians(25.0), math.radians(25.0), 0.06)
@@ -82,95 +77,51 @@ _FROZEN_TRAVEL: Final = (math.radians(5.0), math.radians(5.0), 0.005)
 
 
 def read_240(path: Path, arm: str = "left") -> Recording:
-    """Read the robot's state, 240 columns, no header, no truth.
+    """Read the robot's state, 240 columns, no header, no truth; text or gzip.
 
-    Parameters
-    ----------
-    path : Path
-        Text or gzip.
-    arm : str
-        ``"left"`` (gold) or ``"right"`` (green).
-
-    Returns
-    -------
-    Recording
-        ``measured``, ``velocity``, ``effort`` [Nm at the motor's capstan], ``setpoint``,
-        ``motor`` and ``motor_velocity`` of the arm's 8 channels. Rows recorded while homing are
-        left out and counted.
-
-    Raises
-    ------
-    RecordingError
-        Naming file, column count, line or time stamp that is wrong.
+    ``measured``, ``velocity``, ``effort`` [Nm at the motor's capstan], ``setpoint``, ``motor`` and
+    ``motor_velocity`` of the 8 channels of the `arm`. Rows recorded while homing are left out and
+    counted.
     """
     robot = get_robot("raven2", arm)
-    use = [0, RUN_LEVEL, *_state_columns(robot, 0)]
-    table = _read(path, STATE_COLUMNS, use)
-    return _recording(path, robot, table, {}, {})
+    return _recording(path, robot, _read(path, robot, STATE_COLUMNS), {}, {})
 
 
 def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> Recording:
-    """Read a training file: external encoders, CRTK's joint state, the robot's state.
+    """Read a training file of the arm that carries external encoders, 252 columns.
 
-    Parameters
-    ----------
-    path : Path
-        Text or gzip.
-    arm : str
-        The arm that carries the encoders.
-    truth_unit : str
-        One of `TRUTH_UNITS`; rad and m by default. A unit that cannot be right, by the measured
-        positions, is refused.
-
-    Returns
-    -------
-    Recording
-        As `read_240`, and ``truth`` of shoulder, elbow and insertion [rad, rad, m]. The file
-        repeats the nearest reading for every row, so a sensor that stopped shows as a truth that
-        stands still while the motors turn: such stretches become NaN and are counted.
-
-    Raises
-    ------
-    RecordingError
-        As `read_240`, or if the truth cannot be in `truth_unit`.
+    As `read_240`, and ``truth`` of shoulder, elbow and insertion [rad, rad, m], which the file has
+    in one of `TRUTH_UNITS`; one that cannot be right, by the measured positions, is refused. The
+    file repeats the nearest reading for every row, so a sensor that stopped shows as a truth that
+    stands still while the motors turn: such stretches become NaN and are counted.
     """
     if truth_unit not in TRUTH_UNITS:
         raise RecordingError(
             f"truth unit {truth_unit!r} is not known; choose from {', '.join(TRUTH_UNITS)}"
         )
     robot = get_robot("raven2", arm)
-    states = [STATE_START, STATE_START + RUN_LEVEL, *_state_columns(robot, STATE_START)]
-    table = _read(path, TRAINING_COLUMNS, [*states, *EXTERNAL], EXTERNAL)
-    raw = table.values[:, len(states) :]
+    table = _read(path, robot, TRAINING_COLUMNS, STATE_START, EXTERNAL)
+    raw = table.values[:, -len(EXTERNAL) :]
     # The positioning joints are the first channels, right behind time and run level.
     measured = table.values[:, 2 : 2 + len(EXTERNAL)] * _DEG
     _check_truth_unit(path, robot, raw, measured, truth_unit)
     truth = raw * TRUTH_UNITS[truth_unit]
-    dropped = {}
-    if np.isnan(truth).any():
-        dropped["truth: value missing"] = int(np.isnan(truth).any(axis=1).sum())
+    missing = np.isnan(truth).any(axis=1)
     frozen = frozen_rows(table.values[:, 0], truth, measured)
-    if frozen.any():
-        truth[frozen] = np.nan
-        dropped["no truth: its sensor stands still"] = int(frozen.sum())
+    truth[frozen] = np.nan
+    dropped = {
+        "truth: value missing": int(missing.sum()),
+        "no truth: its sensor stands still": int(frozen.sum()),
+    }
     columns = {f"truth/{joint}": truth[:, i] for i, joint in enumerate(robot.positioning)}
     return _recording(path, robot, table, columns, dropped)
 
 
 def frozen_rows(t: Array, truth: Array, measured: Array) -> NDArray[np.bool_]:
-    """Rows in which no truth changes while a motor-side position travels.
+    """Rows (n,) in which no truth changes while a motor-side position travels.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps [s].
-    truth, measured : ndarray, shape (n, 3)
-        Shoulder, elbow, insertion [rad, rad, m].
-
-    Returns
-    -------
-    ndarray of bool, shape (n,)
-        Stretches of more than 1 s and 5 deg (5 mm); their first row is still a reading.
+    Stretches of more than 1 s of `t` (n,) [s] and 5 deg (5 mm) of `measured`, whose first row is
+    still a reading; `truth` and `measured` (n, 3) are shoulder, elbow, insertion [rad, rad, m].
     """
     frozen = np.zeros(t.size, dtype=np.bool_)
     still = (np.diff(truth, axis=0) == 0).all(axis=1)
@@ -182,19 +133,20 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> NDArray[np.bool_]:
     return frozen
 
 
-def _read(path: Path, columns: int, use: list[int], may_miss: tuple[int, ...] = ()) -> NumericTable:
-    found = len(split_fields(first_line(path)[1], ","))
+def _read(
+    path: Path, robot: Robot, columns: int, start: int = 0, external: tuple[int, ...] = ()
+) -> NumericTable:
+    """Time, run level, `BLOCKS` of the arm's channels, external encoders."""
+    found = count_fields(path)
     if found != columns:
         raise RecordingError(
             f"{path}: {found} columns, expected {columns}; the RAVEN layouts have "
             f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
         )
-    return read_numbers(path, TextLayout(columns), use, may_miss)
-
-
-def _state_columns(robot: Robot, start: int) -> list[int]:
     first = start + (CHANNELS if robot.arm == "right" else 0)
-    return [first + block + i for block, _ in BLOCKS.values() for i in range(CHANNELS)]
+    channels = [first + block + i for block, _ in BLOCKS.values() for i in range(CHANNELS)]
+    use = [start, start + RUN_LEVEL, *channels, *external]
+    return read_numbers(path, TextLayout(columns), use, external)
 
 
 def _recording(
@@ -204,33 +156,28 @@ def _recording(
     truth: Mapping[str, Array],
     dropped: Mapping[str, int],
 ) -> Recording:
-    time, run_level = table.values[:, 0], table.values[:, 1]
+    time, run_level, *values = table.values.T
     keep = run_level != HOMING
-    counts = {
-        **dropped,
-        "homing": int((~keep).sum()),
-        "last line cut short": table.incomplete,
-    }
     stamps, start = since_first(time)
-    columns: dict[str, Array] = {"t": stamps[keep]}
-    at = 2
-    for quantity, (_, factor) in BLOCKS.items():
-        for channel in robot.channels:
-            columns[f"{quantity}/{channel}"] = table.values[keep, at] * factor
-            at += 1
-    columns |= {name: values[keep] for name, values in truth.items()}
-    provenance = Provenance(
-        robot=robot.name,
-        arm=robot.arm,
-        source=path.name,
+    names = [f"{quantity}/{channel}" for quantity in BLOCKS for channel in robot.channels]
+    factors = np.repeat([factor for _, factor in BLOCKS.values()], CHANNELS)
+    state = {
+        name: rows[keep] * factor
+        for name, rows, factor in zip(names, values, factors, strict=False)
+    }
+    return recording_of_file(
+        path,
+        robot,
+        {"t": stamps[keep], **state, **{name: rows[keep] for name, rows in truth.items()}},
         sha256=table.sha256,
-        session=path.name.split(".", maxsplit=1)[0],
-        rates=state_rate(time),
-        dropped=counts,
+        rates=nominal_rates(state=time),
+        dropped={
+            **dropped,
+            "homing": int((~keep).sum()),
+            "last line cut short": table.incomplete,
+        },
         start=start,
     )
-    units = {f"effort/{channel}": "Nm" for channel in robot.channels}
-    return Recording.from_columns(columns, provenance, units)
 
 
 def _check_truth_unit(

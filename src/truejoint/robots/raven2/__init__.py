@@ -1,45 +1,26 @@
 """RAVEN-II, the cable-driven surgical research robot: both arms, and its hardware's numbers."""
 
-from truejoint.robots.raven2.arm import ARMS, CHANNELS, JOINTS, POSITIONING, WORKSPACE, build
+from truejoint.robots.raven2.arm import ARMS as ARMS
+from truejoint.robots.raven2.arm import CHANNELS as CHANNELS
+from truejoint.robots.raven2.arm import JOINTS as JOINTS
+from truejoint.robots.raven2.arm import POSITIONING as POSITIONING
+from truejoint.robots.raven2.arm import WORKSPACE as WORKSPACE
+from truejoint.robots.raven2.arm import build as build
+from truejoint.robots.raven2.hardware import CONTROL_PERIOD as CONTROL_PERIOD
+from truejoint.robots.raven2.hardware import CRTK_MAX_INCREMENT_ANGLE as CRTK_MAX_INCREMENT_ANGLE
 from truejoint.robots.raven2.hardware import (
-    CONTROL_PERIOD,
-    CRTK_MAX_INCREMENT_ANGLE,
-    CRTK_MAX_INCREMENT_INSERTION,
-    ENCODER_COUNTS_PER_REV,
-    GRAVITY,
-    HOMING_RAMP,
-    HOMING_RETURN,
-    HOMING_SETTLE,
-    JOINT_ENCODERS,
-    Drive,
-    JointEncoder,
-    Link,
-    drives,
-    links,
+    CRTK_MAX_INCREMENT_INSERTION as CRTK_MAX_INCREMENT_INSERTION,
 )
-from truejoint.robots.raven2.kinematics import Raven2Kinematics, kinematics
-
-__all__ = [
-    "ARMS",
-    "CHANNELS",
-    "CONTROL_PERIOD",
-    "CRTK_MAX_INCREMENT_ANGLE",
-    "CRTK_MAX_INCREMENT_INSERTION",
-    "ENCODER_COUNTS_PER_REV",
-    "GRAVITY",
-    "HOMING_RAMP",
-    "HOMING_RETURN",
-    "HOMING_SETTLE",
-    "JOINTS",
-    "JOINT_ENCODERS",
-    "POSITIONING",
-    "WORKSPACE",
-    "Drive",
-    "JointEncoder",
-    "Link",
-    "Raven2Kinematics",
-    "build",
-    "drives",
-    "kinematics",
-    "links",
-]
+from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV as ENCODER_COUNTS_PER_REV
+from truejoint.robots.raven2.hardware import GRAVITY as GRAVITY
+from truejoint.robots.raven2.hardware import HOMING_RAMP as HOMING_RAMP
+from truejoint.robots.raven2.hardware import HOMING_RETURN as HOMING_RETURN
+from truejoint.robots.raven2.hardware import HOMING_SETTLE as HOMING_SETTLE
+from truejoint.robots.raven2.hardware import JOINT_ENCODERS as JOINT_ENCODERS
+from truejoint.robots.raven2.hardware import Drive as Drive
+from truejoint.robots.raven2.hardware import JointEncoder as JointEncoder
+from truejoint.robots.raven2.hardware import Link as Link
+from truejoint.robots.raven2.hardware import drives as drives
+from truejoint.robots.raven2.hardware import links as links
+from truejoint.robots.raven2.kinematics import Raven2Kinematics as Raven2Kinematics
+from truejoint.robots.raven2.kinematics import kinematics as kinematics

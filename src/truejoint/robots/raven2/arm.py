@@ -15,19 +15,15 @@ from truejoint.robots.raven2.kinematics import kinematics
 from truejoint.robots.robot import Joint, Robot, Transmission
 from truejoint.robots.workspace import Workspace
 
-ARMS: Final[Mapping[str, str]] = {
-    "": "left",
-    "left": "left",
-    "gold": "left",
-    "right": "right",
-    "green": "right",
+# Arm by every name it goes by; without a name it is the left, the one that peng2024 used.
+ARMS: Final[Mapping[str, Literal["left", "right"]]] = {
+    **dict.fromkeys(("", "left", "gold"), "left"),
+    **dict.fromkeys(("right", "green"), "right"),
 }
-"""Arm by every name it goes by; without a name it is the left, the one that peng2024 used."""
 
+# Order within the arm's half of a ``ravenstate`` message
+# (uw-biorobotics/raven2:include/raven/defines.h).
 CHANNELS: Final = ("shoulder", "elbow", "insertion", "unused", "roll", "wrist", "jaw1", "jaw2")
-"""Order within the arm's half of a ``ravenstate`` message
-(uw-biorobotics/raven2:include/raven/defines.h)."""
-
 POSITIONING: Final = ("shoulder", "elbow", "insertion")
 
 _DEG: Final = math.pi / 180.0
@@ -59,13 +55,11 @@ WORKSPACE: Final = Workspace(
     slowest=np.array([np.deg2rad(1.091), np.deg2rad(1.5), 0.0025]),
     fastest=np.array([np.deg2rad(3.0), np.deg2rad(4.0), 0.007]),
 )
-"""Where a calibration of the positioning joints moves [rad, m]."""
 
 
 @cache
-def build(arm: str) -> Robot:
-    """Build the RAVEN-II arm ``"left"`` (gold) or ``"right"`` (green)."""
-    side: Literal["left", "right"] = "right" if arm == "right" else "left"
+def build(side: Literal["left", "right"]) -> Robot:
+    """Build the left (gold) or the right (green) arm."""
     return Robot(
         "raven2",
         JOINTS,
@@ -86,18 +80,16 @@ def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
     with its first jaw's motor reversed (OPPOSE_GRIP).
     """
     shoulder, elbow, insertion, roll, wrist, jaw1, jaw2 = range(7)
-    joint = np.eye(7)
     # Motion of the cables, in joint units, that each joint's motor has to follow.
-    cable = joint.copy()
-    cable[elbow] += hardware.ELBOW_PER_SHOULDER * joint[shoulder]
-    cable[insertion] += (
-        hardware.INSERTION_PER_SHOULDER * joint[shoulder]
-        + hardware.INSERTION_PER_ELBOW * joint[elbow]
+    cable = np.eye(7)
+    cable[elbow, shoulder] = hardware.ELBOW_PER_SHOULDER
+    cable[insertion, [shoulder, elbow]] = (
+        hardware.INSERTION_PER_SHOULDER,
+        hardware.INSERTION_PER_ELBOW,
     )
     ratios = np.array([drive.transmission_ratio for drive in hardware.drives(arm)])
     motor = ratios[:, None] * cable
     side = 1.0 if arm == "left" else -1.0
     tool = side * hardware.TOOL_MOTOR_PER_INSERTION_MOTOR * motor[insertion]
-    for row, sign in ((roll, 1.0), (wrist, 1.0), (jaw1, -1.0), (jaw2, 1.0)):
-        motor[row] += sign * tool
+    motor[[roll, wrist, jaw1, jaw2]] += np.outer([1.0, 1.0, -1.0, 1.0], tool)
     return motor

@@ -11,78 +11,43 @@ from typing import Final, Literal
 
 _DEG: Final = math.pi / 180.0
 
+# Period of the servo loop [s] (src/raven/rt_process_preempt.cpp).
 CONTROL_PERIOD: Final = 1e-3
-"""Period of the servo loop [s] (uw-biorobotics/raven2:src/raven/rt_process_preempt.cpp)."""
-
+# Counts of a motor encoder per turn of the motor shaft (include/raven/motor.h).
 ENCODER_COUNTS_PER_REV: Final = 4000
-"""Counts of a motor encoder per turn of the motor shaft (include/raven/motor.h)."""
-
+# Largest change of a setpoint in one control period [rad, m] (branch crtk).
 CRTK_MAX_INCREMENT_ANGLE: Final = 0.0025
-"""Largest change of a revolute setpoint in one control period [rad] (branch crtk)."""
-
 CRTK_MAX_INCREMENT_INSERTION: Final = 5e-5
-"""Largest change of the insertion setpoint in one control period [m] (branch crtk)."""
-
+# Time [s] over which the homing speed builds up (src/raven/trajectory.cpp); at the hard stops until
+# the encoders are registered; from there to the home pose along 1 - cos (src/raven/homing.cpp).
 HOMING_RAMP: Final = 0.5
-"""Time over which the homing speed builds up [s] (src/raven/trajectory.cpp)."""
-
 HOMING_SETTLE: Final = 0.2
-"""Time at the hard stops before the encoders are registered [s] (src/raven/homing.cpp)."""
-
 HOMING_RETURN: Final = 2.5
-"""Time from the hard stops to the home pose, along 1 - cos [s] (src/raven/homing.cpp)."""
-
+# Gravity in frame 0 of either arm [m/s^2] (src/raven/init.cpp and grav_comp.cpp).
 GRAVITY: Final = (-9.8, 0.0, 0.0)
-"""Gravity in frame 0 of either arm [m/s^2] (src/raven/init.cpp and grav_comp.cpp)."""
 
 
 @dataclass(frozen=True)
 class Drive:
-    """Motor, gearbox, cable transmission and servo control of one joint.
-
-    Attributes
-    ----------
-    joint : str
-    gear_ratio : float
-        Motor turns per capstan turn.
-    capstan_radius : float
-        Radius at which the capstan winds the cable [m].
-    transmission_ratio : float
-        Motor angle per joint position [rad/rad or rad/m], without coupling.
-    torque_constant : float
-        Motor torque per current [Nm/A].
-    max_current, continuous_current : float
-        Limits of the motor [A].
-    dac_per_amp : float
-        DAC counts per ampere of the amplifier.
-    dac_limit : int
-        Largest command [DAC counts] at the safety level MODERATE.
-    kp, kd, ki : float
-        Gains of the controller: capstan torque [Nm] per error of the motor angle [rad], of its
-        speed [rad/s], and of the error's integral [rad s].
-    homing_speed : float
-        Speed towards the hard stop [rad/s or m/s]; the sign is the direction.
-    homing_dac : int
-        Command that counts as having met the hard stop [DAC counts].
-    hard_stop : float
-        Joint position that homing assigns to the hard stop [rad or m].
-    """
+    """Motor, gearbox, cable transmission and servo control of one joint."""
 
     joint: str
-    gear_ratio: float
-    capstan_radius: float
-    transmission_ratio: float
-    torque_constant: float
-    max_current: float
+    gear_ratio: float  # motor turns per capstan turn
+    capstan_radius: float  # radius at which the capstan winds the cable [m]
+    torque_constant: float  # motor torque per current [Nm/A]
+    max_current: float  # limits of the motor [A]
     continuous_current: float
-    dac_per_amp: float
-    dac_limit: int
+    dac_per_amp: float  # DAC counts per ampere of the amplifier
+    transmission_ratio: float  # motor angle per joint position [rad/rad, rad/m], without coupling
+    dac_limit: int  # largest command [DAC counts] at the safety level MODERATE
+    # Gains of the controller: capstan torque [Nm] per error of the motor angle [rad], of its speed
+    # [rad/s], and of the error's integral [rad s].
     kp: float
     kd: float
     ki: float
-    homing_speed: float
-    homing_dac: int
-    hard_stop: float
+    homing_speed: float  # towards the hard stop [rad/s or m/s]; the sign is the direction
+    homing_dac: int  # command that counts as having met the hard stop [DAC counts]
+    hard_stop: float  # joint position that homing assigns to the hard stop [rad or m]
 
     @property
     def torque_per_amp(self) -> float:
@@ -115,10 +80,9 @@ _TOOL_SPOOL: Final = 10.6e-3 + _CABLE_TOOL
 _GEAR_LARGE: Final = 49.0 / 4.0
 _GEAR_SMALL: Final = 26.0 / 7.0
 
+# Radius at which the partial pulley of shoulder and elbow winds its cable [m].
 SHOULDER_PULLEY_RADIUS: Final = 62.5e-3 + _CABLE_POSITIONING
-"""Radius at which the shoulder's partial pulley winds its cable [m]."""
 ELBOW_PULLEY_RADIUS: Final = 40.85e-3 + _CABLE_POSITIONING
-"""Radius at which the elbow's partial pulley winds its cable [m]."""
 _ELBOW_REDUCTION: Final = (7.82e-3 + _CABLE_POSITIONING) / (5.60e-3 + _CABLE_POSITIONING)
 
 SHOULDER_RATIO: Final = SHOULDER_PULLEY_RADIUS / _CAPSTAN_LARGE * _GEAR_LARGE
@@ -135,10 +99,10 @@ JAW_RATIO: Final = _TOOL_RATIO * 100.0 / 90.0
 ELBOW_PER_SHOULDER: Final = 0.14545
 INSERTION_PER_SHOULDER: Final = 0.0077973826  # m/rad
 INSERTION_PER_ELBOW: Final = 0.008077387  # m/rad
+# Turn of a tool's motor that keeps its joint still while the insertion's motor turns by 1.
 TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / (
     _GEAR_LARGE / _CAPSTAN_LARGE
 )
-"""Turn of a tool's motor that keeps its joint still while the insertion's motor turns by 1."""
 
 
 def drives(arm: Literal["left", "right"]) -> tuple[Drive, ...]:
@@ -147,39 +111,19 @@ def drives(arm: Literal["left", "right"]) -> tuple[Drive, ...]:
     Sources: include/raven/defines.h and motor.h, src/raven/init.cpp, homing.cpp and tools.cpp,
     params/r2params.yaml of uw-biorobotics/raven2.
     """
-    insertion_kd = 0.012 if arm == "left" else 0.010
-
-    def positioning(
-        joint: str,
-        ratio: float,
-        dac_limit: int,
-        gains: tuple[float, float, float],
-        homing: tuple[float, int, float],
-    ) -> Drive:
-        motor = (0.0603, 10.0, 3.12, 2730.0)  # Maxon RE40, high-current amplifier
-        return Drive(joint, _GEAR_LARGE, _CAPSTAN_LARGE, ratio, *motor, dac_limit, *gains, *homing)
-
-    def tool(
-        joint: str,
-        ratio: float,
-        dac_limit: int,
-        gains: tuple[float, float, float],
-        homing: tuple[float, int, float],
-    ) -> Drive:
-        motor = (0.0538, 10.0, 1.72, 5461.0)  # Maxon RE30, low-current amplifier
-        return Drive(joint, _GEAR_SMALL, _CAPSTAN_SMALL, ratio, *motor, dac_limit, *gains, *homing)
-
-    small = (0.05, 0.0, 0.05)
+    # Maxon RE40 with the high-current, RE30 with the low-current amplifier.
+    large = (_GEAR_LARGE, _CAPSTAN_LARGE, 0.0603, 10.0, 3.12, 2730.0)
+    small = (_GEAR_SMALL, _CAPSTAN_SMALL, 0.0538, 10.0, 1.72, 5461.0)
+    kd = 0.012 if arm == "left" else 0.010  # of the insertion
+    # Ratio, DAC limit; gains; homing speed, command and hard stop.
     return (
-        positioning("shoulder", SHOULDER_RATIO, 2500, (0.3, 0.008, 0.0), (-10 * _DEG, 2100, 0.0)),
-        positioning("elbow", ELBOW_RATIO, 2500, (0.3, 0.008, 0.0), (10 * _DEG, 2100, 137.5 * _DEG)),
-        positioning(
-            "insertion", INSERTION_RATIO, 2000, (0.15, insertion_kd, 0.0), (0.02, 1600, 0.562)
-        ),
-        tool("roll", ROLL_RATIO, 3000, (0.09, 0.001, 0.05), (80 * _DEG, 1900, 330 * _DEG)),
-        tool("wrist", WRIST_RATIO, 3000, small, (40 * _DEG, 2100, 100 * _DEG)),
-        tool("jaw1", JAW_RATIO, 3800, small, (40 * _DEG, 2250, 120 * _DEG)),
-        tool("jaw2", JAW_RATIO, 3800, small, (40 * _DEG, 2250, 120 * _DEG)),
+        Drive("shoulder", *large, SHOULDER_RATIO, 2500, 0.3, 0.008, 0.0, -10 * _DEG, 2100, 0.0),
+        Drive("elbow", *large, ELBOW_RATIO, 2500, 0.3, 0.008, 0.0, 10 * _DEG, 2100, 137.5 * _DEG),
+        Drive("insertion", *large, INSERTION_RATIO, 2000, 0.15, kd, 0.0, 0.02, 1600, 0.562),
+        Drive("roll", *small, ROLL_RATIO, 3000, 0.09, 0.001, 0.05, 80 * _DEG, 1900, 330 * _DEG),
+        Drive("wrist", *small, WRIST_RATIO, 3000, 0.05, 0.0, 0.05, 40 * _DEG, 2100, 100 * _DEG),
+        Drive("jaw1", *small, JAW_RATIO, 3800, 0.05, 0.0, 0.05, 40 * _DEG, 2250, 120 * _DEG),
+        Drive("jaw2", *small, JAW_RATIO, 3800, 0.05, 0.0, 0.05, 40 * _DEG, 2250, 120 * _DEG),
     )
 
 
@@ -203,27 +147,19 @@ def links(arm: Literal["left", "right"]) -> tuple[Link, Link, Link]:
 
 @dataclass(frozen=True)
 class JointEncoder:
-    """Temporary encoder on a joint, the ground truth of a calibration.
-
-    Attributes
-    ----------
-    joint : str
-    resolution : float
-        Joint motion per count [rad or m].
-    hard_stop : float
-        Position that is assigned to the hard stop when the encoder is registered [rad or m]; it
-        differs from `Drive.hard_stop`, which makes a constant offset between the two.
-    """
+    """Temporary encoder on a joint, the ground truth of a calibration."""
 
     joint: str
-    resolution: float
+    resolution: float  # joint motion per count [rad or m]
+    # Position that is assigned to the hard stop when the encoder is registered [rad or m]; it is
+    # another than `Drive.hard_stop`, which makes a constant offset between the two.
     hard_stop: float
 
 
+# Encoders of peng2024 (section IV-B); zeros from uw-biorobotics/raven2_CRTK_Python_controller:
+# joint_encoder/func_raven_joint_encodersIII.py.
 JOINT_ENCODERS: Final = (
     JointEncoder("shoulder", 2 * math.pi / 80000, 0.0),
     JointEncoder("elbow", 2 * math.pi / 80000, 130 * _DEG),
     JointEncoder("insertion", 5e-6, 0.572467),
 )
-"""Encoders of peng2024 (section IV-B); zeros from uw-biorobotics/raven2_CRTK_Python_controller:
-joint_encoder/func_raven_joint_encodersIII.py."""

@@ -20,10 +20,8 @@ Arm = Literal["left", "right"]
 # in the University of Washington technical report UWEETR-2012-0006.
 LINK1_TWIST: Final = math.radians(75.0)
 LINK2_TWIST: Final = math.radians(52.0)
-SHAFT_OFFSET: Final = -0.47
-"""Distance from the insertion's zero to the wrist along the shaft [m]."""
-WRIST_LENGTH: Final = 0.013
-"""Distance between wrist axis and jaw axis of the 10 mm RAVEN grasper [m]."""
+SHAFT_OFFSET: Final = -0.47  # from the insertion's zero to the wrist along the shaft [m]
+WRIST_LENGTH: Final = 0.013  # from wrist axis to jaw axis of the 10 mm RAVEN grasper [m]
 
 # Angle of the first two axes where the joint reads zero:
 # uw-biorobotics/raven2:src/raven/r2_kinematics.cpp (joint2theta).
@@ -47,7 +45,8 @@ _REMOTE_CENTRE: Final = 1e-3
 _RIGID_TOLERANCE: Final = 1e-6
 # How much 1 m of insertion counts against 1 rad when the nearest solution is chosen; the
 # weight that the robot's own controller uses (r2_kinematics.cpp, check_solutions).
-_INSERTION_WEIGHT: Final = 100.0
+_WEIGHTS: Final = np.array([1.0, 1.0, 100.0, 1.0, 1.0, 1.0])
+_TURNS: Final = [0, 1, 3, 4, 5]  # axes whose value is an angle
 
 _REACHED, _OUT_OF_CONE, _AT_CENTRE, _WRIST_UNDEFINED = 0, 1, 2, 3
 _REASONS: Final = {
@@ -72,44 +71,28 @@ class Raven2Kinematics(SerialChain):
         """All joint positions (n_solutions, 7) that reach a pose; up to 8, angles in [-pi, pi].
 
         The eight are two bends of the wrist, two sides of the remote centre and two bends of the
-        elbow (UWEETR-2012-0006). Joint limits are not applied.
-
-        Parameters
-        ----------
-        pose : array_like, shape (4, 4)
-            Tool pose in frame 0 [m].
-        opening : float
-            Sum of the jaw positions [rad]; the pose does not depend on it.
-
-        Raises
-        ------
-        RobotError
-            If `pose` is not a rigid transform or no solution exists; the message says why.
+        elbow (UWEETR-2012-0006). Joint limits are not applied. `pose` (4, 4) [m] is the tool's in
+        frame 0, `opening` the sum of the jaw positions [rad], on which the pose does not depend.
+        Raises RobotError if `pose` is not a rigid transform or no solution exists, and says why.
         """
         target = _rigid(pose)
         axes = np.full((8, 6), np.nan)
-        status = _solve(np.ascontiguousarray(target), self._table, axes)
+        status = _solve(target, self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
         if len(found) == 0:
-            raise RobotError(f"{_where(target)} cannot be reached: {_REASONS[status]}")
-        found[:, [0, 1, 3, 4, 5]] = _wrapped(found[:, [0, 1, 3, 4, 5]])
+            x, y, z = 1e3 * target[:3, 3]
+            raise RobotError(
+                f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached: "
+                f"{_REASONS[status]}"
+            )
+        found[:, _TURNS] = _wrapped(found[:, _TURNS])
         return _joints(found, opening)
 
     def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
-        """Joint positions (7,) that reach `pose`, of the solutions the one nearest to `seed`.
+        """Joint positions (7,) that reach `pose`, of the solutions the one nearest to `seed` (7,).
 
-        Parameters
-        ----------
-        pose : array_like, shape (4, 4)
-            Tool pose in frame 0 [m].
-        seed : array_like, shape (7,)
-            Joint positions near the wanted ones [rad, m]; the jaws' opening is taken from it, and
-            angles are given within half a turn of it.
-
-        Raises
-        ------
-        RobotError
-            As `solutions`, and if `seed` is not 7 finite values.
+        The jaws' opening is taken from the seed [rad, m], and angles are given within half a turn
+        of it. Raises RobotError as `solutions`, and if `seed` is not 7 finite values.
         """
         start = np.asarray(seed, dtype=float)
         if start.shape != (7,) or not np.isfinite(start).all():
@@ -117,10 +100,8 @@ class Raven2Kinematics(SerialChain):
         origin = self.axis_from_joint @ start
         opening = float(start[5] + start[6])
         axes = self.solutions(pose, opening) @ self.axis_from_joint.T
-        turns = [0, 1, 3, 4, 5]
-        axes[:, turns] = origin[turns] + _wrapped(axes[:, turns] - origin[turns])
-        weight = np.array([1.0, 1.0, _INSERTION_WEIGHT, 1.0, 1.0, 1.0])
-        nearest = int(np.argmin((((axes - origin) * weight) ** 2).sum(axis=1)))
+        axes[:, _TURNS] = origin[_TURNS] + _wrapped(axes[:, _TURNS] - origin[_TURNS])
+        nearest = int(np.argmin((((axes - origin) * _WEIGHTS) ** 2).sum(axis=1)))
         joints: Array = _joints(axes[nearest : nearest + 1], opening)[0]
         return joints
 
@@ -131,16 +112,11 @@ def kinematics(arm: Arm) -> Raven2Kinematics:
     Source: uw-biorobotics/raven2:src/raven/r2_kinematics.cpp, UWEETR-2012-0006.
     """
     left = arm == "left"
+    quarter = math.pi / 2 if left else -math.pi / 2
     axes = (
         Axis(0.0 if left else math.pi, 0.0, 0.0, _SHOULDER_ZERO[arm]),
         Axis(LINK1_TWIST, 0.0, 0.0, _ELBOW_ZERO[arm]),
-        Axis(
-            math.pi - LINK2_TWIST if left else LINK2_TWIST,
-            0.0,
-            0.0,
-            math.pi / 2 if left else -math.pi / 2,
-            "prismatic",
-        ),
+        Axis(math.pi - LINK2_TWIST if left else LINK2_TWIST, 0.0, 0.0, quarter, "prismatic"),
         Axis(0.0, 0.0, SHAFT_OFFSET, 0.0),
         Axis(math.pi / 2, 0.0, 0.0, -math.pi / 2),
         Axis(math.pi / 2, WRIST_LENGTH, 0.0, 0.0),
@@ -162,7 +138,7 @@ def _wrapped(angle: Array) -> Array:
 
 
 def _rigid(pose: ArrayLike) -> Array:
-    target = np.asarray(pose, dtype=float)
+    target = np.ascontiguousarray(pose, dtype=float)
     if target.shape != (4, 4) or not np.isfinite(target).all():
         raise RobotError(f"pose of shape {target.shape} must be 4 x 4 and finite")
     rotation = target[:3, :3]
@@ -174,11 +150,6 @@ def _rigid(pose: ArrayLike) -> Array:
             f"(off by {skew:.1e}) and its last row 0 0 0 1"
         )
     return target
-
-
-def _where(pose: Array) -> str:
-    x, y, z = 1e3 * pose[:3, 3]
-    return f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm"
 
 
 @njit(cache=True, error_model="numpy")
@@ -207,7 +178,11 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
             out[:] = np.nan
             return _AT_CENTRE
         for side in (-1.0, 1.0):
-            cosine, v_x, v_y = _elbow_cosine(wrist / (side * depth), table)
+            # The shaft's direction, seen before the shoulder turns, gives the elbow.
+            v_x, y, z = wrist / (side * depth)
+            v_y = table[0, 0] * y + table[0, 1] * z
+            v_z = table[0, 0] * z - table[0, 1] * y
+            cosine = (table[1, 0] * table[2, 0] - v_z) / (table[1, 1] * table[2, 1])
             if not (abs(cosine) <= 1.0 + 1e-9):
                 row += 2
                 continue
@@ -218,15 +193,6 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
                 _finish(theta2, v_x, v_y, insertion, x5, x6, z6, table, out[row])
                 row += 1
     return status
-
-
-@njit(cache=True, error_model="numpy")
-def _elbow_cosine(shaft: Array, table: Array) -> tuple[float, float, float]:
-    """Cosine of the elbow's angle, and x and y of the shaft seen before the shoulder turns."""
-    v_y = table[0, 0] * shaft[1] + table[0, 1] * shaft[2]
-    v_z = table[0, 0] * shaft[2] - table[0, 1] * shaft[1]
-    cosine = (table[1, 0] * table[2, 0] - v_z) / (table[1, 1] * table[2, 1])
-    return cosine, shaft[0], v_y
 
 
 @njit(cache=True, error_model="numpy")
