@@ -72,7 +72,7 @@ def collect(
 
     All trajectories of one call share one homing, as in one session with a robot.
     """
-    loaded = [truejoint.motion.Trajectory.load(path) for path in trajectories]
+    loaded = [truejoint.motion.read_trajectory(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     _check_targets(targets, force)
     device = truejoint.crtk.simulated_arm(

@@ -47,7 +47,7 @@ def demo(
     motion = truejoint.motion.random_motion(arm.robot, seed=seed)
     training = []
     for name, path in paths.items():
-        path.save(folder / f"{name}.csv", overwrite=True)
+        truejoint.motion.write_trajectory(path, folder / f"{name}.csv", overwrite=True)
         recording, report = record(
             arm,
             path,
@@ -58,7 +58,7 @@ def demo(
         training.append(recording)
 
     say("3. Twenty minutes of random motion, which the model will never see")
-    motion.save(folder / "random.csv", overwrite=True)
+    truejoint.motion.write_trajectory(motion, folder / "random.csv", overwrite=True)
     test, report = record(
         arm,
         motion,

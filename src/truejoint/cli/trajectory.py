@@ -84,9 +84,9 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show the range, the length and the duration of a trajectory."""
-    trajectory = truejoint.motion.Trajectory.load(path)
+    trajectory = truejoint.motion.read_trajectory(path)
     if plot is not None:
-        trajectory.plot_3d(plot)
+        truejoint.motion.plot_trajectories([trajectory], plot)
     _describe(trajectory, truejoint.get_robot(robot, arm), as_json)
 
 
@@ -98,10 +98,10 @@ def _save(
     force: bool,
     as_json: bool,
 ) -> None:
-    trajectory.save(output, overwrite=force)
+    truejoint.motion.write_trajectory(trajectory, output, overwrite=force)
     say(f"wrote {output}")
     if plot is not None:
-        trajectory.plot_3d(plot)
+        truejoint.motion.plot_trajectories([trajectory], plot)
         say(f"wrote {plot}")
     _describe(trajectory, robot, as_json)
 

@@ -1,11 +1,10 @@
-"""A trajectory as data: joint positions, with or without times, saved and loaded as CSV."""
+"""A trajectory as data: joint positions, with or without times."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +12,6 @@ import numpy as np
 from truejoint.crtk import TimeLaw, time_law
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.extras import require
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 
@@ -70,67 +68,10 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.positions)
 
-    @classmethod
-    def load(cls, path: str | Path) -> Trajectory:
-        """Read a CSV written by `save`, or the laboratory's three columns without a header.
-
-        The latter are shoulder [rad], elbow [rad] and insertion [m], as the files of
-        uw-biorobotics/raven2_CRTK_Python_controller.
-
-        Raises
-        ------
-        TrajectoryError
-            If the file is missing, too large, damaged or of another layout.
-        """
-        from truejoint.motion.files import read_csv  # noqa: PLC0415 - files needs this module
-
-        return read_csv(Path(path))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write a CSV: one ``#`` line of provenance, a header, then values in full precision.
-
-        Raises
-        ------
-        TrajectoryError
-            If the file exists and `overwrite` is false, or cannot be written.
-        """
-        from truejoint.motion.files import write_csv  # noqa: PLC0415 - files needs this module
-
-        write_csv(self, Path(path), overwrite=overwrite)
-
-    def save_lab(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write a path as the laboratory's follower reads it: three columns, no header.
-
-        Points are at most a thousandth of each joint's range apart, as in the files of
-        uw-biorobotics/raven2_CRTK_Python_controller (traj_generator/snake_generator.py).
-
-        Raises
-        ------
-        TrajectoryError
-            As `save`; also if the trajectory has times or other joints than shoulder [rad],
-            elbow [rad] and insertion [m].
-        """
-        from truejoint.motion.files import write_lab  # noqa: PLC0415 - files needs this module
-
-        write_lab(self, Path(path), overwrite=overwrite)
-
-    def plot_3d(self, path: str | Path) -> None:
-        """Draw it to ``.png`` (matplotlib) or self-contained ``.html`` (plotly), deg and mm."""
-        plotting = require("truejoint.motion.plotting", "plots", "a drawing")
-        plotting.plot_3d([self], Path(path))
-
     def densified(self, spacing: float) -> Trajectory:
-        """Path through the same corners with points between them.
+        """Path through the same corners, neighbours at most `spacing` of each joint's range apart.
 
-        Parameters
-        ----------
-        spacing : float
-            Largest step between neighbours, as a share of each joint's range in this path.
-
-        Raises
-        ------
-        TrajectoryError
-            If the trajectory has times, or `spacing` is not within [1e-5, 1].
+        Raises TrajectoryError if the trajectory has times, or `spacing` is not within [1e-5, 1].
         """
         if self.times is not None:
             raise TrajectoryError(f"{self.name}: has times; only a path can be densified")

@@ -37,11 +37,6 @@ def generated(
     meta: Mapping[str, Any],
 ) -> Trajectory:
     """Trajectory through `positions` (n, n_joints) [rad or m] of `space`, saying who made it."""
-    return Trajectory(
-        joints=space.joints,
-        units=tuple(robot.joint(joint).unit for joint in space.joints),
-        positions=positions,
-        times=times,
-        name=name,
-        meta={**meta, "robot": robot.name, "arm": robot.arm, "version": version("truejoint")},
-    )
+    units = tuple(robot.joint(joint).unit for joint in space.joints)
+    origin = {"robot": robot.name, "arm": robot.arm, "version": version("truejoint")}
+    return Trajectory(space.joints, units, positions, times, name, {**meta, **origin})
