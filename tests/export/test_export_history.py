@@ -29,7 +29,6 @@ from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Status
 from truejoint.runtime.limits import RANGE_MARGIN
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps
 
 from .test_export_c import COMPILER, FLAGS, needs_compiler
 
@@ -74,7 +73,7 @@ def recordings():
     parameters = specimen("B")
     references = calibration_reference(), verification_reference()
     return tuple(
-        record_forceps(simulate_forceps(parameters, r.positions[:, 0], seed=seed))
+        record_forceps(parameters, r.positions[:, 0], seed=seed)
         for seed, r in enumerate(references)
     )
 

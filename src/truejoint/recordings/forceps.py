@@ -4,16 +4,31 @@ from __future__ import annotations
 
 import math
 
+from numpy.typing import ArrayLike
+
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.simulation.forceps.twin import ForcepsRun
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 
-def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") -> Recording:
-    """Turn a run of the forceps into what a laboratory would have of it, and its truth.
+def record_forceps(
+    parameters: ForcepsParameters,
+    motion: ArrayLike | LoadTest,
+    *,
+    seed: int = 0,
+    log_rate: float = 200.0,
+    zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
+    specimen: str = "",
+    session: str = "",
+) -> Recording:
+    """Record a motion of the virtual forceps: what a laboratory would have of it, and its truth.
 
     Parameters
     ----------
-    run : ForcepsRun
+    parameters, motion, seed, log_rate, zero_shift
+        As in `simulate_forceps`, which also says what is raised.
     specimen : str
         Name of the instrument, for the provenance; a model fitted to one does not fit another.
     session : str
@@ -29,38 +44,27 @@ def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") ->
         laboratory has), ``truth_load/jaw`` (external torque [Nm]) and the cables' tensions
         ``truth_tension/drive`` and ``truth_tension/reset`` [N].
     """
+    run = simulate_forceps(parameters, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
     columns = {
         "t": run.t,
-        "measured/jaw": run.parameters.mechanism.jaw_from_motor(run.motor),
-        "setpoint/jaw": run.setpoint,
-        "motor/jaw": run.motor,
-        "truth/jaw": run.reference,
+        "measured/jaw": run.measured[:, 0],
+        "setpoint/jaw": run.setpoint[:, 0],
+        "motor/jaw": run.motor[:, 0],
+        "truth/jaw": run.truth.position[:, 0],
         **run.extra,
     }
+    test = motion if isinstance(motion, LoadTest) else None
     provenance = Provenance(
         robot="forceps",
-        source=f"virtual forceps {specimen}".rstrip() + f", seed {run.seed}",
+        source=f"virtual forceps {specimen}".rstrip() + f", seed {seed}",
         session=session,
-        homing_id=_homing_id(run),
-        load=0.0 if run.load is None else run.load.mass,
-        rates={"state": run.log_rate},
-        notes=_notes(run),
+        homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
+        f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",
+        load=0.0 if test is None else test.mass,
+        rates={"state": 1.0 / float(run.t[1] - run.t[0])},
+        notes=""
+        if test is None
+        else f"load test: {1e3 * test.mass:g} g {test.direction} the motion to "
+        f"{math.degrees(test.angle):g} deg",
     )
     return Recording.from_columns(columns, provenance)
-
-
-def _homing_id(run: ForcepsRun) -> str:
-    zero = run.zero_shift
-    return (
-        f"zero shift: motor {zero.motor * 1e3:.4f} mrad, "
-        f"drive {zero.drive * 1e6:.3f} um, reset {zero.reset * 1e6:.3f} um"
-    )
-
-
-def _notes(run: ForcepsRun) -> str:
-    if run.load is None:
-        return ""
-    return (
-        f"load test: {1e3 * run.load.mass:g} g {run.load.direction} the motion to "
-        f"{math.degrees(run.load.angle):g} deg"
-    )

@@ -18,7 +18,6 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen as shipped
-from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 Array = NDArray[np.float64]
 Plain = Mapping[str, Mapping[str, Any]]
@@ -84,18 +83,19 @@ def record(
     >>> len(recording)
     12967
     """
-    if isinstance(motion, LoadTest):
-        run = simulate_load_test(
-            forceps, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift
-        )
-    elif motion in _TRAJECTORIES:
-        angles = _TRAJECTORIES[motion]().positions[:, 0]
-        run = simulate_forceps(forceps, angles, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
-    else:
+    if isinstance(motion, str) and motion not in _TRAJECTORIES:
         known = ", ".join(_TRAJECTORIES)
         raise TruejointError(f"no motion {motion!r:.60}; choose one of {known}, or a load test")
-    name = "load" if isinstance(motion, LoadTest) else motion
-    return record_forceps(run, specimen=specimen, session=f"{name} {seed}")
+    path = _TRAJECTORIES[motion]().positions[:, 0] if isinstance(motion, str) else motion
+    return record_forceps(
+        forceps,
+        path,
+        seed=seed,
+        log_rate=log_rate,
+        zero_shift=zero_shift,
+        specimen=specimen,
+        session=f"{motion if isinstance(motion, str) else 'load'} {seed}",
+    )
 
 
 def changed(recording: Recording, name: str, values: ArrayLike) -> Recording:
