@@ -63,14 +63,8 @@ def record(
     forceps : ForcepsParameters
     motion : {"calibration", "verification", "cycle"} or LoadTest
         (27), (28), one period of (27), or the test of IV-D.
-    seed : int
-        Of the sensors' noise and the hand's wobble.
-    specimen : str
-        What it is called.
-    log_rate : float
-        Rows per second [Hz].
-    zero_shift : ZeroShift
-        What homing got wrong.
+    seed, specimen, log_rate, zero_shift
+        As in `record_forceps`.
 
     Raises
     ------
