@@ -101,15 +101,8 @@ def calibrate(
     )
     read_testing, read_unseen = files.find(test or []), files.find(interval or [])
     training, testing, unseen = read_training(), read_testing(), read_unseen()
-    fitted, check = fit(
-        training,
-        unfitted,
-        features=inputs,
-        joints=joints,
-        target=target,
-        fit_rate=fit_rate_hz,
-        random_state=seed,
-    )
+    how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
+    fitted, check = fit(training, unfitted, **how, random_state=seed)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
@@ -144,10 +137,7 @@ def fit(
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:
     """Features of their texts, where the name of a data set stands for those that suit it.
 
-    Raises
-    ------
-    CalibrationError
-        If a text is no feature, or a feature stands twice.
+    Raises CalibrationError if a text is no feature, or a feature stands twice.
     """
     if not texts:
         return None
@@ -159,14 +149,10 @@ def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet 
 def configured(
     name: str, settings: Sequence[str], dataset: str | None = None
 ) -> truejoint.estimators.JointRegressor:
-    """Estimator with parameters set by texts like ``"epochs=400"``.
+    """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set.
 
-    Where the recordings are a public data set, the parameters that suit it come first.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no such estimator or parameter, or the value is of another kind or forbidden.
+    Raises CalibrationError if there is no such estimator or parameter, or the value is of another
+    kind or forbidden.
     """
     estimator = truejoint.estimators.get_estimator(name)
     known = estimator.get_params()

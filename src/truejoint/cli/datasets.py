@@ -26,13 +26,9 @@ def listing(context: typer.Context, as_json: Json = False) -> None:
         return
     table = Table("name", "what", "MB", "licence", "here")
     for dataset in known:
-        table.add_row(
-            dataset.name,
-            dataset.title,
-            f"{dataset.size / 1e6:.1f}",
-            dataset.licence or "none stated",
-            "yes" if _here(dataset) else "no",
-        )
+        size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
+        here = "yes" if _here(dataset) else "no"
+        table.add_row(dataset.name, dataset.title, size, licence, here)
     out.print(table)
 
 

@@ -21,10 +21,7 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 class Files:
     """What a person says of recordings whose files do not say it themselves.
 
-    Raises
-    ------
-    RobotError, RecordingError
-        If there is no such robot, arm or format.
+    Raises RobotError or RecordingError if there is no such robot, arm or format.
     """
 
     format: str | None = None
@@ -49,25 +46,10 @@ class Files:
     ) -> Read:
         """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
 
-        What is given back reads them; what can be refused before is refused here.
-
-        Parameters
-        ----------
-        names : sequence of str
-        part : str, optional
-            Part of each recording by time, ``FROM:TO``.
-        split : str, optional
-            Recommended split of the data set that `names` is.
-        held_out : bool
-            Which side of the split: the recordings to judge on, or those to train on.
-        joints : sequence of str
-            Joints that the robot must have.
-
-        Raises
-        ------
-        RecordingError, RobotError
-            If one is not there or is named twice, the part is not ``FROM:TO``, or a joint is
-            unknown.
+        What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
+        set's recommended `split`, that to judge on if `held_out`. Raises RecordingError or
+        RobotError here if one is not there or is named twice, the part is not ``FROM:TO``, or the
+        robot lacks one of the `joints`.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -129,11 +111,10 @@ def say_dropped(recording: truejoint.Recording) -> None:
 
 def only_dataset(names: Sequence[str]) -> str | None:
     """Name the public data set that all of `names` are of; None when they are not."""
-    sets = {name.partition(":")[0] for name in names}
-    if len(sets) == 1 and not any(Path(name).exists() for name in names):
-        name = sets.pop()
-        return name if name in truejoint.recordings.datasets.DATASETS else None
-    return None
+    first, *others = {name.partition(":")[0] for name in names}
+    if others or any(Path(name).exists() for name in names):
+        return None
+    return first if first in truejoint.recordings.datasets.DATASETS else None
 
 
 def check_free(path: Path, force: bool, option: str = "--out") -> None:
@@ -199,8 +180,7 @@ def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str
         except ValueError:
             value = 0.0
         if not value > 0:
-            raise RecordingError(
-                f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
-            )
+            message = f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
+            raise RecordingError(message)
         tolerances[joint] = value / shown.scale
     return tolerances
