@@ -75,9 +75,8 @@ class TimeLaw:
 
     def blocks(self) -> Iterator[Array]:
         """Set-points (m, n_joints) at `SERVO_RATE` from the first period to rest, by blocks."""
-        total = int(np.ceil(self.duration * SERVO_RATE - 1e-6))
-        size = int(BLOCK_DURATION * SERVO_RATE)
-        for start in range(0, total, size):
+        total, size = np.ceil(self.duration * SERVO_RATE - 1e-6), int(BLOCK_DURATION * SERVO_RATE)
+        for start in range(0, int(total), size):
             yield self.at(np.arange(start + 1, min(start + size, total) + 1) / SERVO_RATE)
 
     def _integral_to(self, t: Array) -> Array:

@@ -10,10 +10,10 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.crtk import TimeLaw, time_law
+from truejoint.crtk.limits import shown_range
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.robots import Robot
-from truejoint.units import display_unit
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNITS: Final = ("rad", "m")
@@ -93,22 +93,20 @@ class Trajectory:
 
     def check_within(self, robot: Robot) -> None:
         """Raise TrajectoryError unless all of it lies within the joint limits of `robot`."""
-        columns = robot.index(self.joints)
-        for k, column in enumerate(columns):
+        for k, column in enumerate(robot.index(self.joints)):
             joint = robot.joints[column]
             if joint.unit != self.units[k]:
                 raise TrajectoryError(
                     f"{self.name}: {joint.name} is in {self.units[k]}, but {robot.title} moves "
                     f"it in {joint.unit}; convert the trajectory"
                 )
-            values, unit = self.positions[:, k], display_unit(joint.unit)
-            low, high = float(values.min()), float(values.max())
+            low, high = self.positions[:, k].min(), self.positions[:, k].max()
             if low < joint.lower or high > joint.upper:
+                spanned = shown_range(low, high, joint.unit)
+                allowed = shown_range(joint.lower, joint.upper, joint.unit)
                 raise TrajectoryError(
-                    f"{self.name}: {joint.name} spans [{low * unit.scale:.4g}, "
-                    f"{high * unit.scale:.4g}] {unit.name}, outside the range "
-                    f"[{joint.lower * unit.scale:.4g}, {joint.upper * unit.scale:.4g}] "
-                    f"{unit.name} of {robot.title}; make it smaller"
+                    f"{self.name}: {joint.name} spans {spanned}, outside the range {allowed} of "
+                    f"{robot.title}; make it smaller"
                 )
 
 
