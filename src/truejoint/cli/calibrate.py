@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -175,13 +176,12 @@ def _value(text: str, default: Any, setting: str) -> Any:
     """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``."""
     if isinstance(default, str):
         return text
-    kinds = type(default[0] if isinstance(default, tuple) else default)
-    try:
-        values = tuple(kinds(value) for value in text.strip("()[], ").split(","))
-    except ValueError:
-        values = ()
-    if not values or (len(values) > 1 and not isinstance(default, tuple)):
-        raise CalibrationError(
-            f"--set {setting!r}: {text!r} is not of the kind of the default {default!r}"
-        )
-    return values if isinstance(default, tuple) else values[0]
+    several = isinstance(default, tuple)
+    with suppress(ValueError):
+        kind = type(default[0] if several else default)
+        values = tuple(kind(value) for value in text.strip("()[], ").split(","))
+        if several or len(values) == 1:
+            return values if several else values[0]
+    raise CalibrationError(
+        f"--set {setting!r}: {text!r} is not of the kind of the default {default!r}"
+    )

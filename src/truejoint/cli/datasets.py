@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -64,11 +65,9 @@ def get(
 
 
 def _here(dataset: truejoint.recordings.datasets.Dataset) -> bool:
-    try:
-        truejoint.recordings.datasets.locate(dataset.name)
-    except RecordingError:
-        return False
-    return True
+    with suppress(RecordingError):
+        return bool(truejoint.recordings.datasets.locate(dataset.name))
+    return False
 
 
 def _facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, object]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -66,10 +67,9 @@ class Files:
             what = names[0] if len(names) == 1 else f"{len(names)} recordings"
             with progress(f"Reading {what}") as done:
                 for count, reader in enumerate(readers, 1):
-                    fresh = reader()
-                    for recording in fresh:
+                    recordings += reader()
+                    for recording in recordings:
                         recording.robot.index(list(joints))
-                    recordings += fresh
                     done(count / len(names))
             for recording in recordings:
                 say_dropped(recording)
@@ -153,15 +153,13 @@ def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
 def parse_part(text: str) -> tuple[float, float]:
     """Read ``"0.7:1"``; raises RecordingError when they are not 0 <= from < to <= 1."""
     first, separator, last = text.partition(":")
-    try:
+    with suppress(ValueError):
         begin, end = float(first or 0), float(last or 1)
-    except ValueError:
-        separator = ""
-    if not separator or not 0 <= begin < end <= 1:
-        raise RecordingError(
-            f"--part {text!r}: write FROM:TO with 0 <= FROM < TO <= 1, for instance 0.7:1"
-        )
-    return begin, end
+        if separator and 0 <= begin < end <= 1:
+            return begin, end
+    raise RecordingError(
+        f"--part {text!r}: write FROM:TO with 0 <= FROM < TO <= 1, for instance 0.7:1"
+    )
 
 
 def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
@@ -175,10 +173,9 @@ def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str
         if joint not in units:
             raise RecordingError(f"--tolerance {text!r}: {unknown('joint', joint, units)}")
         shown = display_unit(units[joint])
-        try:
+        value = 0.0
+        with suppress(ValueError):
             value = float(number.removesuffix(shown.name))
-        except ValueError:
-            value = 0.0
         if not value > 0:
             message = f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
             raise RecordingError(message)

@@ -39,6 +39,11 @@ class Arm:
     backend : Backend
         For instance from `truejoint.crtk.simulated_arm`, which makes the arm as well.
 
+    Attributes
+    ----------
+    robot : Robot
+        What the arm is: joints, limits, kinematics.
+
     References
     ----------
     collaborative-robotics/documentation:docs/pages/api-robot-motion.rst
@@ -52,17 +57,12 @@ class Arm:
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
-        self._robot = backend.robot
-        self._joint_channels = [self._robot.channels.index(n) for n in self._robot.joint_names]
+        self.robot: Final[Robot] = backend.robot
+        self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._listeners: list[Listener] = []
         self._latest: StateBlock | None = None
         self._moving = False
         backend.connect(self._on_block)
-
-    @property
-    def robot(self) -> Robot:
-        """What the arm is: joints, limits, kinematics."""
-        return self._robot
 
     @property
     def time(self) -> float:
@@ -73,8 +73,6 @@ class Arm:
     def homing_id(self) -> str:
         """Name of the homing that positions count from, for the provenance of a recording."""
         return self._backend.homing_id
-
-    # ------------------------------------------------------------------ state
 
     def operating_state(self) -> OperatingState:
         """State, whether homed, whether busy, with a time stamp."""
@@ -115,8 +113,6 @@ class Arm:
         """Forget the registration of the motor encoders."""
         self.state_command("unhome")
 
-    # --------------------------------------------------------------- measured
-
     def measured_js(self) -> JointState:
         """Position, velocity and effort of every joint as measured at the motors.
 
@@ -136,13 +132,11 @@ class Arm:
 
         Raises RobotError if the robot's kinematics are not known.
         """
-        kinematics = self._robot.kinematics
+        kinematics = self.robot.kinematics
         if kinematics is None:
-            raise RobotError(f"measured_cp: the kinematics of {self._robot.title} are not known")
+            raise RobotError(f"measured_cp: the kinematics of {self.robot.title} are not known")
         pose = kinematics.forward(self.measured_js().position)
         return np.asarray(kinematics.crtk_from_base @ pose)
-
-    # ----------------------------------------------------------------- motion
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
@@ -150,12 +144,12 @@ class Arm:
         Raises CommandRefused if the arm is not ready, or on NaN, wrong shape, a joint limit or too
         large a step.
         """
-        target = checked_vector(self._robot, position, "servo_jp")
+        target = checked_vector(self.robot, position, "servo_jp")
         self._stream(target[None], "servo_jp")
 
     def servo_jr(self, increment: ArrayLike) -> None:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
-        step = checked_vector(self._robot, increment, "servo_jr")
+        step = checked_vector(self.robot, increment, "servo_jr")
         check_ready(self.operating_state(), "servo_jr")
         self._stream((self.setpoint_js().position + step)[None], "servo_jr")
 
@@ -164,7 +158,7 @@ class Arm:
 
         The whole stream is checked before its first sample is sent; raises as `servo_jp`.
         """
-        rows = checked_rows(self._robot, positions, "servo_jp_stream")
+        rows = checked_rows(self.robot, positions, "servo_jp_stream")
         self._stream(rows, "servo_jp_stream")
 
     def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> None:
@@ -185,9 +179,9 @@ class Arm:
         CommandRefused
             As `servo_jp`, or if a speed is not positive or above the joint's top speed.
         """
-        target = checked_vector(self._robot, goal, "move_jp")
+        target = checked_vector(self.robot, goal, "move_jp")
         caps = self._move_speed(speed)
-        check_range(self._robot, target[None], "move_jp")
+        check_range(self.robot, target[None], "move_jp")
         check_ready(self.operating_state(), "move_jp")
         law = time_law(np.vstack([self.setpoint_js().position, target]), caps)
         self._moving = True
@@ -212,8 +206,6 @@ class Arm:
         for left in range(round(duration * SERVO_RATE), 0, -_BLOCK):
             self._send(np.tile(hold, (min(left, _BLOCK), 1)), "wait")
 
-    # ---------------------------------------------------------------- streams
-
     def subscribe(self, callback: Listener) -> None:
         """Call `callback` with every StateBlock and TruthBlock from now on, in time order."""
         self._listeners.append(callback)
@@ -222,8 +214,6 @@ class Arm:
         """Stop calling `callback`; one that is not subscribed is left alone."""
         if callback in self._listeners:
             self._listeners.remove(callback)
-
-    # ---------------------------------------------------------------- private
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
@@ -238,14 +228,14 @@ class Arm:
         return self._latest
 
     def _joint_state(self, block: StateBlock, position: Array, velocity: Array) -> JointState:
-        t, names, columns = float(block.t[-1]), self._robot.joint_names, self._joint_channels
+        t, names, columns = float(block.t[-1]), self.robot.joint_names, self._joint_channels
         effort = block.effort[-1, columns] if block.effort.shape[1] else np.empty(0)
         return JointState(t, names, position[-1, columns], velocity[-1, columns], effort)
 
     def _stream(self, rows: Array, command: str) -> None:
         check_ready(self.operating_state(), command)
-        check_range(self._robot, rows, command)
-        check_steps(self._robot, self.setpoint_js().position, rows, command)
+        check_range(self.robot, rows, command)
+        check_steps(self.robot, self.setpoint_js().position, rows, command)
         for start in range(0, len(rows), _BLOCK):
             self._send(rows[start : start + _BLOCK], command)
 
@@ -257,17 +247,14 @@ class Arm:
         self._backend.servo_jp(rows)
 
     def _move_speed(self, speed: ArrayLike | None) -> Array:
-        joints = self._robot.joints
+        joints = self.robot.joints
         top = np.array([joint.max_speed for joint in joints])
         if speed is None:
-            default = [
-                _MOVE_PRISMATIC
-                if joint.kind == "prismatic"
-                else (_MOVE_POSITIONING if joint.name in self._robot.positioning else _MOVE_TOOL)
-                for joint in joints
-            ]
-            return np.asarray(np.minimum(default, top))
-        caps = checked_vector(self._robot, speed, "move_jp speed")
+            positioning = [joint.name in self.robot.positioning for joint in joints]
+            turning = np.where(positioning, _MOVE_POSITIONING, _MOVE_TOOL)
+            sliding = [joint.kind == "prismatic" for joint in joints]
+            return np.asarray(np.minimum(np.where(sliding, _MOVE_PRISMATIC, turning), top))
+        caps = checked_vector(self.robot, speed, "move_jp speed")
         wrong = ~((caps > 0.0) & (caps <= top))
         if wrong.any():
             joint, cap = joints[int(np.argmax(wrong))], float(caps[np.argmax(wrong)])

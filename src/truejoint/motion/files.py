@@ -144,14 +144,9 @@ def _read_own(path: Path, first: str, second: str) -> Trajectory:
             f"columns {columns} do not match the joints {list(units)} of its first line"
         )
     values = _read_numbers(path, len(columns), skip=2)
-    return Trajectory(
-        joints,
-        tuple(units.values()),
-        values[:, 1:] if timed else values,
-        values[:, 0] if timed else None,
-        header["name"],
-        header["meta"],
-    )
+    times, positions = (values[:, 0], values[:, 1:]) if timed else (None, values)
+    kinds = tuple(units.values())
+    return Trajectory(joints, kinds, positions, times, header["name"], header["meta"])
 
 
 def _parse_header(first: str) -> dict[str, Any]:
@@ -160,15 +155,12 @@ def _parse_header(first: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise TrajectoryError("its first line is damaged; get the file again") from None
     kinds = {"format": int, "name": str, "units": dict, "meta": dict}
-    if not isinstance(header, dict) or any(
-        not isinstance(header.get(key), kind) for key, kind in kinds.items()
-    ):
+    known = header if isinstance(header, dict) else {}
+    if not all(isinstance(known.get(key), kind) for key, kind in kinds.items()):
         raise TrajectoryError(f"its first line must hold {', '.join(kinds)}")
-    if header["format"] > _FORMAT:
-        raise TrajectoryError(
-            f"format {header['format']} is newer than {_FORMAT}; update truejoint"
-        )
-    return header
+    if known["format"] > _FORMAT:
+        raise TrajectoryError(f"format {known['format']} is newer than {_FORMAT}; update truejoint")
+    return known
 
 
 def _read_lab(path: Path, first: str) -> Trajectory:

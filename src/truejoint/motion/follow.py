@@ -71,13 +71,11 @@ class TrackingReport:
 
     def __str__(self) -> str:
         parts = []
-        for k, (joint, unit) in enumerate(zip(self.joints, self.units, strict=True)):
-            shown, speed = display_unit(unit), display_unit(unit + "/s")
-            parts.append(
-                f"{joint} {self.rms[k] * shown.scale:.3f} {shown.name} RMS "
-                f"({self.max[k] * shown.scale:.3f} max, up to "
-                f"{self.max_speed[k] * speed.scale:.2f} {speed.name})"
-            )
+        for k, joint in enumerate(self.joints):
+            unit = display_unit(self.units[k])
+            rms, most, speed = np.array([self.rms[k], self.max[k], self.max_speed[k]]) * unit.scale
+            up_to = f"{most:.3f} max, up to {speed:.2f} {unit.name}/s"
+            parts.append(f"{joint} {rms:.3f} {unit.name} RMS ({up_to})")
         return f"{self.name}, {self.duration / 60:.1f} min, tracking error: {'; '.join(parts)}"
 
 
@@ -208,10 +206,9 @@ def _path_speed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -
     joints = trajectory.joints
     if speed is None:
         space = workspace_of(robot)
-        missing = [name for name in joints if name not in space.joints]
-        if missing:
+        if missing := ", ".join(name for name in joints if name not in space.joints):
             raise TrajectoryError(
-                f"{trajectory.name}: no speed cap is known for {', '.join(missing)}; give speed"
+                f"{trajectory.name}: no speed cap is known for {missing}; give speed"
             )
         return space.speed[[space.joints.index(name) for name in joints]]
     caps = np.asarray(speed, dtype=float)

@@ -37,7 +37,7 @@ def write_study(
 ) -> list[Path]:
     """Write page (.html), tables (.md), numbers (.json), figures (.png) and recordings (.parquet).
 
-    Results of the same study and settings are written over.
+    Results of the same study and settings are written over. Returns the files, the page first.
 
     Parameters
     ----------
@@ -48,11 +48,6 @@ def write_study(
         Command line that makes the study again.
     overwrite : bool
         Whether results with other settings may be written over.
-
-    Returns
-    -------
-    list of Path
-        Files, the page first.
 
     Raises
     ------

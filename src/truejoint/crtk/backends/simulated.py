@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.backends.protocol import Listener
@@ -24,13 +25,9 @@ class SimulatedBackend:
 
     def __init__(self, twin: Twin) -> None:
         self.twin = twin
+        self.robot: Final[Robot] = twin.robot
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
         self._listener: Listener = lambda _: None
-
-    @property
-    def robot(self) -> Robot:
-        """The arm behind."""
-        return self.twin.robot
 
     @property
     def time(self) -> float:

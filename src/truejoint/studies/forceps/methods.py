@@ -121,14 +121,11 @@ def calibrated(
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth.
-
-    The truth is what the reference encoder reads, as in the paper; `exact` is the jaw itself.
-    """
+    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth."""
 
     t: Array
-    truth: Array
-    exact: Array
+    truth: Array  # what the reference encoder reads, as in the paper
+    exact: Array  # the jaw itself
     estimates: Mapping[str, Array]
 
     def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:
