@@ -25,24 +25,14 @@ def record_forceps(
 ) -> Recording:
     """Record a motion of the virtual forceps: what a laboratory would have of it, and its truth.
 
-    Parameters
-    ----------
-    parameters, motion, seed, log_rate, zero_shift
-        As in `simulate_forceps`, which also says what is raised.
-    specimen : str
-        Name of the instrument, for the provenance; a model fitted to one does not fit another.
-    session : str
-        Name of the recording session.
+    Arguments, and what is raised, are those of `simulate_forceps`; `specimen` names the instrument
+    and `session` the recording session, for the provenance.
 
-    Returns
-    -------
-    Recording
-        Of robot ``forceps``, with columns ``measured/jaw`` (the motor's angle seen at the jaw,
-        ``R phi_m / (z_i r)``), ``setpoint/jaw``, ``motor/jaw`` [rad], ``cable/drive`` and
-        ``cable/reset`` (``x1`` and ``x2`` [m], each only where its encoder is installed),
-        ``truth/jaw`` (reference encoder, the paper's truth), ``truth_exact/jaw`` (what no
-        laboratory has), ``truth_load/jaw`` (external torque [Nm]) and the cables' tensions
-        ``truth_tension/drive`` and ``truth_tension/reset`` [N].
+    Columns are ``measured/jaw`` (the motor's angle seen at the jaw, ``R phi_m / (z_i r)``),
+    ``setpoint/jaw``, ``motor/jaw`` [rad], ``cable/drive`` and ``cable/reset`` (``x1`` and ``x2``
+    [m], each only where its encoder is installed), ``truth/jaw`` (reference encoder, the paper's
+    truth), ``truth_exact/jaw`` (what no laboratory has), ``truth_load/jaw`` (external torque [Nm])
+    and the cables' tensions ``truth_tension/drive`` and ``truth_tension/reset`` [N].
     """
     run = simulate_forceps(parameters, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
     columns = {

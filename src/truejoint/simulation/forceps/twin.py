@@ -42,35 +42,12 @@ class ForcepsTwin:
     The paper's forceps measures no motor torque, so `effort` is empty; the encoders on its
     cables (``cable/drive``, ``cable/reset`` [m]) and what only a simulation knows are in `extra`.
 
-    Parameters
-    ----------
-    parameters : ForcepsParameters, optional
-        The instrument; the nominal one by default.
-    arm : str
-        Empty: there is one.
-    seed : int
-        Of everything random: sensors and homing. The plant itself has nothing random.
-    load : float
-        Mass that hangs on the jaw's tip [kg] and shuts it, at right angles to the jaw at zero.
+    The weight `load` [kg] hangs on the jaw's tip and shuts it. Besides it, `tip_force` may give the
+    force there (n,) [N], positive where it opens the jaw, at times (n,) [s] of the twin, as a
+    `LoadTest` does; both are perpendicular to the jaw at the angle `line_angle` [rad]. The seed is
+    that of sensors and homing; the plant itself has nothing random.
 
-    Attributes
-    ----------
-    tip_force : callable, optional
-        Force at the tip (n,) [N] besides the load, positive where it opens the jaw, at times
-        (n,) [s] of the twin; a `LoadTest` gives one.
-    line_angle : float
-        Jaw angle [rad] at which load and force are perpendicular to the jaw.
-
-    Raises
-    ------
-    TruejointError
-        If the seed or the load is out of range.
-
-    Examples
-    --------
-    >>> twin = ForcepsTwin(seed=1)
-    >>> twin.run(glide(np.zeros(1), np.full(1, 0.2), 0.5)).extra["cable/reset"].shape
-    (500,)
+    Raises TruejointError if the seed or the load is out of range.
     """
 
     PARAMETERS: ClassVar[type[ForcepsParameters]] = ForcepsParameters
@@ -133,12 +110,8 @@ class ForcepsTwin:
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow jaw angles (n, 1) [rad], one row a millisecond; each is reached at its end.
 
-        Raises
-        ------
-        CommandRefused
-            If the shape is wrong, or a value is not finite or beyond a stop of the jaw.
-        TruejointError
-            If the plant leaves the finite numbers.
+        Raises CommandRefused if the shape is wrong, or a value is not finite or beyond a stop of
+        the jaw, and TruejointError if the plant leaves the finite numbers.
         """
         angles = checked_rows(self.robot, setpoint, "run")[:, 0]
         _check_stops(self.parameters, angles)
@@ -221,23 +194,11 @@ def simulate_forceps(
 ) -> TwinOutput:
     """Drive a fresh forceps through a motion, as a table at a rate of its own.
 
-    Parameters
-    ----------
-    parameters : ForcepsParameters
-    motion : array_like, shape (n,), or LoadTest
-        Jaw angle wanted [rad] at 1 kHz, n >= 2, between the mechanical stops, or a load experiment.
-        The jaw starts at rest at zero, wherever the motion does.
-    seed : int
-        Of the sensors' noise and the hand's wobble. The plant itself has none.
-    log_rate : float
-        Rows per second [Hz]; must divide 10 kHz.
-    zero_shift : ZeroShift
-        What this homing got wrong.
+    The motion is a `LoadTest`, or jaw angles (n,) [rad] at 1 kHz, n >= 2, between the mechanical
+    stops; the jaw starts at rest at zero wherever those do. The seed is that of the sensors' noise
+    and the hand's wobble; `log_rate` [Hz] must divide 10 kHz; homing got `zero_shift` wrong.
 
-    Raises
-    ------
-    TruejointError
-        If an input breaks one of these rules, or the plant leaves the finite numbers.
+    Raises TruejointError if an input breaks a rule, or the plant leaves the finite numbers.
     """
     twin = ForcepsTwin(parameters, seed=seed)
     twin._zero = zero_shift

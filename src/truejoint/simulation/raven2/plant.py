@@ -128,7 +128,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
     random = np.array([seed], dtype=np.uint64)
-    wander = plant.constants[kernel.WANDER]
+    wander = plant.constants.wander
     return kernel.State(
         motor=motor,
         command=motor.copy(),
@@ -180,31 +180,15 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
 
 def _stops(robot: Robot, registered: Array) -> Array:
     """Hard stops (3, 2): one where homing looks for it, the other 5 % beyond the soft limit."""
+    lower, upper = robot.lower[:POSITIONING], robot.upper[:POSITIONING]
     margin = 0.05 * (robot.upper - robot.lower)[:POSITIONING]
-    stops = np.column_stack(
-        [robot.lower[:POSITIONING] - margin, robot.upper[:POSITIONING] + margin]
-    )
-    stops[0, 0] = registered[0]
-    stops[1:, 1] = registered[1:]
+    stops = np.column_stack([lower - margin, upper + margin])
+    stops[0, 0], stops[1:, 1] = registered[0], registered[1:]
     return stops
 
 
-def _constants(p: Raven2Parameters) -> Array:
-    friction, encoders = p.motor_friction, p.external_encoders
-    values = {
-        kernel.GEAR_LOSS: friction.gear_loss,
-        kernel.CAPSTAN_RIPPLE: friction.capstan_ripple,
-        kernel.GEAR_RIPPLE: friction.gear_ripple,
-        kernel.RIPPLE_CYCLES: friction.gear_ripple_cycles,
-        kernel.WANDER: friction.wander,
-        kernel.WANDER_TIME: friction.wander_time,
-        kernel.WARM_UP: friction.warm_up,
-        kernel.WARM_UP_TIME: friction.warm_up_time,
-        kernel.LOAD_GAIN: p.creep.load_gain,
-        kernel.IDLE_TIME: p.creep.idle_time,
-        kernel.TRUTH_PERIOD: 1.0 / encoders.rate,
-        kernel.TRUTH_JITTER: encoders.jitter,
-        kernel.STAMP_DELAY: encoders.stamp_delay,
-        kernel.COUNTS: float(ENCODER_COUNTS_PER_REV),
-    }
-    return np.array([values[i] for i in range(kernel.N_CONSTANTS)])
+def _constants(p: Raven2Parameters) -> kernel.Constants:
+    encoders = p.external_encoders
+    values = {**vars(p.motor_friction), **vars(p.creep), **vars(encoders)}
+    values |= {"truth_period": 1.0 / encoders.rate, "counts": float(ENCODER_COUNTS_PER_REV)}
+    return kernel.Constants(**{name: values[name] for name in kernel.Constants._fields})

@@ -140,7 +140,7 @@ class Raven2Twin:
         self._state.speed[:] = 0.0
         kernel.age(self._plant, self._state, float(duration))
         # The external encoders' clock ran on, with nobody reading.
-        period = float(self._plant.constants[kernel.TRUTH_PERIOD])
+        period = self._plant.constants.truth_period
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
 
@@ -198,7 +198,7 @@ class Raven2Twin:
         wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
             homing.registration_sd
         ) * self._rng.standard_normal(POSITIONING)
-        count = kernel.TURN / plant.constants[kernel.COUNTS]
+        count = kernel.TURN / plant.constants.counts
         state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
         state.integral[:] = 0.0
         # The robot restarts its set point at the nominal stop.
@@ -206,7 +206,7 @@ class Raven2Twin:
 
     def _current_position(self) -> Array:
         """Joint positions (7,) [rad, m] that the motor encoders say now."""
-        count = kernel.TURN / self._plant.constants[kernel.COUNTS]
+        count = kernel.TURN / self._plant.constants.counts
         angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
         return np.asarray(self._plant.joint_from_motor @ angle)
 
@@ -214,7 +214,7 @@ class Raven2Twin:
         """One compiled call over the rows of `goal` (n, 7)."""
         n, start = len(goal), int(self._state.ticks[kernel.CLOCK])
         # The shortest time between two readings is a tenth of their period (see the kernel).
-        shortest = 0.1 * float(self._plant.constants[kernel.TRUTH_PERIOD])
+        shortest = 0.1 * self._plant.constants.truth_period
         most = int(n * kernel.DT / shortest) + 16
         rows = kernel.Rows(
             joint=np.empty((n, POSITIONING)),

@@ -56,25 +56,12 @@ def record(
     log_rate: float = 200.0,
     zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
 ) -> Recording:
-    """Record a specimen on a motion of the paper.
+    """Record a specimen on a motion of the paper, otherwise as `record_forceps` does.
 
-    Parameters
-    ----------
-    forceps : ForcepsParameters
-    motion : {"calibration", "verification", "cycle"} or LoadTest
-        (27), (28), one period of (27), or the test of IV-D.
-    seed, specimen, log_rate, zero_shift
-        As in `record_forceps`.
+    That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), or the
+    load test of IV-D. Raises TruejointError if it is unknown, or the plant refuses a value.
 
-    Raises
-    ------
-    TruejointError
-        If the motion is unknown, or the plant refuses a value.
-
-    Examples
-    --------
-    >>> recording = record(ForcepsParameters.load(), "verification", seed=1)
-    >>> len(recording)
+    >>> len(record(ForcepsParameters.load(), "verification", seed=1))
     12967
     """
     if isinstance(motion, str) and motion not in _TRAJECTORIES:
