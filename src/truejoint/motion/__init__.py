@@ -4,8 +4,7 @@ from truejoint.motion.files import read_trajectory, write_trajectory
 from truejoint.motion.follow import TrackingReport, follow, nominal_duration
 from truejoint.motion.plotting import plot_trajectories
 from truejoint.motion.random_motion import random_motion
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import workspace_of
+from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.motion.zigzag import DIRECTIONS, zigzag
 from truejoint.robots import Workspace
 

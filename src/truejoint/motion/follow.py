@@ -13,8 +13,7 @@ from truejoint.crtk import SERVO_RATE, Arm, StateBlock, TimeLaw, TruthBlock
 from truejoint.crtk.messages import Array
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, TrajectoryError
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import workspace_of
+from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 

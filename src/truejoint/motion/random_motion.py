@@ -8,8 +8,7 @@ import numpy as np
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import generated, workspace_of
+from truejoint.motion.trajectory import Trajectory, generated, workspace_of
 from truejoint.robots import Robot
 
 _LONGEST: Final = 24 * 3600.0

@@ -1,10 +1,11 @@
-"""A trajectory as data: joint positions, with or without times."""
+"""A trajectory as data, joint positions with or without times, and the workspace that one fills."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +14,7 @@ from truejoint.crtk import TimeLaw, time_law
 from truejoint.crtk.limits import shown_range
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.robots import Robot
+from truejoint.robots import Robot, Workspace
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNITS: Final = ("rad", "m")
@@ -108,6 +109,36 @@ class Trajectory:
                     f"{self.name}: {joint.name} spans {spanned}, outside the range {allowed} of "
                     f"{robot.title}; make it smaller"
                 )
+
+
+def workspace_of(robot: Robot) -> Workspace:
+    """Calibration workspace of a robot; raises TrajectoryError where none is known.
+
+    Examples
+    --------
+    >>> workspace_of(truejoint.get_robot("raven2")).joints
+    ('shoulder', 'elbow', 'insertion')
+    """
+    if robot.workspace is None:
+        raise TrajectoryError(
+            f"no calibration workspace is known for {robot.title}; give one as a Workspace"
+        )
+    return robot.workspace
+
+
+def generated(
+    robot: Robot,
+    space: Workspace,
+    positions: Array,
+    times: Array | None = None,
+    *,
+    name: str,
+    meta: Mapping[str, Any],
+) -> Trajectory:
+    """Trajectory through `positions` (n, n_joints) [rad or m] of `space`, saying who made it."""
+    units = tuple(robot.joint(joint).unit for joint in space.joints)
+    origin = {"robot": robot.name, "arm": robot.arm, "version": version("truejoint")}
+    return Trajectory(space.joints, units, positions, times, name, {**meta, **origin})
 
 
 def _check(trajectory: Trajectory) -> None:

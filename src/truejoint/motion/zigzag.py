@@ -8,8 +8,7 @@ import numpy as np
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import generated, workspace_of
+from truejoint.motion.trajectory import Trajectory, generated, workspace_of
 from truejoint.robots import Robot, Workspace
 
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
