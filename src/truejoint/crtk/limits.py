@@ -6,8 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.crtk.backends.protocol import SERVO_RATE
 from truejoint.crtk.messages import Array
+from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.errors import CommandRefused
 from truejoint.robots import Robot
 from truejoint.robots.joint_rows import at_sample

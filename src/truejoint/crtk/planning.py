@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.crtk.backends.protocol import BLOCK_DURATION, SERVO_RATE
 from truejoint.crtk.messages import Array
+from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE
 
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from truejoint.crtk.arm import Arm
-from truejoint.crtk.backends.protocol import Listener
 from truejoint.crtk.messages import Array, OperatingState
+from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import StateCommand, next_state
 from truejoint.robots import Robot
 from truejoint.simulation import Twin, make_twin
