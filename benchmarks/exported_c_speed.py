@@ -38,7 +38,6 @@ from truejoint.motion.forceps_references import calibration_reference
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps
 
 ESTIMATORS = ("offset", "linear", "poly2", NeuralNetwork(epochs=5))
 JAW_ESTIMATORS = ("play_reset", "play_gated", "ukf", "ukf_compensated", "ukf_friction")
@@ -156,7 +155,7 @@ def some_interval(n_joints: int) -> Interval:
 def forceps_session() -> Recording:
     """Record the calibration motion of yan2020 on a virtual forceps."""
     reference = calibration_reference().positions[:, 0]
-    return record_forceps(simulate_forceps(specimen("B"), reference, seed=0))
+    return record_forceps(specimen("B"), reference, seed=0)
 
 
 def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -> str:

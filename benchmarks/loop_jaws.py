@@ -14,14 +14,13 @@ from truejoint.motion.forceps_references import calibration_reference, verificat
 from truejoint.recordings import Provenance, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps
 
 
 def jaw_models() -> Iterator[tuple[Calibration, Samples]]:
     """Each estimator of a jaw that runs in a loop, on a motion that it was not fitted to."""
     references = calibration_reference(), verification_reference()
     cables = [
-        record_forceps(simulate_forceps(specimen("B"), r.positions[:, 0], seed=seed))
+        record_forceps(specimen("B"), r.positions[:, 0], seed=seed)
         for seed, r in enumerate(references)
     ]
     driven = [driven_jaw(seed) for seed in range(5)]

@@ -16,7 +16,7 @@ from typer.main import get_command
 
 from truejoint import read_calibration, read_recording
 from truejoint.cli.app import app
-from truejoint.motion import Trajectory
+from truejoint.motion import read_trajectory
 
 
 def _walk(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -45,7 +45,7 @@ def test_help_ends_in_an_example_that_is_understood(call: Call, words: tuple[str
 
 
 def test_session_is_what_was_asked_for(session: Path) -> None:
-    path = Trajectory.load(session / "zigzag.csv")
+    path = read_trajectory(session / "zigzag.csv")
     assert path.joints == ("shoulder", "elbow", "insertion")
     recording = read_recording(session / "random.parquet")
     assert recording.t[0] == 0.0

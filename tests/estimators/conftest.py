@@ -13,7 +13,6 @@ from truejoint.motion.forceps_references import calibration_reference, verificat
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import ForcepsRun, simulate_forceps
 
 Model = TypeVar("Model", bound=JawEstimator)
 
@@ -24,30 +23,30 @@ SETTLED = 2.2  # [s] that the swelling of the motion is left out
 class Pair:
     """Run on (27) and on (28)."""
 
-    calibration: ForcepsRun
-    verification: ForcepsRun
+    calibration: Recording
+    verification: Recording
 
     def recordings(self) -> tuple[Recording, Recording]:
-        return record_forceps(self.calibration), record_forceps(self.verification)
+        return self.calibration, self.verification
 
 
-def columns(run: ForcepsRun, model: JawEstimator) -> np.ndarray:
+def columns(run: Recording, model: JawEstimator) -> np.ndarray:
     """Rows of what an estimator takes."""
-    signals = {"motor/jaw": run.motor, "cable/drive": run.drive, "cable/reset": run.reset}
-    return np.column_stack([signals[name] for name in model.family.inputs(model.model_params())])
+    names = model.family.inputs(model.model_params())
+    return np.column_stack([run.column(name) for name in names])
 
 
-def target(run: ForcepsRun) -> np.ndarray:
+def target(run: Recording) -> np.ndarray:
     """Reference encoder, unknown while the motion swells."""
-    return np.where(run.t > SETTLED, run.reference, np.nan)
+    return np.where(run.t > SETTLED, run.column("truth/jaw"), np.nan)
 
 
-def steps(run: ForcepsRun) -> np.ndarray:
+def steps(run: Recording) -> np.ndarray:
     return np.diff(run.t, prepend=run.t[0])
 
 
-def rms_deg(estimate: np.ndarray, run: ForcepsRun) -> float:
-    error = (estimate - run.reference)[run.t > SETTLED]
+def rms_deg(estimate: np.ndarray, run: Recording) -> float:
+    error = (estimate - run.column("truth/jaw"))[run.t > SETTLED]
     return float(np.degrees(np.sqrt(np.mean(error**2))))
 
 
@@ -61,6 +60,6 @@ def fitted(pair: Pair, model: Model) -> Model:
 def pair() -> Pair:
     parameters = specimen("B")
     return Pair(
-        simulate_forceps(parameters, calibration_reference().positions[:, 0], seed=0),
-        simulate_forceps(parameters, verification_reference().positions[:, 0], seed=1),
+        record_forceps(parameters, calibration_reference().positions[:, 0], seed=0),
+        record_forceps(parameters, verification_reference().positions[:, 0], seed=1),
     )

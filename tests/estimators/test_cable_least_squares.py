@@ -11,7 +11,7 @@ from truejoint.estimators.rational import RationalModel
 def observation_matrix(run) -> np.ndarray:
     """W of (29), written out."""
     blocks = []
-    for place in (run.drive, run.reset):
+    for place in (run.column("cable/drive"), run.column("cable/reset")):
         speed = np.concatenate([[0.0], np.diff(place) / 5e-3])
         acceleration = np.concatenate([[0.0], np.diff(speed) / 5e-3])
         blocks += [place, speed, acceleration]
@@ -25,7 +25,7 @@ def test_equation_29(pair, constant):
     if constant:
         W = np.column_stack([W, np.ones(len(W))])
     size = np.linalg.norm(W[known], axis=0)
-    chi = np.linalg.lstsq(W[known] / size, run.reference[known], rcond=None)[0] / size
+    chi = np.linalg.lstsq(W[known] / size, run.column("truth/jaw")[known], rcond=None)[0] / size
     model = fitted(pair, CableLeastSquares(intercept=constant))
     estimate = model.predict(columns(run, model), steps(run))
     assert np.abs(estimate - W @ chi)[known].max() < 1e-6
@@ -37,6 +37,7 @@ def test_equation_30_takes_off_its_own_error_model(pair):
     model = fitted(pair, CableLeastSquares(compensated=True))
     estimate = model.predict(columns(test, model), steps(test))
     bare = plain.predict(columns(test, plain), steps(test))
-    taken = RationalModel(model.scale_, model.error_coef_)(test.motor, test.reset)
+    motor, reset = test.column("motor/jaw"), test.column("cable/reset")
+    taken = RationalModel(model.scale_, model.error_coef_)(motor, reset)
     assert np.abs(estimate - (bare - taken)).max() < 1e-9
     assert rms_deg(estimate, test) < 0.6 * rms_deg(bare, test)

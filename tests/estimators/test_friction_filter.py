@@ -9,8 +9,9 @@ from tests.estimators.conftest import columns, fitted, rms_deg, steps
 from truejoint.errors import CalibrationError
 from truejoint.estimators import FrictionFilter, FrictionSmoother, friction_filter
 from truejoint.models.friction_filter import DEGREE
+from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.twin import simulate_load_test
+from truejoint.simulation.forceps.specimens import specimen
 
 
 @pytest.fixture(scope="module")
@@ -48,14 +49,13 @@ def test_without_sliding_it_is_a_kalman_filter(pair, model, monkeypatch):
 
 
 def test_angle_and_load_under_a_weight(pair, model):
-    parameters = pair.calibration.parameters
-    for mass, direction in ((0.2, "opposing"), (0.2, "along")):
-        run = simulate_load_test(parameters, LoadTest(mass, direction), seed=3)
-        still = run.t >= run.load.phases["IV"][0]
+    for test in (LoadTest(0.2, "opposing"), LoadTest(0.2, "along")):
+        run = record_forceps(specimen("B"), test, seed=3)
+        still = run.t >= test.phases["IV"][0]
         states = model.states(columns(run, model), steps(run))
-        error = np.degrees((states.angle - run.reference)[still])
+        error = np.degrees((states.angle - run.column("truth/jaw"))[still])
         assert np.sqrt(np.mean(error**2)) < 0.15
-        true = run.external_torque[still].mean()
+        true = run.column("truth_load/jaw")[still].mean()
         assert states.load[still].mean() / true == pytest.approx(1.1, abs=0.45)
     assert rms_deg(
         model.predict(columns(pair.verification, model)), pair.verification

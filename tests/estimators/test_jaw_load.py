@@ -8,28 +8,28 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw_load import JawLoad, identify_stiffness
 from truejoint.estimators.jaw_zero import find_zero
 from truejoint.motion.forceps_references import calibration_reference, sine_reference
+from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 NOMINAL = specimen("nominal")
 
 
 def rows(run) -> np.ndarray:
-    return np.column_stack([run.motor, run.reset])
+    return np.column_stack([run.column("motor/jaw"), run.column("cable/reset")])
 
 
 @pytest.fixture(scope="module")
 def load():
-    run = simulate_forceps(NOMINAL, calibration_reference().positions[:, 0], seed=0)
+    run = record_forceps(NOMINAL, calibration_reference().positions[:, 0], seed=0)
     return JawLoad().fit(rows(run), target(run), steps(run))
 
 
 def weighed(mass: float, direction: str = "along"):
-    run = simulate_load_test(NOMINAL, LoadTest(mass, direction), seed=3)
-    phases = run.load.phases
+    test = LoadTest(mass, direction)
+    run, phases = record_forceps(NOMINAL, test, seed=3), test.phases
     before = (run.t >= phases["II"][0]) & (run.t < phases["II"][1])
     return run, before, run.t >= phases["IV"][0]
 
@@ -42,7 +42,7 @@ def test_friction_of_the_jaw_is_seen_unloaded(load):
 
 def test_one_known_weight_calibrates_the_others(load):
     run, before, after = weighed(0.2)
-    torque = float(run.external_torque[after].mean())
+    torque = float(run.column("truth_load/jaw")[after].mean())
     X = rows(run)
     found = identify_stiffness(load, X, before, after, torque, steps(run))
     mended = load.with_stiffness(found.drive_stiffness)
@@ -54,7 +54,7 @@ def test_one_known_weight_calibrates_the_others(load):
     ):
         run, _before, after = weighed(mass, direction)
         estimate = mended.predict(rows(run), steps(run))[after].mean()
-        true = run.external_torque[after].mean()
+        true = run.column("truth_load/jaw")[after].mean()
         assert abs(estimate - true) < 0.15 * abs(true) + missing
     assert mended.grams(np.array([true]), NOMINAL.jaw.load_arm)[0] == pytest.approx(
         -250.0, rel=0.05
@@ -71,7 +71,7 @@ def test_steps_give_the_bits_of_the_whole(load):
 
 def test_a_constant_or_hidden_load_tells_no_stiffness(load):
     run, before, after = weighed(0.2)
-    X, torque = rows(run), float(run.external_torque[after].mean())
+    X, torque = rows(run), float(run.column("truth_load/jaw")[after].mean())
     with pytest.raises(CalibrationError, match="constant load"):
         identify_stiffness(load, X, np.zeros_like(after), after, torque)
     with pytest.raises(CalibrationError, match="constant load"):
@@ -85,9 +85,7 @@ def test_a_constant_or_hidden_load_tells_no_stiffness(load):
 @pytest.mark.parametrize("shift", [0.0, 8e-6, -2e-5])
 def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
     motion = sine_reference(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
-    run = simulate_forceps(
-        NOMINAL, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift)
-    )
+    run = record_forceps(NOMINAL, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift))
     X = rows(run)[run.t > SETTLED]
     zero = find_zero(load, X)
     assert zero.shift == pytest.approx(shift, abs=1.5e-6)

@@ -8,7 +8,7 @@ from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 T = np.arange(2001) / 1000
 MOTION = np.radians(10.0) * np.sin(3.0 * T)
@@ -20,38 +20,38 @@ def run():
 
 
 def test_the_columns_are_the_runs_with_units(run):
-    recording = record_forceps(run, specimen="A", session="one")
+    recording = record_forceps(specimen("A"), MOTION, seed=7, specimen="A", session="one")
     assert recording.robot.name == "forceps"
     for column, values, unit in (
-        ("measured/jaw", run.motor * 9.75 / (35 * 4.0), "rad"),
-        ("setpoint/jaw", run.setpoint, "rad"),
-        ("motor/jaw", run.motor, "rad"),
-        ("cable/drive", run.drive, "m"),
-        ("cable/reset", run.reset, "m"),
-        ("truth/jaw", run.reference, "rad"),
-        ("truth_exact/jaw", run.jaw, "rad"),
-        ("truth_load/jaw", run.external_torque, "Nm"),
-        ("truth_tension/drive", run.drive_tension, "N"),
-        ("truth_tension/reset", run.reset_tension, "N"),
+        ("measured/jaw", run.motor[:, 0] * 9.75 / (35 * 4.0), "rad"),
+        ("setpoint/jaw", run.setpoint[:, 0], "rad"),
+        ("motor/jaw", run.motor[:, 0], "rad"),
+        ("cable/drive", run.extra["cable/drive"], "m"),
+        ("cable/reset", run.extra["cable/reset"], "m"),
+        ("truth/jaw", run.truth.position[:, 0], "rad"),
+        ("truth_exact/jaw", run.joint[:, 0], "rad"),
+        ("truth_load/jaw", run.extra["truth_load/jaw"], "Nm"),
+        ("truth_tension/drive", run.extra["truth_tension/drive"], "N"),
+        ("truth_tension/reset", run.extra["truth_tension/reset"], "N"),
     ):
         np.testing.assert_allclose(recording.column(column), values, rtol=1e-14, err_msg=column)
         assert recording.units[column] == unit
     assert recording.joints_of("truth") == ("jaw",)
-    np.testing.assert_allclose(recording.error(("jaw",))[:, 0],
-                               run.reference - recording.column("measured/jaw"))  # fmt: skip
+    error = run.truth.position[:, 0] - recording.column("measured/jaw")
+    np.testing.assert_allclose(recording.error(("jaw",))[:, 0], error)
 
 
-def test_the_provenance_says_which_instrument_homing_and_load(run):
-    plain = record_forceps(run, specimen="A", session="one").provenance
+def test_the_provenance_says_which_instrument_homing_and_load():
+    plain = record_forceps(specimen("A"), MOTION, seed=7, specimen="A", session="one").provenance
     assert plain.source == "virtual forceps A, seed 7"
     assert plain.session == "one"
     assert plain.load == 0.0
     assert plain.rates == {"state": pytest.approx(200.0)}
-    shifted = simulate_forceps(specimen("A"), MOTION, zero_shift=ZeroShift(reset=5e-6))
-    assert record_forceps(shifted).provenance.homing_id != plain.homing_id
+    shifted = record_forceps(specimen("A"), MOTION, zero_shift=ZeroShift(reset=5e-6)).provenance
+    assert shifted.homing_id != plain.homing_id
     test = LoadTest(0.1, "along", start=0.1, speed=math.radians(60), loaded_from=1.0,
                     loaded_to=1.2, end=1.5)  # fmt: skip
-    loaded = record_forceps(simulate_load_test(specimen("A"), test)).provenance
+    loaded = record_forceps(specimen("A"), test).provenance
     assert loaded.load == 0.1
     assert "100 g along" in loaded.notes
 
@@ -66,6 +66,6 @@ def test_the_provenance_says_which_instrument_homing_and_load(run):
 )
 def test_a_sensor_that_is_not_installed_leaves_no_column(values, columns):
     parameters = specimen().with_values(values)
-    recording = record_forceps(simulate_forceps(parameters, MOTION))
+    recording = record_forceps(parameters, MOTION)
     assert isinstance(recording, Recording)
     assert recording.joints_of("cable") == columns

@@ -14,7 +14,6 @@ from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps
 
 from . import streams
 
@@ -24,7 +23,7 @@ def forceps() -> tuple[Recording, Recording]:
     """Calibration and verification motion of a virtual forceps."""
     references = calibration_reference(), verification_reference()
     calibration, verification = (
-        record_forceps(simulate_forceps(specimen("B"), r.positions[:, 0], seed=seed))
+        record_forceps(specimen("B"), r.positions[:, 0], seed=seed)
         for seed, r in enumerate(references)
     )
     return calibration, verification

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -101,15 +102,8 @@ def calibrate(
     )
     read_testing, read_unseen = files.find(test or []), files.find(interval or [])
     training, testing, unseen = read_training(), read_testing(), read_unseen()
-    fitted, check = fit(
-        training,
-        unfitted,
-        features=inputs,
-        joints=joints,
-        target=target,
-        fit_rate=fit_rate_hz,
-        random_state=seed,
-    )
+    how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
+    fitted, check = fit(training, unfitted, **how, random_state=seed)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
@@ -144,10 +138,7 @@ def fit(
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:
     """Features of their texts, where the name of a data set stands for those that suit it.
 
-    Raises
-    ------
-    CalibrationError
-        If a text is no feature, or a feature stands twice.
+    Raises CalibrationError if a text is no feature, or a feature stands twice.
     """
     if not texts:
         return None
@@ -159,14 +150,10 @@ def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet 
 def configured(
     name: str, settings: Sequence[str], dataset: str | None = None
 ) -> truejoint.estimators.JointRegressor:
-    """Estimator with parameters set by texts like ``"epochs=400"``.
+    """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set.
 
-    Where the recordings are a public data set, the parameters that suit it come first.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no such estimator or parameter, or the value is of another kind or forbidden.
+    Raises CalibrationError if there is no such estimator or parameter, or the value is of another
+    kind or forbidden.
     """
     estimator = truejoint.estimators.get_estimator(name)
     known = estimator.get_params()
@@ -189,13 +176,12 @@ def _value(text: str, default: Any, setting: str) -> Any:
     """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``."""
     if isinstance(default, str):
         return text
-    kinds = type(default[0] if isinstance(default, tuple) else default)
-    try:
-        values = tuple(kinds(value) for value in text.strip("()[], ").split(","))
-    except ValueError:
-        values = ()
-    if not values or (len(values) > 1 and not isinstance(default, tuple)):
-        raise CalibrationError(
-            f"--set {setting!r}: {text!r} is not of the kind of the default {default!r}"
-        )
-    return values if isinstance(default, tuple) else values[0]
+    several = isinstance(default, tuple)
+    with suppress(ValueError):
+        kind = type(default[0] if several else default)
+        values = tuple(kind(value) for value in text.strip("()[], ").split(","))
+        if several or len(values) == 1:
+            return values if several else values[0]
+    raise CalibrationError(
+        f"--set {setting!r}: {text!r} is not of the kind of the default {default!r}"
+    )

@@ -24,6 +24,9 @@ _ADVICE = {
 }
 
 
+_COLOURS = {True: "green", False: "red", None: "yellow"}
+
+
 def check(
     model: options.Model,
     recording: Annotated[
@@ -100,17 +103,12 @@ def _report_check(
     if as_json:
         result_json({**result.to_dict(), "rezeroed": None if written is None else str(written)})
         return
-    rows = [
-        (
-            joint.joint,
-            with_unit(joint.rmse, joint.unit),
-            f"{with_unit(joint.offset, joint.unit)} ± {with_unit(joint.offset_sd, joint.unit)}",
-            with_unit(joint.left, joint.unit),
-            f"± {with_unit(joint.half_width, joint.unit)}",
-            "-" if joint.holds is None else f"{100 * joint.inside:.0f} %",
-        )
-        for joint in result.joints
-    ]
+    rows = []
+    for joint in result.joints:
+        values = (joint.rmse, joint.offset, joint.offset_sd, joint.left, joint.half_width)
+        rmse, offset, offset_sd, left, half_width = (with_unit(v, joint.unit) for v in values)
+        inside = "-" if joint.holds is None else f"{100 * joint.inside:.0f} %"
+        rows.append((joint.joint, rmse, f"{offset} ± {offset_sd}", left, f"± {half_width}", inside))
     header = ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside")
     print_table(header, rows, title=f"{calibration.estimator} of {calibration.title}, now")
     out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s")
@@ -121,9 +119,6 @@ def _report_check(
         say(f"monitor: {_ADVICE[name]}")
     if written is not None:
         out.print(f"{written}: re-zeroed to this truth")
-
-
-_COLOURS = {True: "green", False: "red", None: "yellow"}
 
 
 def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
@@ -154,18 +149,12 @@ def _report_agreement(
         joints = [dict(zip(names, row, strict=True)) for row in rows]
         result_json({"level": found.level, "joints": joints})
         return
-    print_table(
-        ("joint", "RMS", "both intervals, RMS", "inside"),
-        [
-            (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
-            for joint, unit, off, allowed, inside, _ in rows
-        ],
-        title="Difference of the two calibrations",
-    )
-    good = bool(found.consistent.all())
-    out.print(
-        "They differ by no more than both state."
-        if good
-        else "They differ by more than both state: at least one interval is too narrow here.",
-        style=_COLOURS[good],
-    )
+    lines = [
+        (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
+        for joint, unit, off, allowed, inside, _ in rows
+    ]
+    header = ("joint", "RMS", "both intervals, RMS", "inside")
+    print_table(header, lines, title="Difference of the two calibrations")
+    good, more = bool(found.consistent.all()), "at least one interval is too narrow here"
+    known = {True: "no more than both state.", False: f"more than both state: {more}."}
+    out.print(f"They differ by {known[good]}", style=_COLOURS[good])

@@ -30,11 +30,7 @@ def record(
     that it replaces no whole recording.
     """
     recorder = truejoint.recordings.Recorder(
-        arm,
-        state_rate=state_rate,
-        session=trajectory.name,
-        load=load,
-        command=command_line(),
+        arm, state_rate=state_rate, session=trajectory.name, load=load, command=command_line()
     )
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
@@ -72,9 +68,14 @@ def collect(
 
     All trajectories of one call share one homing, as in one session with a robot.
     """
-    loaded = [truejoint.motion.Trajectory.load(path) for path in trajectories]
+    loaded = [truejoint.motion.read_trajectory(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
-    _check_targets(targets, force)
+    for target in targets:  # refused before the robot moves, not after
+        if targets.count(target) > 1:
+            raise RecordingError(
+                f"{target}: two trajectories have the same file name; rename one of them"
+            )
+        check_free(target, force)
     device = truejoint.crtk.simulated_arm(
         robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
     )
@@ -87,11 +88,7 @@ def collect(
     rows = []
     for trajectory, target in zip(loaded, targets, strict=True):
         recording, report = record(
-            device,
-            trajectory,
-            target,
-            load=load_grams / 1e3,
-            state_rate=state_rate_hz,
+            device, trajectory, target, load=load_grams / 1e3, state_rate=state_rate_hz
         )
         rows.append(
             {
@@ -102,17 +99,7 @@ def collect(
             }
         )
         if not as_json:
-            out.print(f"{target}: {len(recording)} rows; {report}", highlight=False)
+            out.print(f"{target}: {len(recording)} rows; {report}")
             say_dropped(recording)
     if as_json:
         result_json({"recordings": rows})
-
-
-def _check_targets(targets: list[Path], force: bool) -> None:
-    """Refuse before the robot moves, not after."""
-    for target in targets:
-        if targets.count(target) > 1:
-            raise RecordingError(
-                f"{target}: two trajectories have the same file name; rename one of them"
-            )
-        check_free(target, force)

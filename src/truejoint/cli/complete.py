@@ -5,8 +5,8 @@ Only names and headers of files are read: a shell waits for each of these.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 import typer
 
@@ -54,17 +54,17 @@ def joints(context: typer.Context) -> list[str]:
 
 def tolerances(context: typer.Context) -> list[str]:
     """List the joints of the model that the command line names, as ``JOINT=``."""
-    return [f"{joint}=" for joint in _model(context).get("joints", [])]
+    return [f"{joint}=" for joint in _model(context)[0]]
 
 
 def levels(context: typer.Context) -> list[str]:
     """List the probabilities that the interval of the model on the command line states."""
-    return [f"{level:g}" for level in _model(context).get("levels", [])]
+    return [f"{level:g}" for level in _model(context)[1]]
 
 
 def percent_levels(context: typer.Context) -> list[str]:
     """List the probabilities as `levels` gives them, in percent."""
-    return [f"{100.0 * level:g}" for level in _model(context).get("levels", [])]
+    return [f"{100.0 * level:g}" for level in _model(context)[1]]
 
 
 def _named(context: typer.Context) -> list[str]:
@@ -72,15 +72,15 @@ def _named(context: typer.Context) -> list[str]:
     return [*(context.params.get("recordings") or []), *context.args]
 
 
-def _model(context: typer.Context) -> dict[str, Any]:
+def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:
     """Joints and levels of the model file; empty where it cannot be read."""
     from truejoint.calibration.model_file import read_model_file  # noqa: PLC0415  # needs NumPy
 
     try:
         document, arrays = read_model_file(context.params.get("model") or context.args[0])
     except (IndexError, TruejointError):
-        return {}
-    return {"joints": document.get("joints", []), "levels": arrays.get("interval/levels", ())}
+        return (), ()
+    return document.get("joints", ()), arrays.get("interval/levels", ())
 
 
 def _header(path: Path) -> list[str]:

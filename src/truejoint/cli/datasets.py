@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Annotated
 
 import typer
@@ -26,13 +27,9 @@ def listing(context: typer.Context, as_json: Json = False) -> None:
         return
     table = Table("name", "what", "MB", "licence", "here")
     for dataset in known:
-        table.add_row(
-            dataset.name,
-            dataset.title,
-            f"{dataset.size / 1e6:.1f}",
-            dataset.licence or "none stated",
-            "yes" if _here(dataset) else "no",
-        )
+        size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
+        here = "yes" if _here(dataset) else "no"
+        table.add_row(dataset.name, dataset.title, size, licence, here)
     out.print(table)
 
 
@@ -68,11 +65,9 @@ def get(
 
 
 def _here(dataset: truejoint.recordings.datasets.Dataset) -> bool:
-    try:
-        truejoint.recordings.datasets.locate(dataset.name)
-    except RecordingError:
-        return False
-    return True
+    with suppress(RecordingError):
+        return bool(truejoint.recordings.datasets.locate(dataset.name))
+    return False
 
 
 def _facts(dataset: truejoint.recordings.datasets.Dataset) -> dict[str, object]:

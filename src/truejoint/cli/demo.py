@@ -39,33 +39,22 @@ def demo(
     arm.home()
     say(f"   {arm.operating_state()}")
 
-    say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
-    paths = {
-        f"zigzag_{DIRECTION}_1_{n}": truejoint.motion.zigzag(arm.robot, DIRECTION, 1 / n)
-        for n in SPARSITIES
-    }
-    motion = truejoint.motion.random_motion(arm.robot, seed=seed)
-    training = []
-    for name, path in paths.items():
-        path.save(folder / f"{name}.csv", overwrite=True)
-        recording, report = record(
-            arm,
-            path,
-            folder / f"{name}.parquet",
-            label=f"   Following {name}",
-        )
+    def recorded(path: truejoint.motion.Trajectory, name: str, label: str) -> truejoint.Recording:
+        truejoint.motion.write_trajectory(path, folder / f"{name}.csv", overwrite=True)
+        recording, report = record(arm, path, folder / f"{name}.parquet", label=label)
         say(f"   {len(recording)} rows; {report}")
-        training.append(recording)
+        return recording
+
+    say(f"2. Zig-zags in direction {DIRECTION}, temporary encoders on the joints")
+    training = []
+    for n in SPARSITIES:
+        name = f"zigzag_{DIRECTION}_1_{n}"
+        path = truejoint.motion.zigzag(arm.robot, DIRECTION, 1 / n)
+        training.append(recorded(path, name, f"   Following {name}"))
 
     say("3. Twenty minutes of random motion, which the model will never see")
-    motion.save(folder / "random.csv", overwrite=True)
-    test, report = record(
-        arm,
-        motion,
-        folder / "random.parquet",
-        label="   Following the random motion",
-    )
-    say(f"   {len(test)} rows; {report}")
+    motion = truejoint.motion.random_motion(arm.robot, seed=seed)
+    test = recorded(motion, "random", "   Following the random motion")
 
     say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")
     model, _ = fit(training, configured("dnn", []), random_state=seed)
@@ -79,19 +68,13 @@ def demo(
         result_json(result.to_dict())
     else:
         show(result)
-        _tell_what_next(folder)
+        out.print(
+            f"\nOpen {folder / 'report.html'} in a browser.\n"
+            f"Correct a recording in Python:\n"
+            f"  import truejoint\n"
+            f"  model = truejoint.read_calibration({str(folder / 'left_arm.safetensors')!r})\n"
+            f"  recording = truejoint.read_recording({str(folder / 'random.parquet')!r})\n"
+            f"  corrected = model.correct(recording)  # shoulder, elbow [rad], insertion [m]",
+        )
     if not result.verdict.passed:
         raise typer.Exit(CHECK_FAILED)
-
-
-def _tell_what_next(folder: Path) -> None:
-    out.print(
-        f"\nOpen {folder / 'report.html'} in a browser.\n"
-        f"Correct a recording in Python:\n"
-        f"  import truejoint\n"
-        f"  model = truejoint.read_calibration({str(folder / 'left_arm.safetensors')!r})\n"
-        f"  recording = truejoint.read_recording({str(folder / 'random.parquet')!r})\n"
-        f"  corrected = model.correct(recording)  # shoulder, elbow [rad], insertion [m]",
-        highlight=False,
-        markup=False,
-    )

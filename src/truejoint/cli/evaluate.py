@@ -92,13 +92,9 @@ def report_evaluation(
         checks = {"test": check_data(testing, calibration=model)}
         if training:
             checks["training"] = check_data(training, joints=model.joints)
+        command = command_line()
         truejoint.write_report(
-            result,
-            path,
-            training=training,
-            checks=checks,
-            command=command_line(),
-            overwrite=force,
+            result, path, training=training, checks=checks, command=command, overwrite=force
         )
 
 
@@ -107,12 +103,11 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
     out.print(truejoint.evaluation.score_table(result))
     for name, note in result.baseline_notes.items():
         say(f"{name}: {note}")
+    if result.intervals:
+        out.print(truejoint.evaluation.interval_table(result))
     if result.intervals or result.interval_objections:
-        if result.intervals:
-            out.print(truejoint.evaluation.interval_table(result))
         for line in (result.interval_note, *result.interval_objections):
             say(line)
-    colour = "green" if result.verdict.passed else "red"
-    out.print(result.verdict.text, style=colour)
+    out.print(result.verdict.text, style="green" if result.verdict.passed else "red")
     for line in (*result.verdict.objections, *result.verdict.remarks):
         out.print(f"  {line}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -21,10 +22,7 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 class Files:
     """What a person says of recordings whose files do not say it themselves.
 
-    Raises
-    ------
-    RobotError, RecordingError
-        If there is no such robot, arm or format.
+    Raises RobotError or RecordingError if there is no such robot, arm or format.
     """
 
     format: str | None = None
@@ -51,25 +49,10 @@ class Files:
     ) -> Read:
         """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
 
-        What is given back reads them; what can be refused before is refused here.
-
-        Parameters
-        ----------
-        names : sequence of str
-        part : str, optional
-            Part of each recording by time, ``FROM:TO``.
-        split : str, optional
-            Recommended split of the data set that `names` is.
-        held_out : bool
-            Which side of the split: the recordings to judge on, or those to train on.
-        joints : sequence of str
-            Joints that the robot must have.
-
-        Raises
-        ------
-        RecordingError, RobotError
-            If one is not there or is named twice, the part is not ``FROM:TO``, or a joint is
-            unknown.
+        What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
+        set's recommended `split`, that to judge on if `held_out`. Raises RecordingError or
+        RobotError here if one is not there or is named twice, the part is not ``FROM:TO``, or the
+        robot lacks one of the `joints`.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -86,10 +69,9 @@ class Files:
             what = names[0] if len(names) == 1 else f"{len(names)} recordings"
             with progress(f"Reading {what}") as done:
                 for count, reader in enumerate(readers, 1):
-                    fresh = reader()
-                    for recording in fresh:
+                    recordings += reader()
+                    for recording in recordings:
                         recording.robot.index(list(joints))
-                    recordings += fresh
                     done(count / len(names))
             for recording in recordings:
                 say_dropped(recording)
@@ -131,11 +113,10 @@ def say_dropped(recording: truejoint.Recording) -> None:
 
 def only_dataset(names: Sequence[str]) -> str | None:
     """Name the public data set that all of `names` are of; None when they are not."""
-    sets = {name.partition(":")[0] for name in names}
-    if len(sets) == 1 and not any(Path(name).exists() for name in names):
-        name = sets.pop()
-        return name if name in truejoint.recordings.datasets.DATASETS else None
-    return None
+    first, *others = {name.partition(":")[0] for name in names}
+    if others or any(Path(name).exists() for name in names):
+        return None
+    return first if first in truejoint.recordings.datasets.DATASETS else None
 
 
 def check_free(path: Path, force: bool, option: str = "--out") -> None:
@@ -174,15 +155,13 @@ def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
 def parse_part(text: str) -> tuple[float, float]:
     """Read ``"0.7:1"``; raises RecordingError when they are not 0 <= from < to <= 1."""
     first, separator, last = text.partition(":")
-    try:
+    with suppress(ValueError):
         begin, end = float(first or 0), float(last or 1)
-    except ValueError:
-        separator = ""
-    if not separator or not 0 <= begin < end <= 1:
-        raise RecordingError(
-            f"--part {text!r}: write FROM:TO with 0 <= FROM < TO <= 1, for instance 0.7:1"
-        )
-    return begin, end
+        if separator and 0 <= begin < end <= 1:
+            return begin, end
+    raise RecordingError(
+        f"--part {text!r}: write FROM:TO with 0 <= FROM < TO <= 1, for instance 0.7:1"
+    )
 
 
 def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
@@ -196,13 +175,11 @@ def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str
         if joint not in units:
             raise RecordingError(f"--tolerance {text!r}: {unknown('joint', joint, units)}")
         shown = display_unit(units[joint])
-        try:
+        value = 0.0
+        with suppress(ValueError):
             value = float(number.removesuffix(shown.name))
-        except ValueError:
-            value = 0.0
         if not value > 0:
-            raise RecordingError(
-                f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
-            )
+            message = f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
+            raise RecordingError(message)
         tolerances[joint] = value / shown.scale
     return tolerances

@@ -81,9 +81,7 @@ def study(
         for table in result.summary.tables:
             out.print(table.rich())
         for claim in result.summary.claims:
-            out.print(
-                f"{claim.verdict}: {claim.text}: {claim.found}", highlight=False, markup=False
-            )
+            out.print(f"{claim.verdict}: {claim.text}: {claim.found}")
     say(f"{len(result.parts)} parts, {result.computed} of them computed now")
     say(f"Written: {', '.join(str(path) for path in files)}")
 
@@ -97,19 +95,15 @@ def _parsed(texts: list[str]) -> dict[str, str]:
 
 
 def _list(*, as_json: bool) -> None:
-    listed = {
-        s.name: {
-            "title": s.title,
-            "source": s.source or "ours",
-            "options": {option.name: shown(option.default) for option in s.options},
-        }
-        for s in STUDIES.values()
-    }
+    listed = {}
+    for s in STUDIES.values():
+        options, source = {o.name: shown(o.default) for o in s.options}, s.source or "ours"
+        listed[s.name] = {"title": s.title, "source": source, "options": options}
     if as_json:
         result_json(listed)
         return
     for s in STUDIES.values():
-        out.print(f"{s.name}: {s.title} ({s.source or 'ours'})", style="bold", highlight=False)
+        out.print(f"{s.name}: {s.title} ({s.source or 'ours'})", style="bold")
         for option in s.options:
             text = f"    --set {option.name}={shown(option.default)}  {option.meaning}"
-            out.print(text, highlight=False, markup=False, soft_wrap=True)
+            out.print(text, soft_wrap=True)

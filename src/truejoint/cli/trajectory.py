@@ -26,12 +26,10 @@ Plot = Annotated[
 def parse_sparsity(text: str) -> float:
     """Read ``"1/4"`` or ``"0.25"``; raises TrajectoryError when it is neither."""
     try:
-        value = float(Fraction(text))
+        return float(Fraction(text))
     except (ValueError, ZeroDivisionError):
-        raise TrajectoryError(
-            f"sparsity {text!r} is not a number; write it as 1/4 or 0.25"
-        ) from None
-    return value
+        message = f"sparsity {text!r} is not a number; write it as 1/4 or 0.25"
+        raise TrajectoryError(message) from None
 
 
 @app.command(
@@ -84,10 +82,7 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show the range, the length and the duration of a trajectory."""
-    trajectory = truejoint.motion.Trajectory.load(path)
-    if plot is not None:
-        trajectory.plot_3d(plot)
-    _describe(trajectory, truejoint.get_robot(robot, arm), as_json)
+    _tell(truejoint.motion.read_trajectory(path), truejoint.get_robot(robot, arm), plot, as_json)
 
 
 def _save(
@@ -98,38 +93,38 @@ def _save(
     force: bool,
     as_json: bool,
 ) -> None:
-    trajectory.save(output, overwrite=force)
+    truejoint.motion.write_trajectory(trajectory, output, overwrite=force)
     say(f"wrote {output}")
-    if plot is not None:
-        trajectory.plot_3d(plot)
-        say(f"wrote {plot}")
-    _describe(trajectory, robot, as_json)
+    _tell(trajectory, robot, plot, as_json)
 
 
-def _describe(
-    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot, as_json: bool
+def _tell(
+    trajectory: truejoint.motion.Trajectory,
+    robot: truejoint.robots.Robot,
+    plot: Path | None,
+    as_json: bool,
 ) -> None:
-    lower, upper = trajectory.positions.min(axis=0), trajectory.positions.max(axis=0)
-    path_length = abs(trajectory.positions[1:] - trajectory.positions[:-1]).sum(axis=0)
+    """Draw it where that is asked for, and say how far and how long it goes."""
+    if plot is not None:
+        truejoint.motion.plot_trajectories([trajectory], plot)
+        say(f"wrote {plot}")
+    q = trajectory.positions
+    ranges = {
+        "lower": q.min(axis=0),
+        "upper": q.max(axis=0),
+        "path_length": abs(q[1:] - q[:-1]).sum(axis=0),
+    }
     duration = truejoint.motion.nominal_duration(trajectory, robot)
     if as_json:
-        result_json(
-            {
-                "name": trajectory.name,
-                "joints": list(trajectory.joints),
-                "lower": lower.tolist(),
-                "upper": upper.tolist(),
-                "path_length": path_length.tolist(),
-                "duration": duration,
-            }
-        )
+        result = {"name": trajectory.name, "joints": list(trajectory.joints)}
+        plain = {name: values.tolist() for name, values in ranges.items()}
+        result_json({**result, **plain, "duration": duration})
         return
     table = Table(
         "joint", "from", "to", "path", "unit", title=trajectory.name, title_justify="left"
     )
-    for k, name in enumerate(trajectory.joints):
+    for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
         shown = display_unit(robot.joint(name).unit)
-        row = (lower[k], upper[k], path_length[k])
-        table.add_row(name, *(f"{value * shown.scale:.2f}" for value in row), shown.name)
+        table.add_row(name, *(f"{value * shown.scale:.2f}" for value in values), shown.name)
     out.print(table)
-    out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}", highlight=False)
+    out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}")

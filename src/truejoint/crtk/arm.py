@@ -8,16 +8,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.crtk.backends.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
-from truejoint.crtk.limits import check_range, check_steps
+from truejoint.crtk.limits import check_range, check_steps, shown
 from truejoint.crtk.messages import Array, JointState, OperatingState
 from truejoint.crtk.planning import time_law
+from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
 from truejoint.crtk.states import check_ready, next_state
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import checked_rows, checked_vector
-from truejoint.units import display_unit
 
 # Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
 # (python_controller/raven_py_controller.py: positioning joints) and turns the tool
@@ -25,6 +24,7 @@ from truejoint.units import display_unit
 _MOVE_POSITIONING: Final = np.deg2rad(3.0)
 _MOVE_TOOL: Final = np.deg2rad(10.0)
 _MOVE_PRISMATIC: Final = 0.01
+_BLOCK: Final = int(BLOCK_DURATION * SERVO_RATE)  # rows
 
 
 class Arm:
@@ -39,6 +39,11 @@ class Arm:
     backend : Backend
         For instance from `truejoint.crtk.simulated_arm`, which makes the arm as well.
 
+    Attributes
+    ----------
+    robot : Robot
+        What the arm is: joints, limits, kinematics.
+
     References
     ----------
     collaborative-robotics/documentation:docs/pages/api-robot-motion.rst
@@ -52,17 +57,12 @@ class Arm:
 
     def __init__(self, backend: Backend) -> None:
         self._backend = backend
-        self._robot = backend.robot
-        self._joint_channels = [self._robot.channels.index(n) for n in self._robot.joint_names]
+        self.robot: Final[Robot] = backend.robot
+        self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._listeners: list[Listener] = []
         self._latest: StateBlock | None = None
         self._moving = False
         backend.connect(self._on_block)
-
-    @property
-    def robot(self) -> Robot:
-        """What the arm is: joints, limits, kinematics."""
-        return self._robot
 
     @property
     def time(self) -> float:
@@ -74,8 +74,6 @@ class Arm:
         """Name of the homing that positions count from, for the provenance of a recording."""
         return self._backend.homing_id
 
-    # ------------------------------------------------------------------ state
-
     def operating_state(self) -> OperatingState:
         """State, whether homed, whether busy, with a time stamp."""
         now = self._backend.operating_state()
@@ -84,10 +82,7 @@ class Arm:
     def state_command(self, command: str) -> None:
         """Send ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``; blocks.
 
-        Raises
-        ------
-        CommandRefused
-            If the state machine does not allow it now; the message says what to send first.
+        Raises CommandRefused if it is not allowed now; the message says what to send first.
         """
         next_state(self.operating_state(), command)
         self._backend.state_command(command)  # type: ignore[arg-type]  # next_state knows it
@@ -118,15 +113,10 @@ class Arm:
         """Forget the registration of the motor encoders."""
         self.state_command("unhome")
 
-    # --------------------------------------------------------------- measured
-
     def measured_js(self) -> JointState:
         """Position, velocity and effort of every joint as measured at the motors.
 
-        Raises
-        ------
-        CommandRefused
-            Before homing: there is nothing valid to report.
+        Raises CommandRefused before homing: there is nothing valid to report.
         """
         block = self._valid("measured_js")
         return self._joint_state(block, block.measured, block.velocity)
@@ -134,43 +124,32 @@ class Arm:
     def setpoint_js(self) -> JointState:
         """Latest set-point, its velocity and the effort command; refused before homing."""
         block = self._valid("setpoint_js")
-        velocity = np.zeros_like(block.setpoint)
-        velocity[1:] = np.diff(block.setpoint, axis=0) * SERVO_RATE
+        velocity = np.diff(block.setpoint, axis=0, prepend=block.setpoint[:1]) * SERVO_RATE
         return self._joint_state(block, block.setpoint, velocity)
 
     def measured_cp(self) -> Array:
-        """Tool pose (4, 4) [m] in the frame of the robot's CRTK topics.
+        """Tool pose (4, 4) [m] in the frame of the robot's CRTK topics, of `measured_js`.
 
-        Forward kinematics of `measured_js`.
-
-        Raises
-        ------
-        RobotError
-            If the robot's kinematics are not known.
+        Raises RobotError if the robot's kinematics are not known.
         """
-        if self._robot.kinematics is None:
-            raise RobotError(f"measured_cp: the kinematics of {self._robot.title} are not known")
-        kinematics = self._robot.kinematics
-        return np.asarray(
-            kinematics.crtk_from_base @ kinematics.forward(self.measured_js().position)
-        )
-
-    # ----------------------------------------------------------------- motion
+        kinematics = self.robot.kinematics
+        if kinematics is None:
+            raise RobotError(f"measured_cp: the kinematics of {self.robot.title} are not known")
+        pose = kinematics.forward(self.measured_js().position)
+        return np.asarray(kinematics.crtk_from_base @ pose)
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
 
-        Raises
-        ------
-        CommandRefused
-            If the arm is not ready, or on NaN, wrong shape, a joint limit or too large a step.
+        Raises CommandRefused if the arm is not ready, or on NaN, wrong shape, a joint limit or too
+        large a step.
         """
-        target = checked_vector(self._robot, position, "servo_jp")
+        target = checked_vector(self.robot, position, "servo_jp")
         self._stream(target[None], "servo_jp")
 
     def servo_jr(self, increment: ArrayLike) -> None:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
-        step = checked_vector(self._robot, increment, "servo_jr")
+        step = checked_vector(self.robot, increment, "servo_jr")
         check_ready(self.operating_state(), "servo_jr")
         self._stream((self.setpoint_js().position + step)[None], "servo_jr")
 
@@ -179,7 +158,7 @@ class Arm:
 
         The whole stream is checked before its first sample is sent; raises as `servo_jp`.
         """
-        rows = checked_rows(self._robot, positions, "servo_jp_stream")
+        rows = checked_rows(self.robot, positions, "servo_jp_stream")
         self._stream(rows, "servo_jp_stream")
 
     def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> None:
@@ -200,9 +179,9 @@ class Arm:
         CommandRefused
             As `servo_jp`, or if a speed is not positive or above the joint's top speed.
         """
-        target = checked_vector(self._robot, goal, "move_jp")
+        target = checked_vector(self.robot, goal, "move_jp")
         caps = self._move_speed(speed)
-        check_range(self._robot, target[None], "move_jp")
+        check_range(self.robot, target[None], "move_jp")
         check_ready(self.operating_state(), "move_jp")
         law = time_law(np.vstack([self.setpoint_js().position, target]), caps)
         self._moving = True
@@ -224,13 +203,8 @@ class Arm:
             self._backend.wait(float(duration))
             return
         hold = self.setpoint_js().position
-        left = round(duration * SERVO_RATE)
-        while left > 0:
-            rows = min(left, int(BLOCK_DURATION * SERVO_RATE))
-            self._send(np.broadcast_to(hold, (rows, len(hold))).copy(), "wait")
-            left -= rows
-
-    # ---------------------------------------------------------------- streams
+        for left in range(round(duration * SERVO_RATE), 0, -_BLOCK):
+            self._send(np.tile(hold, (min(left, _BLOCK), 1)), "wait")
 
     def subscribe(self, callback: Listener) -> None:
         """Call `callback` with every StateBlock and TruthBlock from now on, in time order."""
@@ -240,8 +214,6 @@ class Arm:
         """Stop calling `callback`; one that is not subscribed is left alone."""
         if callback in self._listeners:
             self._listeners.remove(callback)
-
-    # ---------------------------------------------------------------- private
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
@@ -256,22 +228,16 @@ class Arm:
         return self._latest
 
     def _joint_state(self, block: StateBlock, position: Array, velocity: Array) -> JointState:
-        columns = self._joint_channels
-        return JointState(
-            float(block.t[-1]),
-            self._robot.joint_names,
-            position[-1, columns],
-            velocity[-1, columns],
-            block.effort[-1, columns] if block.effort.shape[1] else np.empty(0),
-        )
+        t, names, columns = float(block.t[-1]), self.robot.joint_names, self._joint_channels
+        effort = block.effort[-1, columns] if block.effort.shape[1] else np.empty(0)
+        return JointState(t, names, position[-1, columns], velocity[-1, columns], effort)
 
     def _stream(self, rows: Array, command: str) -> None:
         check_ready(self.operating_state(), command)
-        check_range(self._robot, rows, command)
-        check_steps(self._robot, self.setpoint_js().position, rows, command)
-        size = int(BLOCK_DURATION * SERVO_RATE)
-        for start in range(0, len(rows), size):
-            self._send(rows[start : start + size], command)
+        check_range(self.robot, rows, command)
+        check_steps(self.robot, self.setpoint_js().position, rows, command)
+        for start in range(0, len(rows), _BLOCK):
+            self._send(rows[start : start + _BLOCK], command)
 
     def _send(self, rows: Array, command: str) -> None:
         # A subscriber may have paused the arm since the last block.
@@ -281,23 +247,20 @@ class Arm:
         self._backend.servo_jp(rows)
 
     def _move_speed(self, speed: ArrayLike | None) -> Array:
-        joints = self._robot.joints
+        joints = self.robot.joints
         top = np.array([joint.max_speed for joint in joints])
         if speed is None:
-            default = [
-                _MOVE_PRISMATIC
-                if joint.kind == "prismatic"
-                else (_MOVE_POSITIONING if joint.name in self._robot.positioning else _MOVE_TOOL)
-                for joint in joints
-            ]
-            return np.asarray(np.minimum(default, top))
-        caps = checked_vector(self._robot, speed, "move_jp speed")
+            positioning = [joint.name in self.robot.positioning for joint in joints]
+            turning = np.where(positioning, _MOVE_POSITIONING, _MOVE_TOOL)
+            sliding = [joint.kind == "prismatic" for joint in joints]
+            return np.asarray(np.minimum(np.where(sliding, _MOVE_PRISMATIC, turning), top))
+        caps = checked_vector(self.robot, speed, "move_jp speed")
         wrong = ~((caps > 0.0) & (caps <= top))
         if wrong.any():
             joint, cap = joints[int(np.argmax(wrong))], float(caps[np.argmax(wrong)])
-            unit = display_unit(joint.unit + "/s")
+            unit = joint.unit + "/s"
             raise CommandRefused(
-                f"move_jp refused: speed of {joint.name} is {cap * unit.scale:.4g} {unit.name}; "
-                f"want more than 0 and at most {joint.max_speed * unit.scale:.4g} {unit.name}"
+                f"move_jp refused: speed of {joint.name} is {shown(cap, unit)}; want more than 0 "
+                f"and at most {shown(joint.max_speed, unit)}"
             )
         return caps

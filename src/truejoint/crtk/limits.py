@@ -6,10 +6,10 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.crtk.backends.protocol import SERVO_RATE
 from truejoint.crtk.messages import Array
+from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.errors import CommandRefused
-from truejoint.robots import Joint, Robot
+from truejoint.robots import Robot
 from truejoint.robots.joint_rows import at_sample
 from truejoint.units import display_unit
 
@@ -25,25 +25,17 @@ def check_range(robot: Robot, rows: Array, command: str) -> None:
     row, column = np.argwhere(outside)[0]
     joint = robot.joints[column]
     raise CommandRefused(
-        f"{command} refused: {joint.name} at {shown(joint, rows[row, column])}"
-        f"{at_sample(row, rows)} is outside its range {shown_range(joint)}; stay inside, "
-        "in rad and m"
+        f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
+        f"{at_sample(row, rows)} is outside its range "
+        f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
     )
 
 
 def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
     """Raise CommandRefused if a joint would step faster than its top speed.
 
-    Parameters
-    ----------
-    robot : Robot
-        `Joint.max_speed` gives the largest step in one period of the servo loop.
-    start : ndarray, shape (n_joints,)
-        Set-point before the first row [rad or m].
-    rows : ndarray, shape (n, n_joints)
-        Set-points at `SERVO_RATE` [rad or m].
-    command : str
-        Named in the message.
+    `rows` (n, n_joints) are set-points [rad or m] at `SERVO_RATE`, `start` (n_joints,) is the one
+    before.
     """
     limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
     step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
@@ -52,20 +44,20 @@ def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
         return
     row, column = np.argwhere(excess)[0]
     joint = robot.joints[column]
+    taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
     raise CommandRefused(
-        f"{command} refused: {joint.name} would step by {shown(joint, step[row, column])} in 1 ms"
-        f"{at_sample(row, rows)}, more than {shown(joint, limit[column])}; send smaller steps "
-        "or move_jp"
+        f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
+        f"more than {most}; send smaller steps or move_jp"
     )
 
 
-def shown(joint: Joint, value: float) -> str:
-    """Position of `joint` as a person reads it, for instance ``"92.5 deg"``."""
-    unit = display_unit(joint.unit)
-    return f"{value * unit.scale:.4g} {unit.name}"
+def shown(value: float, unit: str) -> str:
+    """Quantity in `unit` (SI) as a person reads it, for instance ``"92.5 deg"``."""
+    display = display_unit(unit)
+    return f"{value * display.scale:.4g} {display.name}"
 
 
-def shown_range(joint: Joint) -> str:
-    """Range of `joint` as a person reads it, for instance ``"[0, 90] deg"``."""
-    unit = display_unit(joint.unit)
-    return f"[{joint.lower * unit.scale:.4g}, {joint.upper * unit.scale:.4g}] {unit.name}"
+def shown_range(low: float, high: float, unit: str) -> str:
+    """Range in `unit` (SI) as a person reads it, for instance ``"[0, 90] deg"``."""
+    display = display_unit(unit)
+    return f"[{low * display.scale:.4g}, {high * display.scale:.4g}] {display.name}"

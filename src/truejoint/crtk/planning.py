@@ -9,8 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.crtk.backends.protocol import BLOCK_DURATION, SERVO_RATE
 from truejoint.crtk.messages import Array
+from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE
 
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
@@ -75,9 +75,8 @@ class TimeLaw:
 
     def blocks(self) -> Iterator[Array]:
         """Set-points (m, n_joints) at `SERVO_RATE` from the first period to rest, by blocks."""
-        total = int(np.ceil(self.duration * SERVO_RATE - 1e-6))
-        size = int(BLOCK_DURATION * SERVO_RATE)
-        for start in range(0, total, size):
+        total, size = np.ceil(self.duration * SERVO_RATE - 1e-6), int(BLOCK_DURATION * SERVO_RATE)
+        for start in range(0, int(total), size):
             yield self.at(np.arange(start + 1, min(start + size, total) + 1) / SERVO_RATE)
 
     def _integral_to(self, t: Array) -> Array:

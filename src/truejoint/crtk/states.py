@@ -20,6 +20,7 @@ _LEADS_TO: Final[dict[str, tuple[frozenset[State], State]]] = {
     "pause": (frozenset({"ENABLED", "PAUSED"}), "PAUSED"),
     "resume": (frozenset({"PAUSED", "ENABLED"}), "ENABLED"),
 }
+_ENABLED: Final = frozenset[State]({"ENABLED"})
 _WAY_OUT: Final[dict[State, str]] = {
     "DISABLED": "send 'enable' first",
     "ENABLED": "no command is needed",
@@ -29,55 +30,38 @@ _WAY_OUT: Final[dict[State, str]] = {
 
 
 def next_state(now: OperatingState, command: str) -> OperatingState:
-    """State that `command` leads to once it has been carried out.
+    """State that one of `STATE_COMMANDS` leads to once carried out, with the time stamp of `now`.
 
-    Parameters
-    ----------
-    now : OperatingState
-    command : str
-        One of `STATE_COMMANDS`.
-
-    Returns
-    -------
-    OperatingState
-        With the time stamp of `now`.
-
-    Raises
-    ------
-    CommandRefused
-        If the command is unknown or not allowed now; the message says what to send first.
-
-    References
-    ----------
-    collaborative-robotics/documentation:docs/pages/api-operating-state.rst
+    Raises CommandRefused if the command is unknown or not allowed now, saying what to send first;
+    as in collaborative-robotics/documentation:docs/pages/api-operating-state.rst.
     """
     if command in _LEADS_TO:
         allowed, target = _LEADS_TO[command]
-        if now.state not in allowed:
-            raise CommandRefused(
-                f"{command!r} refused: the arm is {now.state}; {_WAY_OUT[now.state]}"
-            )
+        _check(now, f"{command!r}", allowed)
         return replace(now, state=target)
+    if command not in STATE_COMMANDS:
+        raise CommandRefused(
+            f"state command {command!r} refused: unknown; send one of {', '.join(STATE_COMMANDS)}"
+        )
     if command == "home":
-        if now.state != "ENABLED":
-            raise CommandRefused(f"'home' refused: the arm is {now.state}; {_WAY_OUT[now.state]}")
-        if now.is_busy:
-            raise CommandRefused("'home' refused: the arm is busy; wait for the move to end")
-        return replace(now, is_homed=True)
-    if command == "unhome":
-        if now.is_busy:
-            raise CommandRefused("'unhome' refused: the arm is busy; wait for the move to end")
-        return replace(now, is_homed=False)
-    raise CommandRefused(
-        f"state command {command!r} refused: unknown; send one of {', '.join(STATE_COMMANDS)}"
-    )
+        _check(now, f"{command!r}", _ENABLED)
+    _check_idle(now, f"{command!r}")
+    return replace(now, is_homed=command == "home")
 
 
 def check_ready(now: OperatingState, command: str) -> None:
     """Raise CommandRefused unless a motion command may be sent now."""
-    if now.state != "ENABLED":
-        raise CommandRefused(f"{command} refused: the arm is {now.state}; {_WAY_OUT[now.state]}")
+    _check(now, command, _ENABLED)
     if not now.is_homed:
         raise CommandRefused(f"{command} refused: the arm is not homed; send 'home' first")
+    _check_idle(now, command)
+
+
+def _check(now: OperatingState, command: str, allowed: frozenset[State]) -> None:
+    if now.state not in allowed:
+        raise CommandRefused(f"{command} refused: the arm is {now.state}; {_WAY_OUT[now.state]}")
+
+
+def _check_idle(now: OperatingState, command: str) -> None:
     if now.is_busy:
         raise CommandRefused(f"{command} refused: the arm is busy; wait for the move to end")

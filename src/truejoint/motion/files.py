@@ -6,7 +6,7 @@ import json
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 import pandas as pd
@@ -27,8 +27,63 @@ _MAX_COLUMNS: Final = 65
 _MAX_HEADER: Final = 1 << 16
 
 
-def write_csv(trajectory: Trajectory, path: Path, *, overwrite: bool) -> None:
-    """Write atomically; see `Trajectory.save`."""
+def write_trajectory(
+    trajectory: Trajectory,
+    path: str | Path,
+    *,
+    layout: Literal["own", "lab"] = "own",
+    overwrite: bool = False,
+) -> None:
+    """Write a trajectory as CSV, whole or not at all.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+    path : str or Path
+    layout : {"own", "lab"}
+        ``"own"``: one ``#`` line of provenance, a header, then values in full precision. ``"lab"``:
+        a path as the follower of uw-biorobotics/raven2_CRTK_Python_controller reads it, shoulder
+        [rad], elbow [rad] and insertion [m] without a header, points at most a thousandth of each
+        joint's range apart (traj_generator/snake_generator.py).
+    overwrite : bool
+        Whether a file that is there may be replaced.
+
+    Raises
+    ------
+    TrajectoryError
+        If the file exists and `overwrite` is false, or cannot be written; for ``"lab"`` also if
+        the trajectory has times or other joints.
+
+    Examples
+    --------
+    >>> path = zigzag(truejoint.get_robot("raven2"), "J2-J3")
+    >>> write_trajectory(path, "zigzag.csv")  # doctest: +SKIP
+    """
+    path = Path(path)
+    if layout not in ("own", "lab"):
+        raise TrajectoryError(f"layout {layout!r:.60}; write 'own' or 'lab'")
+    if layout == "lab":
+        if (trajectory.joints, trajectory.units) != (_LAB_JOINTS, _LAB_UNITS):
+            raise TrajectoryError(
+                f"{path}: the laboratory's files hold {', '.join(_LAB_JOINTS)} in rad, rad, m; "
+                f"{trajectory.name} has {', '.join(trajectory.joints)}"
+            )
+        first, table = "", pd.DataFrame(trajectory.densified(1e-3).positions)
+    else:
+        first = _header(trajectory, path)
+        table = pd.DataFrame(trajectory.positions, columns=list(trajectory.joints))
+        if trajectory.times is not None:
+            table.insert(0, "t", trajectory.times)
+
+    def write(part: Path) -> None:
+        with part.open("w", encoding="utf-8", newline="") as file:
+            file.write(first)
+            table.to_csv(file, index=False, header=bool(first), lineterminator="\n")
+
+    write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
+
+
+def _header(trajectory: Trajectory, path: Path) -> str:
     header = {
         "format": _FORMAT,
         "name": trajectory.name,
@@ -41,35 +96,23 @@ def write_csv(trajectory: Trajectory, path: Path, *, overwrite: bool) -> None:
         raise TrajectoryError(f"{path}: meta cannot be written as JSON: {error}") from None
     if len(text) + len(_MARK) >= _MAX_HEADER:
         raise TrajectoryError(f"{path}: meta takes {len(text)} characters; keep it below 64 kB")
-    table = pd.DataFrame(trajectory.positions, columns=list(trajectory.joints))
-    if trajectory.times is not None:
-        table.insert(0, "t", trajectory.times)
-    _write(table, path, f"{_MARK}{text}\n", overwrite=overwrite)
+    return f"{_MARK}{text}\n"
 
 
-def write_lab(trajectory: Trajectory, path: Path, *, overwrite: bool) -> None:
-    """Write the laboratory's layout; see `Trajectory.save_lab`."""
-    if (trajectory.joints, trajectory.units) != (_LAB_JOINTS, _LAB_UNITS):
-        raise TrajectoryError(
-            f"{path}: the laboratory's files hold {', '.join(_LAB_JOINTS)} in rad, rad, m; "
-            f"{trajectory.name} has {', '.join(trajectory.joints)}"
-        )
-    _write(pd.DataFrame(trajectory.densified(1e-3).positions), path, "", overwrite=overwrite)
+def read_trajectory(path: str | Path) -> Trajectory:
+    """Read a CSV of either layout of `write_trajectory`, found from its first line.
 
+    Raises
+    ------
+    TrajectoryError
+        If the file is missing, too large, damaged or of another layout.
 
-def _write(table: pd.DataFrame, path: Path, first: str, *, overwrite: bool) -> None:
-    """Write `first`, then `table` (with its header only if `first` says something)."""
-
-    def write(part: Path) -> None:
-        with part.open("w", encoding="utf-8", newline="") as file:
-            file.write(first)
-            table.to_csv(file, index=False, header=bool(first), lineterminator="\n")
-
-    write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
-
-
-def read_csv(path: Path) -> Trajectory:
-    """Read either layout; see `Trajectory.load`."""
+    Examples
+    --------
+    >>> read_trajectory("zigzag.csv").units  # doctest: +SKIP
+    ('rad', 'rad', 'm')
+    """
+    path = Path(path)
     try:
         size = path.stat().st_size
         with path.open(encoding="utf-8", newline="") as file:
@@ -80,9 +123,10 @@ def read_csv(path: Path) -> Trajectory:
         raise TrajectoryError(f"{path}: is not text; want a trajectory CSV") from None
     if size > _MAX_BYTES:
         raise TrajectoryError(f"{path}: {size} bytes is more than a trajectory may have (1 GiB)")
-    read = _read_own if first.startswith(_MARK) else _read_lab
     try:
-        return read(path, first, second)
+        if first.startswith(_MARK):
+            return _read_own(path, first, second)
+        return _read_lab(path, first)
     except TrajectoryError as error:
         raise TrajectoryError(f"{path}: {error}") from None
 
@@ -100,14 +144,9 @@ def _read_own(path: Path, first: str, second: str) -> Trajectory:
             f"columns {columns} do not match the joints {list(units)} of its first line"
         )
     values = _read_numbers(path, len(columns), skip=2)
-    return Trajectory(
-        joints,
-        tuple(units.values()),
-        values[:, 1:] if timed else values,
-        values[:, 0] if timed else None,
-        header["name"],
-        header["meta"],
-    )
+    times, positions = (values[:, 0], values[:, 1:]) if timed else (None, values)
+    kinds = tuple(units.values())
+    return Trajectory(joints, kinds, positions, times, header["name"], header["meta"])
 
 
 def _parse_header(first: str) -> dict[str, Any]:
@@ -116,18 +155,15 @@ def _parse_header(first: str) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise TrajectoryError("its first line is damaged; get the file again") from None
     kinds = {"format": int, "name": str, "units": dict, "meta": dict}
-    if not isinstance(header, dict) or any(
-        not isinstance(header.get(key), kind) for key, kind in kinds.items()
-    ):
+    known = header if isinstance(header, dict) else {}
+    if not all(isinstance(known.get(key), kind) for key, kind in kinds.items()):
         raise TrajectoryError(f"its first line must hold {', '.join(kinds)}")
-    if header["format"] > _FORMAT:
-        raise TrajectoryError(
-            f"format {header['format']} is newer than {_FORMAT}; update truejoint"
-        )
-    return header
+    if known["format"] > _FORMAT:
+        raise TrajectoryError(f"format {known['format']} is newer than {_FORMAT}; update truejoint")
+    return known
 
 
-def _read_lab(path: Path, first: str, _second: str) -> Trajectory:
+def _read_lab(path: Path, first: str) -> Trajectory:
     cells = first.strip().split(",")
     try:
         [float(cell) for cell in cells]

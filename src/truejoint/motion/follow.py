@@ -13,8 +13,7 @@ from truejoint.crtk import SERVO_RATE, Arm, StateBlock, TimeLaw, TruthBlock
 from truejoint.crtk.messages import Array
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, TrajectoryError
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import workspace_of
+from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 
@@ -66,25 +65,16 @@ class TrackingReport:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units."""
-        arrays = ("rms", "max", "setpoint_speed", "max_speed", "speed_caps")
-        return {
-            "name": self.name,
-            "joints": list(self.joints),
-            "units": list(self.units),
-            **{name: getattr(self, name).tolist() for name in arrays},
-            "duration": self.duration,
-            "kept_caps": self.kept_caps,
-        }
+        plain = {name: np.asarray(value).tolist() for name, value in vars(self).items()}
+        return {**plain, "kept_caps": self.kept_caps}
 
     def __str__(self) -> str:
         parts = []
-        for k, (joint, unit) in enumerate(zip(self.joints, self.units, strict=True)):
-            shown, speed = display_unit(unit), display_unit(unit + "/s")
-            parts.append(
-                f"{joint} {self.rms[k] * shown.scale:.3f} {shown.name} RMS "
-                f"({self.max[k] * shown.scale:.3f} max, up to "
-                f"{self.max_speed[k] * speed.scale:.2f} {speed.name})"
-            )
+        for k, joint in enumerate(self.joints):
+            unit = display_unit(self.units[k])
+            rms, most, speed = np.array([self.rms[k], self.max[k], self.max_speed[k]]) * unit.scale
+            up_to = f"{most:.3f} max, up to {speed:.2f} {unit.name}/s"
+            parts.append(f"{joint} {rms:.3f} {unit.name} RMS ({up_to})")
         return f"{self.name}, {self.duration / 60:.1f} min, tracking error: {'; '.join(parts)}"
 
 
@@ -147,10 +137,8 @@ def follow(
         sent, total = 0, law.duration * SERVO_RATE
         for block in law.blocks():
             rows = np.tile(pose, (len(block), 1))
-            steps = np.abs(
-                np.diff(block, axis=0, prepend=arm.setpoint_js().position[None, columns])
-            )
-            setpoint_speed = np.maximum(setpoint_speed, steps.max(axis=0) * SERVO_RATE)
+            steps = np.diff(block, axis=0, prepend=arm.setpoint_js().position[None, columns])
+            setpoint_speed = np.maximum(setpoint_speed, np.abs(steps).max(axis=0) * SERVO_RATE)
             rows[:, columns] = block
             arm.servo_jp_stream(rows)
             sent += len(rows)
@@ -158,15 +146,16 @@ def follow(
                 progress(min(sent / total, 1.0))
     finally:
         arm.unsubscribe(tally)
-    rms, largest, max_speed = tally.totals()
+    if tally.count == 0:
+        raise CommandRefused("follow ended without a state message; is the robot reporting?")
     return TrackingReport(
         name=trajectory.name,
         joints=trajectory.joints,
         units=trajectory.units,
-        rms=rms,
-        max=largest,
+        rms=np.sqrt(tally.squares / tally.count),
+        max=tally.max,
         setpoint_speed=setpoint_speed,
-        max_speed=max_speed,
+        max_speed=tally.max_speed,
         speed_caps=caps,
         duration=law.duration,
     )
@@ -200,8 +189,9 @@ def _timed(
     else:
         caps = _path_speed(robot, trajectory, speed) * speed_scale
         law = trajectory.time_law(caps)
-    if not np.all((caps <= top) & np.isfinite(caps)):
-        k = int(np.argmax(~((caps <= top) & np.isfinite(caps))))
+    fast = ~((caps <= top) & np.isfinite(caps))
+    if fast.any():
+        k = int(np.argmax(fast))
         unit = display_unit(trajectory.units[k] + "/s")
         raise TrajectoryError(
             f"{trajectory.name}: {trajectory.joints[k]} would move at {caps[k] * unit.scale:.4g} "
@@ -215,10 +205,9 @@ def _path_speed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -
     joints = trajectory.joints
     if speed is None:
         space = workspace_of(robot)
-        missing = [name for name in joints if name not in space.joints]
-        if missing:
+        if missing := ", ".join(name for name in joints if name not in space.joints):
             raise TrajectoryError(
-                f"{trajectory.name}: no speed cap is known for {', '.join(missing)}; give speed"
+                f"{trajectory.name}: no speed cap is known for {missing}; give speed"
             )
         return space.speed[[space.joints.index(name) for name in joints]]
     caps = np.asarray(speed, dtype=float)
@@ -230,35 +219,26 @@ def _path_speed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -
 
 
 class _Tally:
-    """Sums over the blocks of a run; keeps no block."""
+    """Sums over the blocks of a run, each (n_joints,); keeps no block."""
 
     def __init__(self, robot: Robot, joints: tuple[str, ...]) -> None:
         self._columns = [robot.channels.index(name) for name in joints]
-        self._count = 0
-        self._squares = np.zeros(len(joints))
-        self._max = np.zeros(len(joints))
-        self._max_speed = np.zeros(len(joints))
-        self._t = np.empty(0)
-        self._measured = np.empty((0, len(joints)))
+        self.count = 0
+        self.squares, self.max, self.max_speed = np.zeros((3, len(joints)))
+        self._t, self._measured = np.empty(0), np.empty((0, len(joints)))
 
     def __call__(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, TruthBlock):
             return
         measured = block.measured[:, self._columns]
         error = block.setpoint[:, self._columns] - measured
-        self._count += len(error)
-        self._squares += (error**2).sum(axis=0)
-        self._max = np.maximum(self._max, np.abs(error).max(axis=0))
+        self.count += len(error)
+        self.squares += (error**2).sum(axis=0)
+        self.max = np.maximum(self.max, np.abs(error).max(axis=0))
         t, path = np.concatenate([self._t, block.t]), np.vstack([self._measured, measured])
         window = int(_SPEED_WINDOW * SERVO_RATE)
         if len(t) > window:
             travel = np.abs(path[window:] - path[:-window])
             speed = (travel / (t[window:] - t[:-window])[:, None]).max(axis=0)
-            self._max_speed = np.maximum(self._max_speed, speed)
+            self.max_speed = np.maximum(self.max_speed, speed)
         self._t, self._measured = t[-window:].copy(), path[-window:].copy()
-
-    def totals(self) -> tuple[Array, Array, Array]:
-        """RMS error, largest error and highest speed, each (n_joints,)."""
-        if self._count == 0:
-            raise CommandRefused("follow ended without a state message; is the robot reporting?")
-        return np.sqrt(self._squares / self._count), self._max, self._max_speed

@@ -49,26 +49,10 @@ def verification_reference(duration: float = DURATION) -> Trajectory:
 def sine_reference(
     tones: tuple[Tone, ...], duration: float = DURATION, *, name: str = "sines"
 ) -> Trajectory:
-    """Sum of sines for the jaw of the forceps, swelling from rest.
+    """Sum of sines of `tones` for the jaw of the forceps, swelling from rest; 1 kHz, from time 0.
 
-    Parameters
-    ----------
-    tones : tuple of (amplitude [rad], angular frequency [rad/s])
-        At least one.
-    duration : float
-        After the ramp of `RAMP` [s], at most an hour.
-    name : str
-        Of the trajectory.
-
-    Returns
-    -------
-    Trajectory
-        Joint ``jaw`` at 1 kHz, from time 0.
-
-    Raises
-    ------
-    TrajectoryError
-        If there is no tone, a tone is not finite or the duration is out of range.
+    The duration [s], 1 to 3600, is without the ramp of `RAMP`; raises TrajectoryError if it is out
+    of range, there is no tone, or a tone is not finite.
     """
     if not tones or not np.isfinite(tones).all():
         raise TrajectoryError(f"{name}: tones {tones}; give at least one, all finite")

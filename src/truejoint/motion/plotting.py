@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import plotly.graph_objects as go
-from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from mpl_toolkits.mplot3d.art3d import (  # type: ignore[import-untyped]  # it has no types
-    Line3DCollection,
-)
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
+from truejoint.extras import require
 from truejoint.motion.trajectory import Trajectory
 from truejoint.units import display_unit
+
+Lines = list[tuple[str, Array]]
 
 _MOST_POINTS: Final = 20_000
 _COLOURS: Final = ("#1f6fb4", "#d1495b", "#2e8b57", "#8f5bb5", "#c77f1a", "#4a5561")
@@ -34,8 +30,8 @@ _PAGE: Final = {
 }
 
 
-def plot_3d(trajectories: Sequence[Trajectory], path: Path) -> None:
-    """Draw trajectories of the same three joints into one figure.
+def plot_trajectories(trajectories: Sequence[Trajectory], path: str | Path) -> None:
+    """Draw trajectories of the same three joints into one figure, in deg and mm.
 
     A single one is coloured from its start (dark) to its end (bright), several by trajectory.
     Of more than 20 000 points every n-th is drawn.
@@ -43,13 +39,20 @@ def plot_3d(trajectories: Sequence[Trajectory], path: Path) -> None:
     Parameters
     ----------
     trajectories : sequence of Trajectory
-    path : Path
+    path : str or Path
         ``.png`` for a picture, ``.html`` for a self-contained page that works offline.
 
     Raises
     ------
     TrajectoryError
         If the joints are not the same three, or for another file type.
+    TruejointError
+        If the extra ``plots`` is not installed.
+
+    Examples
+    --------
+    >>> path = zigzag(truejoint.get_robot("raven2"), "J2-J3")
+    >>> plot_trajectories([path], "zigzag.html")  # doctest: +SKIP
     """
     joints, units = trajectories[0].joints, trajectories[0].units
     for trajectory in trajectories:
@@ -58,32 +61,26 @@ def plot_3d(trajectories: Sequence[Trajectory], path: Path) -> None:
                 f"{trajectory.name}: a 3-D plot needs the same three joints in all trajectories; "
                 f"got {', '.join(trajectory.joints)}"
             )
-    labels = [
-        f"{joint} [{display_unit(unit).name}]" for joint, unit in zip(joints, units, strict=True)
-    ]
-    lines = [(trajectory.name, _points(trajectory)) for trajectory in trajectories]
-    if path.suffix == ".png":
-        _draw_png(lines, labels, path)
-    elif path.suffix == ".html":
-        _draw_html(lines, labels, path)
-    else:
+    draw = {".png": _draw_png, ".html": _draw_html}.get(Path(path).suffix)
+    if draw is None:
         raise TrajectoryError(f"{path}: plots are .png or .html; choose one of them")
+    lines = [(trajectory.name, _points(trajectory)) for trajectory in trajectories]
+    draw(lines, joints, [display_unit(unit).name for unit in units], Path(path))
 
 
 def _points(trajectory: Trajectory) -> Array:
     """Positions (n, 3) [deg or mm], thinned out."""
     scale = [display_unit(unit).scale for unit in trajectory.units]
     stride = -(-len(trajectory) // _MOST_POINTS)
-    rows = np.arange(0, len(trajectory), stride)
-    if rows[-1] != len(trajectory) - 1:
-        rows = np.append(rows, len(trajectory) - 1)
+    rows = np.union1d(np.arange(0, len(trajectory), stride), len(trajectory) - 1)
     return np.asarray(trajectory.positions[rows] * scale)
 
 
-def _draw_png(lines: list[tuple[str, Array]], labels: list[str], path: Path) -> None:
-    figure = Figure(figsize=(8.0, 7.2), dpi=150)
-    FigureCanvasAgg(figure)
-    axes: Any = figure.add_axes((0.0, 0.02, 0.94, 0.94), projection="3d")
+def _draw_png(lines: Lines, joints: Sequence[str], units: Sequence[str], path: Path) -> None:
+    art = require("mpl_toolkits.mplot3d.art3d", "plots", "a drawing")
+    figure = require("matplotlib.figure", "plots", "a drawing").Figure(figsize=(8.0, 7.2), dpi=150)
+    colormap = require("matplotlib", "plots", "a drawing").colormaps[_MAP]
+    axes = figure.add_axes((0.0, 0.02, 0.94, 0.94), projection="3d")
     # A margin of 6 %, and behind it walls that the shadows fall on.
     everything = np.vstack([points for _, points in lines])
     low, high = everything.min(axis=0), everything.max(axis=0)
@@ -99,15 +96,16 @@ def _draw_png(lines: list[tuple[str, Array]], labels: list[str], path: Path) -> 
             axes.plot(*shadow.T, color=_SHADOW, linewidth=0.5, zorder=0)
         parts = np.stack([points[:-1], points[1:]], axis=1)
         colour = _COLOURS[k % len(_COLOURS)]
-        colours = colormaps[_MAP](np.linspace(0.0, 0.92, len(parts))) if single else [colour]
+        colours = colormap(np.linspace(0.0, 0.92, len(parts))) if single else [colour]
         axes.add_collection3d(
-            Line3DCollection(list(parts), colors=colours, linewidths=1.3, capstyle="round")
+            art.Line3DCollection(list(parts), colors=colours, linewidths=1.3, capstyle="round")
         )
         axes.plot([], [], [], color=colour, label=name)
         axes.scatter(*points[0], color=_START, s=42, depthshade=False, zorder=5)
         axes.scatter(*points[-1], color=_END, s=42, marker="s", depthshade=False, zorder=5)
-    axes.set(xlabel=labels[0], ylabel=labels[1], zlabel=labels[2])
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+    places = zip((axes.xaxis, axes.yaxis, axes.zaxis), joints, units, strict=True)
+    for axis, joint, unit in places:
+        axis.set_label_text(f"{joint} [{unit}]")
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
         axis.labelpad = 9
         # Matplotlib has no public setting for the grid of 3-D axes.
@@ -122,12 +120,10 @@ def _draw_png(lines: list[tuple[str, Array]], labels: list[str], path: Path) -> 
     figure.savefig(path)
 
 
-def _draw_html(lines: list[tuple[str, Array]], labels: list[str], path: Path) -> None:
-    figure = go.Figure()
-    hover = "<br>".join(
-        f"{label.split(' ')[0]} %{{{axis}:.3f}} {label.split('[')[1][:-1]}"
-        for label, axis in zip(labels, "xyz", strict=True)
-    )
+def _draw_html(lines: Lines, joints: Sequence[str], units: Sequence[str], path: Path) -> None:
+    figure = require("plotly.graph_objects", "plots", "a drawing").Figure()
+    shown = list(zip("xyz", joints, units, strict=True))
+    hover = "<br>".join(f"{joint} %{{{axis}:.3f}} {unit}" for axis, joint, unit in shown)
     single = len(lines) == 1
     for k, (name, points) in enumerate(lines):
         gradient = {"color": np.linspace(0, 100, len(points)), "colorscale": _MAP, "width": 4}
@@ -153,7 +149,7 @@ def _draw_html(lines: list[tuple[str, Array]], labels: list[str], path: Path) ->
         margin={"l": 0, "r": 0, "t": 48, "b": 0},
         scene={
             "aspectmode": "cube",
-            **{f"{axis}axis_title": label for axis, label in zip("xyz", labels, strict=True)},
+            **{f"{axis}axis_title": f"{joint} [{unit}]" for axis, joint, unit in shown},
             "camera_eye": {"x": 1.4, "y": -1.75, "z": 0.85},
         },
     )

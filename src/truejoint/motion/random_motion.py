@@ -8,8 +8,7 @@ import numpy as np
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import generated, workspace_of
+from truejoint.motion.trajectory import Trajectory, generated, workspace_of
 from truejoint.robots import Robot
 
 _LONGEST: Final = 24 * 3600.0
@@ -61,45 +60,31 @@ def random_motion(
     times = np.arange(round(duration * rate) + 1) / rate
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
-    positions = np.column_stack(
-        [
-            _swings(times, np.random.default_rng(stream), *bound)
-            for bound, stream in zip(bounds, streams, strict=True)
-        ]
-    )
-    return generated(
-        robot,
-        space,
-        positions,
-        times,
-        name=f"random {duration / 60:.3g} min, seed {seed}",
-        meta={"kind": "random", "duration": duration, "seed": seed},
-    )
+    positions = [
+        _swings(times, np.random.default_rng(stream), *bound)
+        for bound, stream in zip(bounds, streams, strict=True)
+    ]
+    name = f"random {duration / 60:.3g} min, seed {seed}"
+    meta = {"kind": "random", "duration": duration, "seed": seed}
+    return generated(robot, space, np.column_stack(positions), times, name=name, meta=meta)
 
 
 def _swings(
-    times: Array,
-    random: np.random.Generator,
-    lower: float,
-    upper: float,
-    widest: float,
-    slowest: float,
-    fastest: float,
+    times: Array, random: np.random.Generator, lower: float, upper: float, *ranges: float
 ) -> Array:
     """Positions (n,) at `times` (n,) of one joint that starts at the centre."""
-    turn, starts, ends, begins = 0.0, [], [], []
-    position, upwards = (lower + upper) / 2, bool(random.integers(2))
-    while turn <= times[-1]:
+    widest, slowest, fastest = ranges
+    turns, knots = [0.0], [(lower + upper) / 2]
+    upwards = bool(random.integers(2))
+    while turns[-1] <= times[-1]:
         margin = random.uniform(0.0, widest)
         target = upper - margin if upwards else lower + margin
         peak = random.uniform(slowest, fastest)
-        begins.append(turn)
-        starts.append(position)
-        ends.append(target)
-        turn += np.pi * abs(target - position) / (2.0 * peak)
-        position, upwards = target, not upwards
-    begin = np.array([*begins, turn])
+        turns.append(turns[-1] + np.pi * abs(target - knots[-1]) / (2.0 * peak))
+        knots.append(target)
+        upwards = not upwards
+    begin, knot = np.array(turns), np.array(knots)
     swing = np.searchsorted(begin, times, side="right") - 1
     phase = np.pi * (times - begin[swing]) / np.diff(begin)[swing]
-    start, end = np.array(starts)[swing], np.array(ends)[swing]
+    start, end = knot[swing], knot[swing + 1]
     return np.asarray(start + (end - start) * (1.0 - np.cos(phase)) / 2.0)

@@ -1,21 +1,20 @@
-"""A trajectory as data: joint positions, with or without times, saved and loaded as CSV."""
+"""A trajectory as data, joint positions with or without times, and the workspace that one fills."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
+from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
 
 from truejoint.crtk import TimeLaw, time_law
+from truejoint.crtk.limits import shown_range
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.extras import require
-from truejoint.robots import Robot
-from truejoint.units import display_unit
+from truejoint.robots import Robot, Workspace
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNITS: Final = ("rad", "m")
@@ -70,67 +69,10 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.positions)
 
-    @classmethod
-    def load(cls, path: str | Path) -> Trajectory:
-        """Read a CSV written by `save`, or the laboratory's three columns without a header.
-
-        The latter are shoulder [rad], elbow [rad] and insertion [m], as the files of
-        uw-biorobotics/raven2_CRTK_Python_controller.
-
-        Raises
-        ------
-        TrajectoryError
-            If the file is missing, too large, damaged or of another layout.
-        """
-        from truejoint.motion.files import read_csv  # noqa: PLC0415 - files needs this module
-
-        return read_csv(Path(path))
-
-    def save(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write a CSV: one ``#`` line of provenance, a header, then values in full precision.
-
-        Raises
-        ------
-        TrajectoryError
-            If the file exists and `overwrite` is false, or cannot be written.
-        """
-        from truejoint.motion.files import write_csv  # noqa: PLC0415 - files needs this module
-
-        write_csv(self, Path(path), overwrite=overwrite)
-
-    def save_lab(self, path: str | Path, *, overwrite: bool = False) -> None:
-        """Write a path as the laboratory's follower reads it: three columns, no header.
-
-        Points are at most a thousandth of each joint's range apart, as in the files of
-        uw-biorobotics/raven2_CRTK_Python_controller (traj_generator/snake_generator.py).
-
-        Raises
-        ------
-        TrajectoryError
-            As `save`; also if the trajectory has times or other joints than shoulder [rad],
-            elbow [rad] and insertion [m].
-        """
-        from truejoint.motion.files import write_lab  # noqa: PLC0415 - files needs this module
-
-        write_lab(self, Path(path), overwrite=overwrite)
-
-    def plot_3d(self, path: str | Path) -> None:
-        """Draw it to ``.png`` (matplotlib) or self-contained ``.html`` (plotly), deg and mm."""
-        plotting = require("truejoint.motion.plotting", "plots", "a drawing")
-        plotting.plot_3d([self], Path(path))
-
     def densified(self, spacing: float) -> Trajectory:
-        """Path through the same corners with points between them.
+        """Path through the same corners, neighbours at most `spacing` of each joint's range apart.
 
-        Parameters
-        ----------
-        spacing : float
-            Largest step between neighbours, as a share of each joint's range in this path.
-
-        Raises
-        ------
-        TrajectoryError
-            If the trajectory has times, or `spacing` is not within [1e-5, 1].
+        Raises TrajectoryError if the trajectory has times, or `spacing` is not within [1e-5, 1].
         """
         if self.times is not None:
             raise TrajectoryError(f"{self.name}: has times; only a path can be densified")
@@ -152,23 +94,51 @@ class Trajectory:
 
     def check_within(self, robot: Robot) -> None:
         """Raise TrajectoryError unless all of it lies within the joint limits of `robot`."""
-        columns = robot.index(self.joints)
-        for k, column in enumerate(columns):
+        for k, column in enumerate(robot.index(self.joints)):
             joint = robot.joints[column]
             if joint.unit != self.units[k]:
                 raise TrajectoryError(
                     f"{self.name}: {joint.name} is in {self.units[k]}, but {robot.title} moves "
                     f"it in {joint.unit}; convert the trajectory"
                 )
-            values, unit = self.positions[:, k], display_unit(joint.unit)
-            low, high = float(values.min()), float(values.max())
+            low, high = self.positions[:, k].min(), self.positions[:, k].max()
             if low < joint.lower or high > joint.upper:
+                spanned = shown_range(low, high, joint.unit)
+                allowed = shown_range(joint.lower, joint.upper, joint.unit)
                 raise TrajectoryError(
-                    f"{self.name}: {joint.name} spans [{low * unit.scale:.4g}, "
-                    f"{high * unit.scale:.4g}] {unit.name}, outside the range "
-                    f"[{joint.lower * unit.scale:.4g}, {joint.upper * unit.scale:.4g}] "
-                    f"{unit.name} of {robot.title}; make it smaller"
+                    f"{self.name}: {joint.name} spans {spanned}, outside the range {allowed} of "
+                    f"{robot.title}; make it smaller"
                 )
+
+
+def workspace_of(robot: Robot) -> Workspace:
+    """Calibration workspace of a robot; raises TrajectoryError where none is known.
+
+    Examples
+    --------
+    >>> workspace_of(truejoint.get_robot("raven2")).joints
+    ('shoulder', 'elbow', 'insertion')
+    """
+    if robot.workspace is None:
+        raise TrajectoryError(
+            f"no calibration workspace is known for {robot.title}; give one as a Workspace"
+        )
+    return robot.workspace
+
+
+def generated(
+    robot: Robot,
+    space: Workspace,
+    positions: Array,
+    times: Array | None = None,
+    *,
+    name: str,
+    meta: Mapping[str, Any],
+) -> Trajectory:
+    """Trajectory through `positions` (n, n_joints) [rad or m] of `space`, saying who made it."""
+    units = tuple(robot.joint(joint).unit for joint in space.joints)
+    origin = {"robot": robot.name, "arm": robot.arm, "version": version("truejoint")}
+    return Trajectory(space.joints, units, positions, times, name, {**meta, **origin})
 
 
 def _check(trajectory: Trajectory) -> None:

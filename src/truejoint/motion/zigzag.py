@@ -8,8 +8,7 @@ import numpy as np
 
 from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
-from truejoint.motion.trajectory import Trajectory
-from truejoint.motion.workspace import generated, workspace_of
+from truejoint.motion.trajectory import Trajectory, generated, workspace_of
 from truejoint.robots import Robot, Workspace
 
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
@@ -79,50 +78,29 @@ def zigzag(
             f"a zig-zag needs 3 joints; the workspace has {', '.join(space.joints)}"
         )
     direction, divisions = direction.upper(), round(1.0 / sparsity)
-    box = zigzag_box(direction)
-    positions = space.centre + space.extent * ((_unit_snake(divisions) - 0.5) @ box.T)
-    return generated(
-        robot,
-        space,
-        positions,
-        name=f"zigzag {direction} 1/{divisions}",
-        meta={
-            "kind": "zigzag",
-            "direction": direction,
-            "sparsity": 1.0 / divisions,
-            "lower": space.lower.tolist(),
-            "upper": space.upper.tolist(),
-        },
-    )
+    shares = (_unit_snake(divisions) - 0.5) @ zigzag_box(direction).T
+    meta = {"kind": "zigzag", "direction": direction, "sparsity": 1.0 / divisions}
+    ends = {"lower": space.lower.tolist(), "upper": space.upper.tolist()}
+    name, positions = f"zigzag {direction} 1/{divisions}", space.centre + space.extent * shares
+    return generated(robot, space, positions, name=name, meta=meta | ends)
 
 
 def zigzag_box(direction: str) -> Array:
-    """Edges of the box that a zig-zag covers, as shares of the joints' ranges.
+    """Edges (3, 3) of the box that a zig-zag covers, as shares of the joints' ranges.
 
-    Parameters
-    ----------
-    direction : str
-        One of `DIRECTIONS`.
-
-    Returns
-    -------
-    ndarray, shape (3, 3)
-        One edge a column, one joint a row: the first edge is the stroke, the strokes of a layer
-        lie along the second, the layers along the third.
+    One edge a column, one joint a row: the first edge is the stroke, the strokes of a layer lie
+    along the second, the layers along the third.
     """
     moving = [int(part[1]) - 1 for part in direction.split("-")]
     if len(moving) == 3:
         return _triple_box()
-    box = np.zeros((3, 3))
     if len(moving) == 1:
         # Joints in cyclic order from the one that moves: a turn of the whole cube.
-        for edge in range(3):
-            box[(moving[0] + edge) % 3, edge] = _EDGE
-        return box
-    first, second = moving
-    box[[first, second], 0] = _HALF_DIAGONAL
-    box[[first, second], 1] = -_HALF_DIAGONAL, _HALF_DIAGONAL
-    box[3 - first - second, 2] = _EDGE
+        return np.asarray(np.roll(np.eye(3), moving[0], axis=0) * _EDGE)
+    box = np.zeros((3, 3))
+    box[moving, 0] = _HALF_DIAGONAL
+    box[moving, 1] = -_HALF_DIAGONAL, _HALF_DIAGONAL
+    box[3 - sum(moving), 2] = _EDGE
     return box
 
 
@@ -143,14 +121,12 @@ def _triple_box() -> Array:
 def _unit_snake(divisions: int) -> Array:
     """Corners (2 (divisions + 1)^2, 3) of a zig-zag through the unit cube.
 
-    Strokes run along the first axis and turn back each time, rows run along the second and turn
-    back with each layer along the third.
+    Strokes along the first axis turn back each time, rows along the second with each layer.
     """
     rows = divisions + 1
     stroke = np.arange(rows * rows)
     layer, row = np.divmod(stroke, rows)
     row = np.where(layer % 2 == 0, row, divisions - row)
-    begin = (stroke % 2).astype(float)
     across = np.repeat(np.column_stack([row, layer]) / divisions, 2, axis=0)
-    along = np.column_stack([begin, 1.0 - begin]).reshape(-1, 1)
-    return np.hstack([along, across])
+    along = np.resize([0.0, 1.0, 1.0, 0.0], len(across))
+    return np.column_stack([along, across])

@@ -4,40 +4,57 @@ from __future__ import annotations
 
 import math
 
+from numpy.typing import ArrayLike
+
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.simulation.forceps.twin import ForcepsRun
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 
-def record_forceps(run: ForcepsRun, *, specimen: str = "", session: str = "") -> Recording:
-    """Turn a run of the forceps into what a laboratory would have of it, and its truth.
+def record_forceps(
+    parameters: ForcepsParameters,
+    motion: ArrayLike | LoadTest,
+    *,
+    seed: int = 0,
+    log_rate: float = 200.0,
+    zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
+    specimen: str = "",
+    session: str = "",
+) -> Recording:
+    """Record a motion of the virtual forceps: what a laboratory would have of it, and its truth.
 
-    The instrument's name, `specimen`, is for the provenance: a model fitted to one does not fit
-    another. Columns: ``measured/jaw`` (the motor's angle seen at the jaw, ``R phi_m / (z_i r)``),
+    Arguments, and what is raised, are those of `simulate_forceps`; `specimen` names the instrument
+    and `session` the recording session, for the provenance.
+
+    Columns are ``measured/jaw`` (the motor's angle seen at the jaw, ``R phi_m / (z_i r)``),
     ``setpoint/jaw``, ``motor/jaw`` [rad], ``cable/drive`` and ``cable/reset`` (``x1`` and ``x2``
     [m], each only where its encoder is installed), ``truth/jaw`` (reference encoder, the paper's
     truth), ``truth_exact/jaw`` (what no laboratory has), ``truth_load/jaw`` (external torque [Nm])
     and the cables' tensions ``truth_tension/drive`` and ``truth_tension/reset`` [N].
     """
-    zero, load = run.zero_shift, run.load
+    run = simulate_forceps(parameters, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
     columns = {
         "t": run.t,
-        "measured/jaw": run.parameters.mechanism.jaw_from_motor(run.motor),
-        "setpoint/jaw": run.setpoint,
-        "motor/jaw": run.motor,
-        "truth/jaw": run.reference,
+        "measured/jaw": run.measured[:, 0],
+        "setpoint/jaw": run.setpoint[:, 0],
+        "motor/jaw": run.motor[:, 0],
+        "truth/jaw": run.truth.position[:, 0],
         **run.extra,
     }
+    test = motion if isinstance(motion, LoadTest) else None
     provenance = Provenance(
         robot="forceps",
-        source=f"virtual forceps {specimen}".rstrip() + f", seed {run.seed}",
+        source=f"virtual forceps {specimen}".rstrip() + f", seed {seed}",
         session=session,
-        homing_id=f"zero shift: motor {zero.motor * 1e3:.4f} mrad, "
-        f"drive {zero.drive * 1e6:.3f} um, reset {zero.reset * 1e6:.3f} um",
-        load=0.0 if load is None else load.mass,
-        rates={"state": run.log_rate},
-        notes=f"load test: {1e3 * load.mass:g} g {load.direction} the motion to "
-        f"{math.degrees(load.angle):g} deg"
-        if load
-        else "",
+        homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
+        f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",
+        load=0.0 if test is None else test.mass,
+        rates={"state": 1.0 / float(run.t[1] - run.t[0])},
+        notes=""
+        if test is None
+        else f"load test: {1e3 * test.mass:g} g {test.direction} the motion to "
+        f"{math.degrees(test.angle):g} deg",
     )
     return Recording.from_columns(columns, provenance)

@@ -27,13 +27,7 @@ class Bounds:
 
 
 def read_sections(path: Path) -> Sections:
-    """Sections of the TOML file at `path`.
-
-    Raises
-    ------
-    TruejointError
-        If the file cannot be read, is too large, is not TOML, or has a value outside a section.
-    """
+    """Sections of the TOML file at `path`; raises TruejointError if it holds anything else."""
     table = read_toml(path, TruejointError)
     for name, values in table.items():
         if not isinstance(values, dict):
@@ -96,13 +90,10 @@ class Parameters:
 
     def to_toml(self) -> str:
         """Text that `load` turns into these parameters again, without the comments."""
-        lines = []
-        for section, values in self.to_dict().items():
-            lines.append(f"[{section}]")
-            for key, value in values.items():
-                plain = list(value) if isinstance(value, tuple) else value
-                lines.append(f"{key} = {json.dumps(plain)}")
-        return "\n".join([*lines, ""])
+        return "".join(
+            f"[{section}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in values.items())
+            for section, values in self.to_dict().items()
+        )
 
     def check(self, source: str) -> None:
         """Raise TruejointError, naming the `source`, if the whole cannot be simulated."""
@@ -117,12 +108,11 @@ class Parameters:
                 )
             merged[name].update(values)
         kinds = get_type_hints(cls)
-        built = {}
-        for field in fields(cls):
-            kind, name = kinds[field.name], field.name
-            bounds = cls.BOUNDS.get(name, kind)
-            built[name] = kind(**_checked_section(bounds, name, merged[name], source))
-        parameters = cls(**built)
+        sections = {}
+        for name in (field.name for field in fields(cls)):
+            bounds = cls.BOUNDS.get(name, kinds[name])
+            sections[name] = kinds[name](**_checked_section(bounds, name, merged[name], source))
+        parameters = cls(**sections)
         parameters.check(source)
         return parameters
 
@@ -133,14 +123,12 @@ def _checked_section(
     """Values of section `name`, each within the `Bounds` that `kind` annotates it with."""
     hints = get_type_hints(kind, include_extras=True)
     known = {key: get_args(hint)[1] for key, hint in hints.items() if get_origin(hint) is Annotated}
-    for key in values:
-        if key not in known:
-            raise TruejointError(
-                f"{source}: no key {name}.{_shown(key)}; known in [{name}]: {', '.join(known)}"
-            )
-    for key in known:
-        if key not in values:
-            raise TruejointError(f"{source}: {name}.{key} is missing; add it to [{name}]")
+    if unknown := [key for key in values if key not in known]:
+        raise TruejointError(
+            f"{source}: no key {name}.{_shown(unknown[0])}; known in [{name}]: {', '.join(known)}"
+        )
+    if missing := [key for key in known if key not in values]:
+        raise TruejointError(f"{source}: {name}.{missing[0]} is missing; add it to [{name}]")
     return {
         key: _checked(values[key], bounds, f"{source}: {name}.{key}")
         for key, bounds in known.items()

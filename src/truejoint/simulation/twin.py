@@ -81,34 +81,27 @@ class Twin(Protocol):
     @property
     def robot(self) -> Robot:
         """The arm that this is the twin of."""
-        ...
 
     @property
     def seed(self) -> int:
         """Of everything random."""
-        ...
 
     @property
     def time(self) -> float:
         """Time since the robot was switched on [s]."""
-        ...
 
     @property
     def homing_count(self) -> int:
         """How often the robot has been homed."""
-        ...
 
     def home(self) -> TwinOutput:
         """Register the encoders anew and go to the home pose; only the last rows mean something."""
-        ...
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
-        ...
 
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on; no rows."""
-        ...
 
 
 def glide(start: Array, end: Array, duration: float) -> Array:

@@ -12,7 +12,6 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib import figure as mpl_figure
 from matplotlib.axes import Axes
-from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import ArrayLike
 
@@ -41,21 +40,10 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """One pair of axes.
+    """One pair of axes, labelled `x`, `y` and `title`; those of ``"xy"`` in `log` are logarithmic.
 
-    Attributes
-    ----------
-    curves : sequence of Curve
-    x, y, title : str
-        Labels, with units.
-    log : str
-        Axes that are logarithmic, of ``"xy"``.
-    rows : sequence of str
-        Names along the vertical axis, from above, in place of 0, 1, ...
-    shade : (float, float), optional
-        Stretch of the horizontal axis with a grey ground.
-    legend : bool
-        Whether the panel has a legend of its own.
+    `rows` name the places 0, 1, ... along the vertical axis, from above; `shade` greys a stretch
+    of the horizontal one.
     """
 
     curves: Sequence[Curve]
@@ -87,8 +75,7 @@ def png(figure: Figure) -> bytes:
     """Picture of a figure."""
     with mpl.rc_context(_STYLE):
         picture = mpl_figure.Figure(figsize=(figure.width, figure.height), layout="constrained")
-        shape = len(figure.panels), len(figure.panels[0])
-        axes = picture.subplots(*shape, squeeze=False)
+        axes = picture.subplots(len(figure.panels), len(figure.panels[0]), squeeze=False)
         for panel, axis in zip(chain(*figure.panels), axes.flat, strict=True):
             _draw(panel, axis)
     picture.suptitle(figure.title)
@@ -102,17 +89,22 @@ def png(figure: Figure) -> bytes:
 
 def _draw(panel: Panel, axis: Axes) -> None:
     for curve in panel.curves:
-        axis.plot(
-            curve.x, curve.y, curve.style, color=curve.colour, lw=curve.width, ms=4,
-            label=curve.label or None,
-        )  # fmt: skip
+        look: dict[str, Any] = {
+            "color": curve.colour,
+            "lw": curve.width,
+            "ms": 4,
+            "label": curve.label or None,
+        }
+        axis.plot(curve.x, curve.y, curve.style, **look)
     axis.set(xlabel=panel.x, ylabel=panel.y, title=panel.title)
     if panel.shade:
         axis.axvspan(*panel.shade, color="0.9", zorder=0)
     for letter, one in (("x", axis.xaxis), ("y", axis.yaxis)):
         if letter in panel.log:
             axis.set(**{f"{letter}scale": "log"})
-            _plain_ticks(one)
+            one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            one.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
+            one.set_minor_formatter(NullFormatter())
     if panel.rows:
         axis.set_yticks(np.arange(len(panel.rows)), list(panel.rows))
         axis.invert_yaxis()
@@ -121,10 +113,3 @@ def _draw(panel: Panel, axis: Axes) -> None:
             low, high = axis.get_ylim()
             axis.set_ylim(low, high + 0.35 * (high - low))
         axis.legend(loc="upper left", fontsize=7)
-
-
-def _plain_ticks(axis: Axis) -> None:
-    """Label a logarithmic axis in plain numbers."""
-    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axis.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
-    axis.set_minor_formatter(NullFormatter())

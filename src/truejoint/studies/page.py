@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
@@ -21,14 +22,12 @@ MAX_RESULT_BYTES: Final = 200_000_000
 
 def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
     """Raise StudyError where `folder` holds results of the same study with other settings."""
-    path = Path(folder) / f"{study.name}.json"
+    path, same = Path(folder) / f"{study.name}.json", False
     if not path.exists():
         return
-    try:
+    with suppress(ValueError, KeyError, TypeError, RecursionError):
         known = path.stat().st_size <= MAX_RESULT_BYTES and json.loads(path.read_bytes())
         same = known and known["settings"] == settings.to_dict()
-    except (ValueError, KeyError, TypeError, RecursionError):
-        same = False
     if not same:
         raise StudyError(f"{path}: is of other settings; choose another --out, or --force")
 
@@ -38,7 +37,7 @@ def write_study(
 ) -> list[Path]:
     """Write page (.html), tables (.md), numbers (.json), figures (.png) and recordings (.parquet).
 
-    Results of the same study and settings are written over.
+    Results of the same study and settings are written over. Returns the files, the page first.
 
     Parameters
     ----------
@@ -49,11 +48,6 @@ def write_study(
         Command line that makes the study again.
     overwrite : bool
         Whether results with other settings may be written over.
-
-    Returns
-    -------
-    list of Path
-        Files, the page first.
 
     Raises
     ------

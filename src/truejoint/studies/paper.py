@@ -11,13 +11,6 @@ from importlib.resources import files
 def reported(source: str, table: str, condition: str, method: str) -> Mapping[str, float]:
     """Numbers that a paper prints, by metric, in the unit that it prints; empty where it has none.
 
-    Parameters
-    ----------
-    source, table, condition, method : str
-        As in the columns of the table; methods are named as our estimators are.
-
-    Examples
-    --------
     >>> reported("yan2020", "2", "trajectory 28", "ukf_compensated")["rms"]
     0.12
     """
@@ -29,6 +22,6 @@ def _rows() -> dict[tuple[str, ...], dict[str, float]]:
     text = files("truejoint.studies").joinpath("paper_tables.csv").read_text(encoding="utf-8")
     found: dict[tuple[str, ...], dict[str, float]] = {}
     for row in csv.DictReader(text.splitlines()):
-        key = (row["source"], row["table"], row["condition"], row["method"])
-        found.setdefault(key, {})[row["metric"]] = float(row["value"])
+        *key, metric = (row[c] for c in ("source", "table", "condition", "method", "metric"))
+        found.setdefault(tuple(key), {})[metric] = float(row["value"])
     return found

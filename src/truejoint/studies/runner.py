@@ -99,7 +99,7 @@ def run_study(
             for part in chosen.parts(settings)
         }  # fmt: skip
         missing = [part for part, file in files.items() if read_part(file) is None]
-        failed: list[tuple[str, TruejointError]] = []
+        failed = []
         for count, (part, result) in enumerate(_computed(missing, jobs), 1):
             if isinstance(result, TruejointError):
                 failed.append((part.key, result))

@@ -48,9 +48,5 @@ def read_part(path: Path) -> PartResult | None:
 
 def write_bytes(path: Path, data: bytes) -> None:
     """Write a file whole or not at all, over what is there; makes its folder."""
-
-    def fill(temporary: Path) -> None:
-        temporary.write_bytes(data)
-
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(path, fill, overwrite=True)
+    write_atomically(path, lambda temporary: temporary.write_bytes(data), overwrite=True)

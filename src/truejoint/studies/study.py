@@ -61,13 +61,11 @@ class Option:
 
     Attributes
     ----------
-    name : str
-        Ends in a unit where it is not SI.
-    default : int, float, str or tuple of them
-        Its kind is the kind of every value; a tuple is not empty.
-    meaning : str
-    small : same kind, optional
-        Default of the preset ``small``.
+    name, meaning : str
+        The name ends in a unit where it is not SI.
+    default, small : int, float, str or tuple of them
+        Its kind is the kind of every value; a tuple is not empty. The preset ``small`` may have a
+        default of its own.
     """
 
     name: str
@@ -135,23 +133,12 @@ class Claim:
     @property
     def verdict(self) -> str:
         """``"agrees"``, ``"does not agree"`` or ``"cannot be told"``."""
-        known = {True: "agrees", False: "does not agree", None: "cannot be told"}
-        return known[self.holds]
+        return {True: "agrees", False: "does not agree", None: "cannot be told"}[self.holds]
 
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study makes of its parts.
-
-    Attributes
-    ----------
-    tables : sequence of Table
-    figures : mapping of str to Figure
-        By the name of the file.
-    claims : sequence of Claim
-    recordings : mapping of str to Recording
-        What a user may calibrate and evaluate on, by the name of the file.
-    """
+    """What a study makes of its parts: tables, claims, and by file name figures and recordings."""
 
     tables: Sequence[Table] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
@@ -191,10 +178,7 @@ class Study:
     ) -> Settings:
         """Check settings; options that are not given are the preset's.
 
-        Raises
-        ------
-        StudyError
-            If there is no such preset or option, or a value is of the wrong kind.
+        Raises StudyError if there is no such preset or option, or a value is of the wrong kind.
         """
         if preset not in PRESETS:
             raise StudyError(f"no preset {preset!r:.60}; choose one of {', '.join(PRESETS)}")
@@ -214,10 +198,8 @@ class Study:
 
     def parts(self, settings: Settings) -> Sequence[Part]:
         """Parts that the settings ask for; raises StudyError where one cannot be made of them."""
-        parts: Sequence[Part] = import_module(self.module).parts(settings)
-        return parts
+        return cast("Sequence[Part]", import_module(self.module).parts(settings))
 
     def summarise(self, settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         """Tables, figures and claims of the results of all parts, by key."""
-        summary: Summary = import_module(self.module).summarise(settings, results)
-        return summary
+        return cast("Summary", import_module(self.module).summarise(settings, results))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 from rich import box
 from rich import table as rich_table
@@ -19,17 +19,7 @@ _CELL: Final = 24
 
 @dataclass(frozen=True)
 class Table:
-    """A table of texts, in the units of a person.
-
-    Attributes
-    ----------
-    title : str
-    header : tuple of str
-    rows : tuple of tuple of str
-        The first cell of each row names it.
-    notes : tuple of str
-        Lines below the table.
-    """
+    """A table of texts in a person's units; the first cell of a row names it, `notes` go below."""
 
     title: str
     header: tuple[str, ...]
@@ -38,15 +28,12 @@ class Table:
 
     def rich(self) -> rich_table.Table:
         """For a terminal."""
-        notes = Text("\n".join(self.notes))
-        table = rich_table.Table(
-            title=Text(self.title), box=box.SIMPLE_HEAD, caption=notes, caption_justify="left"
-        )
+        table = rich_table.Table(title=Text(self.title), box=box.SIMPLE_HEAD)
+        table.caption, table.caption_justify = Text("\n".join(self.notes)), "left"
         for i, name in enumerate(self.header):
-            justify: Literal["left", "right"] = "left" if i == 0 else "right"
-            widest = max((len(row[i]) for row in self.rows), default=0)
+            least = min(_CELL, max((len(row[i]) for row in self.rows), default=0))
             table.add_column(
-                Text(name), justify=justify, min_width=min(widest, _CELL), overflow="fold"
+                Text(name), justify="right" if i else "left", min_width=least, overflow="fold"
             )
         for row in self.rows:
             table.add_row(*(Text(cell) for cell in row))
@@ -54,11 +41,9 @@ class Table:
 
     def markdown(self) -> str:
         """As Markdown, ending with a line break."""
-        lines = [f"**{self.title}**", "", _line(self.header)]
-        lines.append(_line([":---", *["---:"] * (len(self.header) - 1)]))
-        lines += [_line(row) for row in self.rows]
-        lines += [f"\n{note}" for note in self.notes]
-        return "\n".join(lines) + "\n"
+        rule = [":---", *["---:"] * (len(self.header) - 1)]
+        lines = [_line(cells) for cells in (self.header, rule, *self.rows)]
+        return "\n".join([f"**{self.title}**", "", *lines, *(f"\n{n}" for n in self.notes), ""])
 
 
 def degrees_text(value: float | None, decimals: int = 3) -> str:

@@ -7,7 +7,7 @@ from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import eigenfrequencies, friction_at_pretension
 from truejoint.simulation.forceps.specimens import SPECIMENS, population, prior, specimen
-from truejoint.simulation.forceps.twin import simulate_load_test
+from truejoint.simulation.forceps.twin import simulate_forceps
 
 POPULATION = population(150, seed=11)
 
@@ -15,9 +15,9 @@ POPULATION = population(150, seed=11)
 def yielding(parameters, mass, direction="opposing"):
     """By how much the weight turns the jaw [deg], from before the hand to the end."""
     test = LoadTest(mass, direction, loaded_from=20.0, loaded_to=22.0, end=24.0)
-    run = simulate_load_test(parameters, test, seed=1, log_rate=50.0)
-    before = run.jaw[run.t < test.loaded_from][-1]
-    return math.degrees(run.jaw[-1] - before)
+    run = simulate_forceps(parameters, test, seed=1, log_rate=50.0)
+    before = run.joint[run.t < test.loaded_from, 0][-1]
+    return math.degrees(run.joint[-1, 0] - before)
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""What may stand behind an `Arm`: the protocol, and a file for each kind of robot."""
+"""What may stand behind an `Arm`: a file for each kind of robot."""

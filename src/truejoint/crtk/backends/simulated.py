@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 from truejoint.crtk.arm import Arm
-from truejoint.crtk.backends.protocol import Listener
 from truejoint.crtk.messages import Array, OperatingState
+from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import StateCommand, next_state
 from truejoint.robots import Robot
 from truejoint.simulation import Twin, make_twin
@@ -29,13 +30,9 @@ class SimulatedBackend:
 
     def __init__(self, twin: Twin) -> None:
         self.twin = twin
+        self.robot: Final[Robot] = twin.robot
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
         self._listener: Listener = lambda _: None
-
-    @property
-    def robot(self) -> Robot:
-        """The arm behind."""
-        return self.twin.robot
 
     @property
     def time(self) -> float:

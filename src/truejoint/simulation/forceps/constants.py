@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from truejoint.simulation.forceps.parameters import (
     Cable,
@@ -77,28 +77,23 @@ def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
         reset=_cable(p.reset_cable, p.assembly.pretension),
         jaw_friction=_friction(p.jaw_friction, jaw_level, p.jaw.inertia),
         slider_friction=_friction(p.slider_friction, slider_level, p.slider.mass),
-        pretension=p.assembly.pretension,
         gear_compliance=p.mechanism.wheel_radius**2 / p.assembly.gear_stiffness,
-        wheel_eccentricity=p.assembly.wheel_eccentricity,
-        wheel_phase=p.assembly.wheel_phase,
         wheel_per_motor=1.0 / p.mechanism.gear_ratio,
-        wheel_radius=p.mechanism.wheel_radius,
-        jaw_radius=p.mechanism.jaw_radius,
         jaw_eccentricity=p.jaw.eccentricity,
         jaw_phase=p.jaw.eccentricity_phase,
-        load_arm=p.jaw.load_arm,
-        inertia=p.jaw.inertia,
         slider_mass=p.slider.mass,
-        spring_stiffness=p.mechanism.spring_stiffness,
-        stop_lower=p.jaw.stop_lower,
-        stop_upper=p.jaw.stop_upper,
-        stop_stiffness=p.jaw.stop_stiffness,
-        stop_damping=p.jaw.stop_damping,
         motor_frequency=2.0 * math.pi * p.motor_loop.bandwidth,
         motor_damping=p.motor_loop.damping_ratio,
         motor_max_speed=p.motor_loop.max_speed,
         motor_max_acceleration=p.motor_loop.max_acceleration,
+        **_alike(PlantConstants, p.assembly, p.mechanism, p.jaw),
     )
+
+
+def _alike(kind: type[Any], *sections: object) -> dict[str, float]:
+    """Values that the sections and the dynamics call by the same name."""
+    values = {name: value for section in sections for name, value in vars(section).items()}
+    return {name: values[name] for name in kind._fields if name in values}
 
 
 def _cable(cable: Cable, pretension: float) -> CableConstants:
@@ -106,13 +101,10 @@ def _cable(cable: Cable, pretension: float) -> CableConstants:
     # of a stretch at the pretension keeps the same formula and is linear to 1e-6.
     stiffening = max(cable.stiffening, 1e-6)
     return CableConstants(
-        stiffness=cable.stiffness,
-        damping=cable.damping,
-        mass=cable.mass,
         elastic=cable.elastic_share * pretension / stiffening,
         growth=stiffening * cable.stiffness / pretension,
         hysteretic=(1.0 - cable.elastic_share) * cable.stiffness * cable.hysteresis_distance,
-        hysteresis_distance=cable.hysteresis_distance,
+        **_alike(CableConstants, cable),
     )
 
 
@@ -120,12 +112,8 @@ def _friction(
     friction: JawFriction | SliderFriction, level: float, inertia: float
 ) -> FrictionConstants:
     stuck = math.sqrt(level / friction.presliding * inertia)
-    return FrictionConstants(
-        constant=friction.constant,
-        tension_share=friction.tension_share,
-        viscous=friction.viscous,
-        presliding=friction.presliding,
-        stribeck_excess=friction.stribeck_ratio - 1.0,
-        stribeck_velocity=friction.stribeck_velocity,
-        bristle_damping=2.0 * friction.bristle_damping * stuck,
-    )
+    changed = {
+        "stribeck_excess": friction.stribeck_ratio - 1.0,
+        "bristle_damping": 2.0 * friction.bristle_damping * stuck,
+    }
+    return FrictionConstants(**(_alike(FrictionConstants, friction) | changed))

@@ -25,19 +25,11 @@ _WOBBLE_SIZE: Final = 0.2  # of the weight, while it is being let go
 
 @dataclass(frozen=True)
 class LoadTest:
-    """One load experiment: turn at constant speed, stop, hang a weight on the tip by hand.
+    """One load experiment: turn at constant speed, stop, hang a weight of `mass` [kg] by hand.
 
-    Attributes
-    ----------
-    mass : float
-        [kg]
-    direction : {"opposing", "along"}
-        Whether the weight pulls against the motion before it, or along it; against is what
-        stretches the drive cable, along is what slackens it.
-    angle, speed : float
-        Where the jaw stops [rad] and how fast it goes there [rad/s]; 30 deg at 1.875 deg/s.
-    start, loaded_from, loaded_to, end : float
-        Times [s] of the motion's start, of the first and last touch of the hand, and of the end.
+    It pulls ``"opposing"`` the motion before it, which stretches the drive cable, or ``"along"``,
+    which slackens that. The jaw goes to `angle` [rad] at `speed` [rad/s], from `start` [s] on; the
+    hand touches the weight from `loaded_from` to `loaded_to` [s].
     """
 
     mass: float
@@ -78,8 +70,8 @@ class LoadTest:
     def phases(self) -> Mapping[str, tuple[float, float]]:
         """First and last time [s] of the paper's phases I (moving), II (still), III, IV (loaded).
 
-        Half a second after the stop and a second and a half after the hand has let go belong to
-        no phase, so that II and IV are still.
+        II begins half a second after the stop, IV a second and a half after the hand has let go, so
+        that both are still.
         """
         return {
             "I": (self.start, self.stop),

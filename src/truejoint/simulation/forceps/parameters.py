@@ -197,21 +197,13 @@ def friction_at_pretension(parameters: ForcepsParameters) -> tuple[float, float]
 def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[np.float64]:
     """Undamped eigenfrequencies (2,) [Hz] of jaw and slider about the initial position.
 
-    Parameters
-    ----------
-    parameters : ForcepsParameters
-    stuck : bool
-        Whether friction holds both, so that the bristles' stiffness adds to the cables'.
-        False gives those of the model (12) of yan2020.
+    Those of (12) in yan2020, or `stuck`: friction holds both, and bristles stiffen the cables.
     """
     r = parameters.mechanism.jaw_radius
     reset = parameters.reset_cable.stiffness
-    stiffness = np.array(
-        [
-            [(parameters.drive_cable.stiffness + reset) * r**2, -reset * r],
-            [-reset * r, reset + parameters.mechanism.spring_stiffness],
-        ]
-    )
+    jaw_stiffness = (parameters.drive_cable.stiffness + reset) * r**2
+    slider_stiffness = reset + parameters.mechanism.spring_stiffness
+    stiffness = np.array([[jaw_stiffness, -reset * r], [-reset * r, slider_stiffness]])
     if stuck:
         jaw, slider = friction_at_pretension(parameters)
         stiffness[0, 0] += jaw / parameters.jaw_friction.presliding

@@ -113,22 +113,14 @@ def accelerations(
 ) -> tuple[float, float, float, float]:
     """Solve (6) and (8) for the accelerations of jaw and slider; also both tensions [N].
 
+    `drive_pull`, `reset_pull`: tensions but for the mass terms [N], zero where slack; `share`: of
+    the drive cable's motion, what its gear leaves. `wheel_acceleration`, `bend` [m/s2]: of the
+    drive cable at the wheel, and at both ends through the bending of the eccentric pulley's path,
+    which lengthens the drive cable's arm by `slope` [m]. `torque` [Nm] acts on the jaw and `force`
+    [N] on the slider, from all but the cables.
+
     The cables' mass in (4) and (5) couples the two. Where it would make a cable push, the cable is
     slack and they are solved again without it.
-
-    Parameters
-    ----------
-    drive_pull, reset_pull : float
-        Tensions but for the mass terms [N], zero where slack.
-    share : float
-        Share of the drive cable's motion that its gear leaves to it.
-    wheel_acceleration, bend : float
-        Accelerations [m/s2] of the drive cable at the wheel, and at both ends through the bending
-        of the eccentric pulley's path.
-    slope : float
-        By how much the eccentric pulley lengthens the arm of the drive cable [m].
-    torque, force : float
-        On the jaw [Nm] and on the slider [N] from all but the cables.
     """
     arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
     jaw_acceleration, slider_acceleration = 0.0, 0.0
@@ -169,17 +161,9 @@ def plant_rates(
 ) -> tuple[float, float, float]:
     """Right-hand side of the plant: fills `rates` (8,), returns both tensions [N] and ``x1`` [m].
 
-    Parameters
-    ----------
-    state, rates : ndarray, shape (8,)
-        In the order that the module states.
-    wheel : ndarray, shape (3,)
-        Displacement [m] of the drive cable on a rigid gear, its speed and its acceleration.
-    force, line_angle : float
-        Force at the jaw's tip [N], and the jaw angle [rad] at which it is perpendicular.
-    c : PlantConstants
-    max_rate : float
-        See `friction_force` [1/s].
+    `state` (8,) is in the order that the module states, `wheel` (3,) the displacement [m] of the
+    drive cable on a rigid gear, its speed and its acceleration; the `force` [N] at the jaw's tip is
+    perpendicular at the jaw angle `line_angle` [rad]; `max_rate` [1/s] as in `friction_force`.
     """
     angle, speed, slider, slider_speed = state[0], state[1], state[2], state[3]
     # (7), with an eccentric pulley: y1 = r theta + D, y2 = r theta - D, and D' lengthens an arm.
@@ -292,14 +276,8 @@ def advance_plant(
 ) -> None:
     """Rest of a Runge-Kutta step of fourth order whose first rates stand in ``k[0]``.
 
-    Parameters
-    ----------
-    state, trial : ndarray, shape (8,)
-        Advanced in place; work space.
-    k : ndarray, shape (4, 8)
-        Rates of the four stages.
-    wheels, forces : ndarray, shape (3, 3) and (3,)
-        Drive cable and force at the tip at start, middle and end of the step.
+    Advances `state` (8,); `k` (4, 8) are the stages' rates, `trial` (8,) is work space, `wheels`
+    (3, 3) and `forces` (3,) the drive cable and the force at the tip at start, middle and end.
     """
     for stage in range(1, 4):
         part = 1.0 if stage == 3 else 0.5
@@ -324,27 +302,13 @@ def advance(
 ) -> Array:
     """Run the forceps on by fixed Runge-Kutta steps of fourth order.
 
-    Parameters
-    ----------
-    state, motor : ndarray, shape (8,) and (2,)
-        Plant, and the motor's angle and speed; advanced in place.
-    goal : ndarray, shape (n,)
-        Motor angle wanted [rad] every `SETPOINT_DT`, from now on; linear in between.
-    force : ndarray, shape (n,)
-        Force at the jaw's tip [N] on the same grid, positive where it opens the jaw.
-    line_angle : float
-        Jaw angle at which that force is perpendicular to the jaw [rad].
-    c : PlantConstants
-    per_sample : int
-        Integration steps in one `SETPOINT_DT`.
-    log_every : int
-        Steps between two logged rows.
+    Advances `state` (8,) and `motor` (2,), its angle and speed. `goal` (n,) is the motor angle
+    wanted [rad] every `SETPOINT_DT`, from now on and linear in between, `force` (n,) [N] at the
+    jaw's tip on the same grid, positive where it opens the jaw, to which it is perpendicular at
+    `line_angle` [rad]. There are `per_sample` steps in one `SETPOINT_DT`, `log_every` between rows.
 
-    Returns
-    -------
-    ndarray, shape (m, 7)
-        Motor angle [rad], ``x1`` [m], ``x2`` [m], jaw angle [rad], external torque [Nm], tension
-        of drive and of reset cable [N]; the first row is before the first step.
+    Returns rows (m, 7): motor angle [rad], ``x1``, ``x2`` [m], jaw angle [rad], external torque
+    [Nm], tension of drive and of reset cable [N]; the first is before the first step.
     """
     dt = SETPOINT_DT / per_sample
     n_steps = (goal.size - 1) * per_sample

@@ -19,12 +19,7 @@ Array = NDArray[np.float64]
 class ZeroShift:
     """By how much one homing set the zeros wrong; it is added to what a sensor reads.
 
-    Attributes
-    ----------
-    motor : float
-        [rad] at the motor shaft.
-    drive, reset : float
-        [m] at the encoders of the drive and of the reset cable.
+    `motor` [rad] is at the motor shaft, `drive` and `reset` [m] at the encoders of both cables.
     """
 
     motor: float = 0.0
@@ -63,42 +58,28 @@ def reference_error(angle: Array | float, encoder: ReferenceEncoder) -> Array:
 class Sensors:
     """The forceps' four encoders.
 
-    Each has its own stream of noise, so that changing one leaves the others alone, and the
+    Each has a stream of noise of its own, so that changing one leaves the others alone, and the
     readings do not depend on how a motion is cut.
-
-    Parameters
-    ----------
-    parameters : ForcepsParameters
-    seed : int
-        Of all four.
     """
 
     def __init__(self, parameters: ForcepsParameters, seed: int) -> None:
-        p = parameters
-        turn = 2.0 * math.pi
+        p, turn = parameters, 2.0 * math.pi
         self._jaw = p.reference_encoder
-        self._noise = [
-            (np.random.default_rng(stream), noise, resolution)
-            for stream, (noise, resolution) in zip(
-                np.random.SeedSequence(seed).spawn(4),
-                (
-                    (p.motor_encoder.noise, turn / p.motor_encoder.counts),
-                    (p.drive_encoder.noise, p.drive_encoder.resolution),
-                    (p.reset_encoder.noise, p.reset_encoder.resolution),
-                    (self._jaw.noise, turn / self._jaw.counts),
-                ),
-                strict=True,
-            )
-        ]
+        self._rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+        self._noise_and_step = (
+            (p.motor_encoder.noise, turn / p.motor_encoder.counts),
+            (p.drive_encoder.noise, p.drive_encoder.resolution),
+            (p.reset_encoder.noise, p.reset_encoder.resolution),
+            (self._jaw.noise, turn / self._jaw.counts),
+        )
 
     def read(self, exact: Array, zero: ZeroShift) -> Array:
         """Read motor [rad], drive, reset [m] and jaw [rad], (4, n), at the exact values (4, n)."""
         shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], self._jaw))
+        per_encoder = zip(exact, shift, self._rngs, self._noise_and_step, strict=True)
         return np.stack(
             [
-                quantised(values + off + rng.normal(0.0, noise, values.size), resolution)
-                for values, off, (rng, noise, resolution) in zip(
-                    exact, shift, self._noise, strict=True
-                )
+                quantised(values + off + rng.normal(0.0, noise, values.size), step)
+                for values, off, rng, (noise, step) in per_encoder
             ]
         )

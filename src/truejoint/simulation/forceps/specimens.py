@@ -7,9 +7,8 @@ many of them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from functools import cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -21,17 +20,16 @@ SPECIMENS: Final = {"nominal": "forceps/nominal.toml", "A": "forceps/a.toml", "B
 MAX_POPULATION: Final = 100_000
 
 
-@dataclass(frozen=True)
-class Spread:
+class Spread(NamedTuple):
     """Range [low, high] of one property; drawn evenly, or evenly in its logarithm."""
 
     low: float
     high: float
-    logarithmic: bool
+    scale: str
 
     def draw(self, rng: np.random.Generator) -> float:
         """One value."""
-        if self.logarithmic:
+        if self.scale == "log":
             return float(np.exp(rng.uniform(math.log(self.low), math.log(self.high))))
         return float(rng.uniform(self.low, self.high))
 
@@ -49,10 +47,7 @@ def prior() -> dict[str, Spread]:
 
     A name without a dot is a property that several parameters are made of.
     """
-    return {
-        name: Spread(float(v["low"]), float(v["high"]), v["scale"] == "log")
-        for name, v in shipped_sections("forceps/prior.toml").items()
-    }
+    return {name: Spread(**v) for name, v in shipped_sections("forceps/prior.toml").items()}
 
 
 def population(count: int, seed: int = 0) -> list[ForcepsParameters]:

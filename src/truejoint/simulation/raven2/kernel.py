@@ -30,14 +30,29 @@ AGE_STEPS: Final = 100  # steps between two updates of what is slow
 TURN: Final = 2.0 * np.pi
 STILL: Final = 1e-8  # share of the creep's travel within one update that counts as rest
 
-# Positions in `Plant.constants` and `State.slow`.
-GEAR_LOSS, CAPSTAN_RIPPLE, GEAR_RIPPLE, RIPPLE_CYCLES = 0, 1, 2, 3
-WANDER, WANDER_TIME, WARM_UP, WARM_UP_TIME = 4, 5, 6, 7
-LOAD_GAIN, IDLE_TIME, TRUTH_PERIOD, TRUTH_JITTER, STAMP_DELAY, COUNTS = 8, 9, 10, 11, 12, 13
-N_CONSTANTS: Final = 14
+# Positions in `State.slow` and `State.ticks`.
 WARMTH, NEXT_TRUTH, LOAD = 0, 1, 2
 N_SLOW: Final = 3
 CLOCK, TRUTH_ROWS = 0, 1
+
+
+class Constants(NamedTuple):
+    """Numbers of the whole arm, named as in its parameters."""
+
+    gear_loss: float
+    capstan_ripple: float
+    gear_ripple: float
+    gear_ripple_cycles: float
+    wander: float
+    wander_time: float
+    warm_up: float
+    warm_up_time: float
+    load_gain: float
+    idle_time: float
+    truth_period: float  # s, of the external encoders
+    jitter: float
+    stamp_delay: float
+    counts: float  # of a motor encoder, per turn
 
 
 class Plant(NamedTuple):
@@ -69,7 +84,7 @@ class Plant(NamedTuple):
     gravity: Array  # (2, 12) potential of the links, and of 1 kg at the tool: see `_gravity`
     creep: Array  # (3, 2) final, travel
     truth_step: Array  # (3,) resolution of the external encoders
-    constants: Array  # (N_CONSTANTS,)
+    constants: Constants
 
 
 class State(NamedTuple):
@@ -195,7 +210,7 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
     for k in range(3):
         cable[k] = _path(plant, state, k)
     _couple(plant.coupling, cable, free)
-    grease = 1.0 + plant.constants[WARM_UP] * (1.0 - state.slow[WARMTH])
+    grease = 1.0 + plant.constants.warm_up * (1.0 - state.slow[WARMTH])
     for k in range(3):
         limit = plant.friction[k, 0] * grease * (1.0 + state.walk[k])
         limit += plant.friction[k, 1] * abs(gravity[k])
@@ -246,19 +261,19 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
             rows.truth[row, k] = plant.stops[k, 0] + step * np.floor(
                 (q - plant.stops[k, 0]) / step + 0.5
             )
-        rows.truth_t[row] = state.slow[NEXT_TRUTH] + plant.constants[STAMP_DELAY]
+        rows.truth_t[row] = state.slow[NEXT_TRUTH] + plant.constants.stamp_delay
         state.ticks[TRUTH_ROWS] = row + 1
         # Never shorter than a tenth of the period, so that stamps keep their order.
-        wait = plant.constants[TRUTH_PERIOD] + plant.constants[TRUTH_JITTER] * normal(state.random)
-        state.slow[NEXT_TRUTH] += max(0.1 * plant.constants[TRUTH_PERIOD], wait)
+        wait = plant.constants.truth_period + plant.constants.jitter * normal(state.random)
+        state.slow[NEXT_TRUTH] += max(0.1 * plant.constants.truth_period, wait)
 
 
 @njit(cache=True, error_model="numpy")
 def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
     """Motor encoders, and the joint positions and velocities that the robot makes of them."""
-    count = TURN / plant.constants[COUNTS]
+    count = TURN / plant.constants.counts
     for k in range(7):
-        counts = np.floor(state.motor[k] * (plant.constants[COUNTS] / TURN))
+        counts = np.floor(state.motor[k] * (plant.constants.counts / TURN))
         rows.motor[i, plant.channel[k]] = counts * count - state.encoder_zero[k]
         rows.motor_velocity[i, plant.channel[k]] = (counts - state.counts[k]) * count / DT
         state.counts[k] = counts
@@ -303,17 +318,17 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
 def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
     """Motor angles one step later: rotor, Dahl friction and the load of the cables."""
     c = plant.constants
-    grease = 1.0 + c[WARM_UP] * (1.0 - state.slow[WARMTH])
+    grease = 1.0 + c.warm_up * (1.0 - state.slow[WARMTH])
     for k in range(7):
         torque = effort[plant.channel[k]] * plant.per_gear[k]
         limit = plant.coulomb[k]
         if k < 3:
-            ripple = c[CAPSTAN_RIPPLE] * state.wave[k, 1] + c[GEAR_RIPPLE] * np.sin(
-                c[RIPPLE_CYCLES] * state.motor[k] * plant.per_gear[k]
+            ripple = c.capstan_ripple * state.wave[k, 1] + c.gear_ripple * np.sin(
+                c.gear_ripple_cycles * state.motor[k] * plant.per_gear[k]
             )
             load = state.carried[k] * plant.scale[k] * plant.per_ratio[k]
             limit *= grease * (1.0 + state.walk[k]) * (1.0 + ripple)
-            limit += c[GEAR_LOSS] * abs(load)
+            limit += c.gear_loss * abs(load)
             torque -= load
         torque -= limit * state.bristle[k]
         state.speed[k] = plant.keep[k] * state.speed[k] + plant.push[k] * torque
@@ -328,19 +343,19 @@ def age(plant: Plant, state: State, duration: float) -> None:
     c = plant.constants
     still = True
     for k in range(3):
-        final = plant.creep[k, 0] * (1.0 + c[LOAD_GAIN] * state.slow[LOAD])
+        final = plant.creep[k, 0] * (1.0 + c.load_gain * state.slow[LOAD])
         worked = state.odometer[k] / plant.creep[k, 1]
         still = still and worked < STILL
         missing = final - state.creep[k]
         # A cable does not shorten again when its load is taken off.
         if missing * final > 0.0:
-            state.creep[k] -= missing * np.expm1(-worked - duration / c[IDLE_TIME])
-        keep = np.exp(-duration / c[WANDER_TIME])
-        noise = c[WANDER] * np.sqrt(1.0 - keep * keep) * normal(state.random)
+            state.creep[k] -= missing * np.expm1(-worked - duration / c.idle_time)
+        keep = np.exp(-duration / c.wander_time)
+        noise = c.wander * np.sqrt(1.0 - keep * keep) * normal(state.random)
         state.walk[k] = max(-0.9, keep * state.walk[k] + noise)
         state.odometer[k] = 0.0
     warm = 0.0 if still else 1.0
-    state.slow[WARMTH] += (warm - state.slow[WARMTH]) * -np.expm1(-duration / c[WARM_UP_TIME])
+    state.slow[WARMTH] += (warm - state.slow[WARMTH]) * -np.expm1(-duration / c.warm_up_time)
 
 
 @njit(cache=True, error_model="numpy")

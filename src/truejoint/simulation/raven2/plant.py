@@ -29,10 +29,7 @@ POSITIONING = 3
 def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     """Constants of the equations of one arm.
 
-    Raises
-    ------
-    TruejointError
-        If a motor is too light for its friction, cable or gains at the fixed step.
+    Raises TruejointError if a motor is too light for its friction, cable or gains at the step.
     """
     p = parameters
     side = cast("Literal['left', 'right']", robot.arm)
@@ -43,14 +40,13 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     assert robot.transmission is not None  # noqa: S101 - for the type checker; RAVEN-II has one
     matrix = robot.transmission.matrix
     nominal = matrix[:POSITIONING, :POSITIONING] / ratio[:POSITIONING, None]
-    coupling = np.array(
-        [
-            nominal[1, 0] + p.pulleys.coupling_shoulder_elbow,
-            nominal[2, 0] + p.pulleys.coupling_shoulder_insertion,
-            nominal[2, 1] + p.pulleys.coupling_elbow_insertion,
-        ]
-    )
-    real = np.array([[1, 0, 0], [coupling[0], 1, 0], [coupling[1], coupling[2], 1]], dtype=float)
+    real = np.eye(POSITIONING)
+    below = np.tril_indices(POSITIONING, -1)  # shoulder-elbow, shoulder- and elbow-insertion
+    coupling = real[below] = nominal[below] + [
+        p.pulleys.coupling_shoulder_elbow,
+        p.pulleys.coupling_shoulder_insertion,
+        p.pulleys.coupling_elbow_insertion,
+    ]
     hard_stop = np.array([drive.hard_stop for drive in arm_drives[:POSITIONING]])
     inertia = np.array(p.motor.inertia + p.tool.inertia)
     viscous = np.array(p.motor_friction.viscous + p.tool.viscous) / gear
@@ -58,6 +54,9 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     keep = 1.0 / (1.0 + kernel.DT * viscous / inertia)
     _check_step(p, arm_drives, inertia)
     truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
+    sideways = np.column_stack(
+        [p.wrap.sideways_shoulder, p.wrap.sideways_elbow, p.wrap.sideways_insertion]
+    )
     return kernel.Plant(
         motor_from_joint=np.ascontiguousarray(matrix),
         joint_from_motor=np.ascontiguousarray(np.linalg.inv(matrix)),
@@ -79,11 +78,18 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         anchor=np.column_stack([nominal @ hard_stop, real @ truth_stop]),
         coupling=coupling,
         per_arm=(gear / (radius * ratio))[:POSITIONING],
-        run_out=_run_out(p),
-        sideways=np.column_stack(
-            [p.wrap.sideways_shoulder, p.wrap.sideways_elbow, p.wrap.sideways_insertion]
+        run_out=np.column_stack(
+            [
+                radius * wave(phase)
+                for radius, phase in (
+                    (np.array(p.pulleys.capstan_run_out), p.pulleys.capstan_phase),
+                    (np.array(p.pulleys.joint_run_out), p.pulleys.joint_phase),
+                )
+                for wave in (np.sin, np.cos)
+            ]
         ),
-        sideways_zero=_sideways_zero(p),
+        sideways=sideways,
+        sideways_zero=np.asarray(sideways @ np.array(p.wrap.aligned)),
         per_run=0.5 / np.array(p.wrap.free_run),
         stops=_stops(robot, truth_stop),
         gravity=gravity_potential(robot, p.mass.instrument),
@@ -119,31 +125,22 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
     slow = np.zeros(kernel.N_SLOW)
     slow[kernel.LOAD] = load
     count = kernel.TURN / ENCODER_COUNTS_PER_REV
-    state = kernel.State(
+    zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
+    zeros |= {"creep": 3, "odometer": 3}
+    random = np.array([seed], dtype=np.uint64)
+    wander = plant.constants.wander
+    return kernel.State(
         motor=motor,
-        speed=np.zeros(7),
-        bristle=np.zeros(7),
-        joint=pose.copy(),
-        before=pose.copy(),
-        drive=pose.copy(),
-        lag=np.zeros(POSITIONING),
-        carried=np.zeros(POSITIONING),
-        encoder_zero=np.zeros(7),
-        counts=np.floor(motor / count),
         command=motor.copy(),
-        integral=np.zeros(7),
-        creep=np.zeros(POSITIONING),
-        walk=np.zeros(POSITIONING),
-        odometer=np.zeros(POSITIONING),
+        counts=np.floor(motor / count),
+        **{name: pose.copy() for name in ("joint", "before", "drive")},
+        **{name: np.zeros(length) for name, length in zeros.items()},
         wave=np.zeros((POSITIONING + 2, 2)),
         slow=slow,
         ticks=np.zeros(2, dtype=np.int64),
-        random=np.array([seed], dtype=np.uint64),
+        walk=np.array([wander * kernel.normal(random) for _ in range(POSITIONING)]),
+        random=random,
     )
-    wander = plant.constants[kernel.WANDER]
-    for k in range(POSITIONING):
-        state.walk[k] = wander * kernel.normal(state.random)
-    return state
 
 
 def gravity_potential(robot: Robot, instrument: float) -> Array:
@@ -181,53 +178,17 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
     return np.ascontiguousarray(coefficients).reshape(2, 12)
 
 
-def _run_out(p: Raven2Parameters) -> Array:
-    """Parts of the run-out [m] on cos and sin of the capstan's and of the joint's angle (3, 4)."""
-    capstan, joint = np.array(p.pulleys.capstan_run_out), np.array(p.pulleys.joint_run_out)
-    c_phase, j_phase = np.array(p.pulleys.capstan_phase), np.array(p.pulleys.joint_phase)
-    return np.column_stack(
-        [
-            capstan * np.sin(c_phase),
-            capstan * np.cos(c_phase),
-            joint * np.sin(j_phase),
-            joint * np.cos(j_phase),
-        ]
-    )
-
-
-def _sideways_zero(p: Raven2Parameters) -> Array:
-    wrap = p.wrap
-    rates = np.column_stack([wrap.sideways_shoulder, wrap.sideways_elbow, wrap.sideways_insertion])
-    return np.asarray(rates @ np.array(wrap.aligned))
-
-
 def _stops(robot: Robot, registered: Array) -> Array:
     """Hard stops (3, 2): one where homing looks for it, the other 5 % beyond the soft limit."""
+    lower, upper = robot.lower[:POSITIONING], robot.upper[:POSITIONING]
     margin = 0.05 * (robot.upper - robot.lower)[:POSITIONING]
-    stops = np.column_stack(
-        [robot.lower[:POSITIONING] - margin, robot.upper[:POSITIONING] + margin]
-    )
-    stops[0, 0] = registered[0]
-    stops[1:, 1] = registered[1:]
+    stops = np.column_stack([lower - margin, upper + margin])
+    stops[0, 0], stops[1:, 1] = registered[0], registered[1:]
     return stops
 
 
-def _constants(p: Raven2Parameters) -> Array:
-    friction, encoders = p.motor_friction, p.external_encoders
-    values = {
-        kernel.GEAR_LOSS: friction.gear_loss,
-        kernel.CAPSTAN_RIPPLE: friction.capstan_ripple,
-        kernel.GEAR_RIPPLE: friction.gear_ripple,
-        kernel.RIPPLE_CYCLES: friction.gear_ripple_cycles,
-        kernel.WANDER: friction.wander,
-        kernel.WANDER_TIME: friction.wander_time,
-        kernel.WARM_UP: friction.warm_up,
-        kernel.WARM_UP_TIME: friction.warm_up_time,
-        kernel.LOAD_GAIN: p.creep.load_gain,
-        kernel.IDLE_TIME: p.creep.idle_time,
-        kernel.TRUTH_PERIOD: 1.0 / encoders.rate,
-        kernel.TRUTH_JITTER: encoders.jitter,
-        kernel.STAMP_DELAY: encoders.stamp_delay,
-        kernel.COUNTS: float(ENCODER_COUNTS_PER_REV),
-    }
-    return np.array([values[i] for i in range(kernel.N_CONSTANTS)])
+def _constants(p: Raven2Parameters) -> kernel.Constants:
+    encoders = p.external_encoders
+    values = {**vars(p.motor_friction), **vars(p.creep), **vars(encoders)}
+    values |= {"truth_period": 1.0 / encoders.rate, "counts": float(ENCODER_COUNTS_PER_REV)}
+    return kernel.Constants(**{name: values[name] for name in kernel.Constants._fields})

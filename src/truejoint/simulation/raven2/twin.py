@@ -79,44 +79,24 @@ class Raven2Twin:
         seed: int = 0,
         load: float = 0.0,
     ) -> None:
-        self._seed = checked_seed(seed)
-        self._parameters = Raven2Parameters.load() if parameters is None else parameters
-        self._robot = get_robot("raven2", arm)
-        self._drives = drives("right" if self._robot.arm == "right" else "left")
-        self._plant = build_plant(self._parameters, self._robot)
-        self._homings = 0
-        rng = np.random.default_rng([seed, 0])
-        span = (self._robot.upper - self._robot.lower)[:POSITIONING]
-        spread = _LEFT_SPREAD * span * rng.uniform(-1.0, 1.0, POSITIONING)
-        pose = self._robot.home[:POSITIONING] + spread
-        self._rng = rng
+        self.seed: Final = checked_seed(seed)
+        self.parameters: Final = Raven2Parameters.load() if parameters is None else parameters
+        self.robot: Final[Robot] = get_robot("raven2", arm)
+        self.homing_count = 0
+        self._drives = drives("right" if self.robot.arm == "right" else "left")
+        self._plant = build_plant(self.parameters, self.robot)
+        self._rng = np.random.default_rng([seed, 0])
+        span = (self.robot.upper - self.robot.lower)[:POSITIONING]
+        spread = _LEFT_SPREAD * span * self._rng.uniform(-1.0, 1.0, POSITIONING)
+        pose = self.robot.home[:POSITIONING] + spread
         self._state = build_state(self._plant, pose, seed, checked_load(load, MAX_LOAD))
-        self._stops = np.array([drive.hard_stop for drive in self._drives[:POSITIONING]])
-
-    @property
-    def robot(self) -> Robot:
-        """The arm that this is the twin of."""
-        return self._robot
-
-    @property
-    def parameters(self) -> Raven2Parameters:
-        """The physics of the twin."""
-        return self._parameters
-
-    @property
-    def seed(self) -> int:
-        """Of everything random."""
-        return self._seed
+        stops = [drive.hard_stop for drive in self._drives[:POSITIONING]]
+        self._nominal_stop = np.concatenate([stops, self.robot.home[POSITIONING:]])
 
     @property
     def time(self) -> float:
         """Time since the robot was switched on [s]."""
         return float(self._state.ticks[kernel.CLOCK]) * kernel.DT
-
-    @property
-    def homing_count(self) -> int:
-        """How often the arm has been homed."""
-        return self._homings
 
     @property
     def load(self) -> float:
@@ -128,20 +108,12 @@ class Raven2Twin:
         self._state.slow[kernel.LOAD] = checked_load(mass, MAX_LOAD)
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow a joint trajectory, one row a millisecond.
+        """Follow joint positions (n, 7) [rad, insertion m], one row a millisecond.
 
-        Parameters
-        ----------
-        setpoint : array_like, shape (n, 7)
-            Joint positions [rad, insertion m] in the robot's joint order, in the coordinates of
-            `TwinOutput.measured`.
-
-        Raises
-        ------
-        CommandRefused
-            If the shape is wrong or a value is not finite.
+        In the robot's joint order and the coordinates of `TwinOutput.measured`; raises
+        CommandRefused if the shape is wrong or a value is not finite.
         """
-        return self._advance(checked_rows(self._robot, setpoint, "run"))
+        return self._advance(checked_rows(self.robot, setpoint, "run"))
 
     def home(self) -> TwinOutput:
         """Find the hard stops, register both kinds of encoder there, go to the home pose.
@@ -154,33 +126,23 @@ class Raven2Twin:
         """
         search = self._search_stops()
         self._register()
-        stop = np.concatenate([self._stops, self._robot.home[POSITIONING:]])
-        home = self._robot.home
-        path = np.vstack([glide(stop, home, HOMING_RETURN), hold(home, 1.0)])
-        self._homings += 1
-        return search.joined(self._advance(path))
+        home = self.robot.home
+        path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
+        self.homing_count += 1
+        return search.joined(self._advance(np.vstack(path)))
 
     def idle(self, duration: float) -> None:
-        """Let time pass with the brakes on: cables hardly creep, grease cools; no rows.
+        """Let `duration` [s] pass with the brakes on: cables hardly creep, grease cools; no rows.
 
-        Parameters
-        ----------
-        duration : float
-            [s], rounded to milliseconds.
-
-        Raises
-        ------
-        TruejointError
-            If the duration is negative or not finite.
+        Raises TruejointError if the duration is negative or not finite.
         """
         self._state.ticks[kernel.CLOCK] += checked_ticks(duration)
         self._state.speed[:] = 0.0
         kernel.age(self._plant, self._state, float(duration))
         # The external encoders' clock ran on, with nobody reading.
-        self._state.slow[kernel.NEXT_TRUTH] += math.ceil(
-            max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
-            / self._plant.constants[kernel.TRUTH_PERIOD]
-        ) * float(self._plant.constants[kernel.TRUTH_PERIOD])
+        period = self._plant.constants.truth_period
+        late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
+        self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
 
     def _search_stops(self) -> TwinOutput:
         """Move to the hard stops and settle there; the encoders are not touched."""
@@ -194,7 +156,7 @@ class Raven2Twin:
         while (found == steps).any() and done < steps:
             # A joint that stands at its stop loads the others through the cables: once one
             # arrives, the piece of time is run again with that joint held.
-            saved = _copied(self._state)
+            saved = kernel.State._make(array.copy() for array in self._state)
             piece = self._ramp(start, found, steps)[done : done + _SEARCH_PIECE]
             output = self._advance(piece)
             arrived = _first_above(output.effort, limits, found == steps)
@@ -205,7 +167,7 @@ class Raven2Twin:
                 self._state = saved
                 found[arrived[0]] = done + arrived[1]
         if (found == steps).any():
-            names = [self._robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
+            names = [self.robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
             raise TruejointError(
                 f"homing found no hard stop for {', '.join(names)} within {_SEARCH_LIMIT:g} s; "
                 "the parameters make friction too strong for the motor"
@@ -231,51 +193,44 @@ class Raven2Twin:
 
     def _register(self) -> None:
         """Set the motor encoders' zeros, the arm standing at its hard stops."""
-        homing = self._parameters.homing
-        nominal = np.concatenate([self._stops, self._robot.home[POSITIONING:]])
-        error = np.array(homing.registration_bias) + np.array(
+        homing, state, plant = self.parameters.homing, self._state, self._plant
+        wrong = self._nominal_stop.copy()
+        wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
             homing.registration_sd
         ) * self._rng.standard_normal(POSITIONING)
-        state, plant = self._state, self._plant
-        wrong = nominal.copy()
-        wrong[:POSITIONING] += error
-        angle = plant.motor_from_joint @ wrong
-        count = kernel.TURN / plant.constants[kernel.COUNTS]
-        state.encoder_zero[:] = state.counts * count - angle
+        count = kernel.TURN / plant.constants.counts
+        state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
         state.integral[:] = 0.0
         # The robot restarts its set point at the nominal stop.
-        state.command[:] = plant.motor_from_joint @ nominal
+        state.command[:] = plant.motor_from_joint @ self._nominal_stop
 
     def _current_position(self) -> Array:
         """Joint positions (7,) [rad, m] that the motor encoders say now."""
-        count = kernel.TURN / self._plant.constants[kernel.COUNTS]
+        count = kernel.TURN / self._plant.constants.counts
         angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
         return np.asarray(self._plant.joint_from_motor @ angle)
 
     def _advance(self, goal: Array) -> TwinOutput:
         """One compiled call over the rows of `goal` (n, 7)."""
         n, start = len(goal), int(self._state.ticks[kernel.CLOCK])
-        rows = _empty_rows(n, float(self._plant.constants[kernel.TRUTH_PERIOD]))
+        # The shortest time between two readings is a tenth of their period (see the kernel).
+        shortest = 0.1 * self._plant.constants.truth_period
+        most = int(n * kernel.DT / shortest) + 16
+        rows = kernel.Rows(
+            joint=np.empty((n, POSITIONING)),
+            truth_t=np.empty(most),
+            truth=np.empty((most, POSITIONING)),
+            **{name: np.zeros((n, len(CHANNELS))) for name in QUANTITIES},
+        )
         kernel.advance(self._plant, self._state, goal, rows)
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
-        truth = TruthBlock(rows.truth_t[:m].copy(), self._robot.positioning, rows.truth[:m].copy())
+        truth = TruthBlock(rows.truth_t[:m].copy(), self.robot.positioning, rows.truth[:m].copy())
         return TwinOutput(
             t=np.arange(start, start + n, dtype=np.float64) * kernel.DT,
             name=CHANNELS,
             truth=truth,
             **{name: getattr(rows, name) for name in (*QUANTITIES, "joint")},
         )
-
-
-def _empty_rows(n: int, truth_period: float) -> kernel.Rows:
-    # The shortest time between two readings is a tenth of their period (see the kernel).
-    m = int(n * kernel.DT / (0.1 * truth_period)) + 16
-    return kernel.Rows(
-        joint=np.empty((n, POSITIONING)),
-        truth_t=np.empty(m),
-        truth=np.empty((m, POSITIONING)),
-        **{name: np.zeros((n, len(CHANNELS))) for name in QUANTITIES},
-    )
 
 
 def _first_above(
@@ -287,8 +242,3 @@ def _first_above(
         return None
     row = int(np.argmax(above.any(axis=1)))
     return int(np.argmax(above[row])), row
-
-
-def _copied(state: kernel.State) -> kernel.State:
-    copies = {name: array.copy() for name, array in state._asdict().items()}
-    return kernel.State(**copies)

@@ -19,14 +19,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within
-from truejoint.studies.forceps.motions import (
-    Array,
-    Plain,
-    built,
-    plain_specimen,
-    record,
-    title_of,
-)
+from truejoint.studies.forceps.motions import Array, Plain, built, plain_specimen, record, title_of
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, cast
 
 import numpy as np
@@ -85,7 +85,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     )
     table = Table(f"yan2020 Table 3, specimen {name}", header, tuple(rows), notes)
     figure = _figure(list(results.values()), methods, name)
-    claims = _claims(hung) if m.PAPERS_BEST in methods else ()
+    claims = list(_claims(hung)) if m.PAPERS_BEST in methods else []
     return Summary((table,), {"forceps-loaded": figure}, claims)
 
 
@@ -95,60 +95,52 @@ def worst(hung: Sequence[Case], method: str, phase: str, *directions: str) -> fl
     return max(float(case["errors"][method][phase]["rms"]) for case in chosen)
 
 
-def _claims(hung: Sequence[Case]) -> list[Claim]:
-    directions = list(dict.fromkeys(case["direction"] for case in hung))
-
-    def claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> Claim:
-        # The paper does not say which way it loaded: if one way holds and one does not, who knows?
-        degrees = {direction: float(np.degrees(value)) for direction, value in found.items()}
-        within = {value <= limit for value in degrees.values()}
-        numbers = ", ".join(f"{value:.2f} deg {d}" for d, value in degrees.items())
-        return Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
-
-    claims = [
-        claim(
-            f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight",
-            "yan2020, IV-D and Table 3",
-            limit,
-            {d: worst(hung, m.PAPERS_BEST, phase, d) for d in directions},
-        )
-        for phase, limit in (("I", 0.2), ("II", 0.2), ("IV", 0.5))
-    ]
-    light = sorted(
-        (case for case in hung if case["mass"] < 0.05), key=lambda c: abs(c["jaw_motion"])
-    )
+def _claims(hung: Sequence[Case]) -> Iterator[Claim]:
+    for phase, limit in (("I", 0.2), ("II", 0.2), ("IV", 0.5)):
+        ways = dict.fromkeys(case["direction"] for case in hung)
+        text = f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight"
+        found = {way: worst(hung, m.PAPERS_BEST, phase, way) for way in ways}
+        yield _claim(text, "yan2020, IV-D and Table 3", limit, found)
+    light = [(abs(case["jaw_motion"]), case["direction"]) for case in hung if case["mass"] < 0.05]
     if light:
-        turns = {case["direction"]: abs(case["jaw_motion"]) for case in light}
         text = "a weight below 50 g hardly turns the jaw: less than 0.5 deg"
-        claims.append(claim(text, "yan2020, IV-D", 0.5, turns))
-    return claims
+        yield _claim(text, "yan2020, IV-D", 0.5, {way: turn for turn, way in sorted(light)})
+
+
+def _claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> Claim:
+    """Judge angles [rad] by direction: the paper does not say which way it loaded."""
+    degrees = {direction: float(np.degrees(value)) for direction, value in found.items()}
+    within = {value <= limit for value in degrees.values()}
+    numbers = ", ".join(f"{value:.2f} deg {d}" for d, value in degrees.items())
+    return Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
 
 
 def _figure(results: Sequence[PartResult], methods: Sequence[str], name: str) -> Figure:
-    rows: list[list[Panel]] = [[] for _ in methods]
-    for direction in dict.fromkeys(result.numbers["direction"] for result in results):
-        own = [result for result in results if result.numbers["direction"] == direction]
-        for row, method in zip(rows, methods, strict=True):
-            curves = [
-                # The encoder's steps of 0.088 deg would hide everything else.
-                Curve(
-                    r.arrays["t"],
-                    _averaged(r.arrays["t"], np.degrees(r.arrays[method] - r.arrays["truth"])),
-                    f"{1e3 * r.numbers['mass']:g} g",
-                )
-                for r in own
-            ]
-            title, shade = (
-                f"{m.METHODS[method].title}, load {direction}",
-                own[0].numbers["released"],
-            )
-            row.append(Panel(curves, "time [s]", "error [deg]", title, shade=shade))
+    rows = [
+        [
+            _panel(method, [r for r in results if r.numbers["direction"] == way])
+            for way in dict.fromkeys(result.numbers["direction"] for result in results)
+        ]
+        for method in methods
+    ]
     caption = (
         f"Errors while weights are hung on the jaw, means over {_AVERAGE:g} s, each panel with a "
         "scale of its own; grey: the hand lets go."
     )
     title, height = f"yan2020 figure 9(b), specimen {name}", 2.3 * len(rows) + 1.0
     return Figure(title, rows, caption, height=height, legend=True)
+
+
+def _panel(method: str, results: Sequence[PartResult]) -> Panel:
+    curves = []
+    for result in results:
+        t, error = result.arrays["t"], result.arrays[method] - result.arrays["truth"]
+        # The encoder's steps of 0.088 deg would hide everything else.
+        label = f"{1e3 * result.numbers['mass']:g} g"
+        curves.append(Curve(t, _averaged(t, np.degrees(error)), label))
+    first = results[0].numbers
+    title = f"{m.METHODS[method].title}, load {first['direction']}"
+    return Panel(curves, "time [s]", "error [deg]", title, shade=first["released"])
 
 
 def _averaged(t: Array, values: Array) -> Array:

@@ -105,31 +105,27 @@ def calibrated(
     Methods whose sensor is not installed are left out; raises StudyError when none is left.
     """
     recording = settled(record(forceps, "calibration", seed=2 * seed))
-    usable = {key: METHODS[key] for key in methods if key in METHODS}
-    usable = {k: m for k, m in usable.items() if set(m.inputs) <= set(recording.units)}
-    if not usable:
+    models = {}
+    for key, method in ((key, METHODS[key]) for key in methods):
+        if set(method.inputs) <= set(recording.units):
+            models[key] = calibrate(
+                recording,
+                method.estimator,
+                features=method.inputs,
+                target="error" if key == "rigid" else "position",
+            )
+    if not models:
         raise StudyError(f"no sensors for {', '.join(methods)}; install one, or choose others")
-    return {
-        key: calibrate(
-            recording,
-            method.estimator,
-            features=method.inputs,
-            target="error" if key == "rigid" else "position",
-        )
-        for key, method in usable.items()
-    }
+    return models
 
 
 @dataclass(frozen=True, eq=False)
 class Judged:
-    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth.
-
-    The truth is what the reference encoder reads, as in the paper; `exact` is the jaw itself.
-    """
+    """Estimates of the jaw's angle [rad] by method, in the rows (n,) at `t` [s] with a truth."""
 
     t: Array
-    truth: Array
-    exact: Array
+    truth: Array  # what the reference encoder reads, as in the paper
+    exact: Array  # the jaw itself
     estimates: Mapping[str, Array]
 
     def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:

@@ -18,7 +18,6 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen as shipped
-from truejoint.simulation.forceps.twin import simulate_forceps, simulate_load_test
 
 Array = NDArray[np.float64]
 Plain = Mapping[str, Mapping[str, Any]]
@@ -57,45 +56,27 @@ def record(
     log_rate: float = 200.0,
     zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
 ) -> Recording:
-    """Record a specimen on a motion of the paper.
+    """Record a specimen on a motion of the paper, otherwise as `record_forceps` does.
 
-    Parameters
-    ----------
-    forceps : ForcepsParameters
-    motion : {"calibration", "verification", "cycle"} or LoadTest
-        (27), (28), one period of (27), or the test of IV-D.
-    seed : int
-        Of the sensors' noise and the hand's wobble.
-    specimen : str
-        What it is called.
-    log_rate : float
-        Rows per second [Hz].
-    zero_shift : ZeroShift
-        What homing got wrong.
+    That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), or the
+    load test of IV-D. Raises TruejointError if it is unknown, or the plant refuses a value.
 
-    Raises
-    ------
-    TruejointError
-        If the motion is unknown, or the plant refuses a value.
-
-    Examples
-    --------
-    >>> recording = record(ForcepsParameters.load(), "verification", seed=1)
-    >>> len(recording)
+    >>> len(record(ForcepsParameters.load(), "verification", seed=1))
     12967
     """
-    if isinstance(motion, LoadTest):
-        run = simulate_load_test(
-            forceps, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift
-        )
-    elif motion in _TRAJECTORIES:
-        angles = _TRAJECTORIES[motion]().positions[:, 0]
-        run = simulate_forceps(forceps, angles, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
-    else:
+    if isinstance(motion, str) and motion not in _TRAJECTORIES:
         known = ", ".join(_TRAJECTORIES)
         raise TruejointError(f"no motion {motion!r:.60}; choose one of {known}, or a load test")
-    name = "load" if isinstance(motion, LoadTest) else motion
-    return record_forceps(run, specimen=specimen, session=f"{name} {seed}")
+    path = _TRAJECTORIES[motion]().positions[:, 0] if isinstance(motion, str) else motion
+    return record_forceps(
+        forceps,
+        path,
+        seed=seed,
+        log_rate=log_rate,
+        zero_shift=zero_shift,
+        specimen=specimen,
+        session=f"{motion if isinstance(motion, str) else 'load'} {seed}",
+    )
 
 
 def changed(recording: Recording, name: str, values: ArrayLike) -> Recording:

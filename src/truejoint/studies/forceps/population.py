@@ -45,14 +45,8 @@ def verify(
 ) -> PartResult:
     """Calibrate methods on (27) and judge them on (28), homed anew in between.
 
-    Parameters
-    ----------
-    forceps : mapping
-    methods : sequence of str
-    homing_deviation : float
-        Standard deviation of the cable encoders' zeros [m]; 0 leaves them.
-    number : int
-        Of the specimen, which is the seed of its noise and homing.
+    The cable encoders' zeros then vary by `homing_deviation` [m]; the specimen's `number` is the
+    seed of its noise and homing.
     """
     plant = built(forceps)
     zero = ZeroShift.drawn(homing_deviation, number) if homing_deviation > 0.0 else ZeroShift()
@@ -78,9 +72,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         *m.left_out(settings, rms),
     )
     table = Table("Population of virtual forceps", header, tuple(rows), notes)
-    claims = [
-        _claim(order, value) for order, value in shares.items() if set(order) <= set(m.PAPERS)
-    ]
+    paper = [order for order in shares if set(order) <= set(m.PAPERS)]
+    claims = [_claim(order, shares[order]) for order in paper]
     return Summary((table,), {"forceps-population": _figure(rms)}, claims)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import Provenance
@@ -24,18 +25,10 @@ def parts(settings: Settings) -> Sequence[Part]:
     return [Part(motion, recorded, {"motion": motion, **common}) for motion in settings["motions"]]
 
 
-def recorded(
-    forceps: Plain,
-    motion: str,
-    mass: float,
-    direction: str,
-    specimen: str,
-    log_rate: float,
-    seed: int,
-) -> PartResult:
-    """Record a motion: columns, their units and the provenance; see `record`."""
+def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: Any) -> PartResult:
+    """Record a motion: columns, their units and the provenance; `how` is as `record` takes it."""
     chosen = load_test(mass, direction) if motion == "load" else motion
-    recording = record(built(forceps), chosen, seed=seed, specimen=specimen, log_rate=log_rate)
+    recording = record(built(forceps), chosen, **how)
     numbers = {"provenance": recording.provenance.to_dict(), "units": dict(recording.units)}
     return PartResult(numbers, {name: recording.column(name) for name in recording.table.columns})
 

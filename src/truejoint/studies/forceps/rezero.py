@@ -47,12 +47,9 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     methods = list(cases[0]["before"])
     rows = []
     for case in cases:
-        rms = [
-            [degrees_text(case[when][key]["rms"]) for when in ("before", "after")]
-            for key in methods
-        ]
+        both = [(case["before"][key]["rms"], case["after"][key]["rms"]) for key in methods]
         zeros = (f"{1e6 * case['shift']:.0f} um", f"{fixed(1e6 * case['found'], 1)} um")
-        rows.append((*zeros, *map(" -> ".join, rms)))
+        rows.append((*zeros, *(" -> ".join(map(degrees_text, pair)) for pair in both)))
     header = ("zero off by", "found", *(m.METHODS[key].title for key in methods))
     notes = (
         "RMS error in degrees on (28), before -> after re-zeroing from one unloaded cycle of "

@@ -16,6 +16,7 @@ from truejoint.studies.table import Table, degrees_text, reported_text
 
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
 _OURS: Final = (m.PAPERS_BEST, "ukf_friction", m.BEST)
+_COMPARED: Final = (("rms", "rms", 3), ("largest", "max", 2), ("smallest", "min", 2))
 _HEADER: Final = (
     "method", "RMS", "paper", "max", "paper", "min", "paper", "RMS on (27)", "paper",
     "RMS to the jaw",
@@ -49,11 +50,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         paper = reported("yan2020", "2", "trajectory 28", key)
         paper_fit = reported("yan2020", "figure 6", "trajectory 27", key)
         cells = [m.METHODS[key].title]
-        for ours, theirs, decimals in (
-            ("rms", "rms", 3),
-            ("largest", "max", 2),
-            ("smallest", "min", 2),
-        ):
+        for ours, theirs, decimals in _COMPARED:
             cells += [degrees_text(error[ours], decimals), reported_text(paper.get(theirs))]
         cells += [degrees_text(fitted[key]["rms"]), reported_text(paper_fit.get("rms"))]
         rows.append((*cells, degrees_text(error["exact_rms"])))
@@ -73,10 +70,8 @@ def _claims(errors: m.Errors) -> list[Claim]:
     """Judge what the paper states of its methods on (28)."""
     found = []
     if m.PAPERS_BEST in errors:
-        error, there = (
-            errors[m.PAPERS_BEST],
-            reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST),
-        )
+        error = errors[m.PAPERS_BEST]
+        there = reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST)
         largest = max(error["largest"], -error["smallest"])
         for what, value, limit, printed in (
             ("RMS", np.degrees(error["rms"]), 0.2, there["rms"]),
@@ -108,16 +103,11 @@ def _figure(result: PartResult, name: str) -> Figure:
             curves.append(Curve(t, estimate, m.METHODS[m.PAPERS_BEST].title, style="--"))
         rows[0].append(Panel(curves, y=f"jaw on {motion} [deg]", legend=True))
         for row, keys in zip(rows[1:], (m.PAPERS, _OURS), strict=True):
-            rms = {
-                key: np.degrees(result.numbers[run][key]["rms"]) for key in keys if key in signals
-            }
-            lines = [
-                Curve(
-                    t, np.degrees(signals[key] - truth), f"{m.METHODS[key].title}: {value:.3f}",
-                    m.METHODS[key].colour, width=0.7,
-                )
-                for key, value in rms.items()
-            ]  # fmt: skip
+            lines = []
+            for key in (key for key in keys if key in signals):
+                error, rms = signals[key] - truth, np.degrees(result.numbers[run][key]["rms"])
+                method, label = m.METHODS[key], f"{m.METHODS[key].title}: {rms:.3f}"
+                lines.append(Curve(t, np.degrees(error), label, method.colour, width=0.7))
             row.append(Panel(lines, "time [s]", "error [deg]", legend=bool(lines)))
     caption = (
         "Angles and errors on both motions: the paper's methods in the middle, ours below; the "

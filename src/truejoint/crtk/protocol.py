@@ -32,43 +32,32 @@ class Backend(Protocol):
     @property
     def robot(self) -> Robot:
         """The arm behind."""
-        ...
 
     @property
     def time(self) -> float:
         """Now, on the robot's clock [s]."""
-        ...
 
     @property
     def homing_id(self) -> str:
         """Name of the homing that positions count from; empty where the robot knows none."""
-        ...
 
     def connect(self, listener: Listener) -> None:
         """Deliver all blocks from now on to `listener`, the only one."""
-        ...
 
     def operating_state(self) -> OperatingState:
         """State as the robot reports it."""
-        ...
 
     def state_command(self, command: StateCommand) -> None:
         """Carry out a state command; returns once the robot reports the new state.
 
-        Raises
-        ------
-        CommandRefused
-            If the robot does not get there; the message says why.
+        Raises CommandRefused, saying why, if the robot does not get there.
         """
-        ...
 
     def servo_jp(self, position: Array) -> None:
         """Stream set-points (n, n_joints) [rad or m] at `SERVO_RATE`; ends with the last one.
 
         At most `BLOCK_DURATION` long; checked against state and limits by the arm.
         """
-        ...
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on; the arm holds its position."""
-        ...
