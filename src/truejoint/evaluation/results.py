@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from truejoint.summary import Summarised
-from truejoint.units import with_unit
+from truejoint.units import DisplayUnit, display_unit, with_unit
 
 Array = NDArray[np.float64]
 
@@ -323,6 +323,21 @@ class Trace:
     tool: Mapping[str, Array]
     lower: Array | None = None
     upper: Array | None = None
+
+    def error(self, estimator: str) -> Array:
+        """Estimated minus true position (n, n_joints) [rad or m]."""
+        return self.estimates[estimator] - self.truth
+
+
+def shown_joints(evaluation: Evaluation) -> list[tuple[int, str, DisplayUnit]]:
+    """Column, name and unit for a person of each calibrated joint."""
+    units = map(display_unit, evaluation.units)
+    return list(zip(range(len(evaluation.joints)), evaluation.joints, units, strict=True))
+
+
+def pooled_error(traces: Sequence[Trace], estimator: str, column: int) -> Array:
+    """Error (n,) [rad or m] of an estimator in one joint, over the rows of all traces."""
+    return np.concatenate([trace.error(estimator)[:, column] for trace in traces])
 
 
 def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:

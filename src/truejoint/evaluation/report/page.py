@@ -6,7 +6,6 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
 from pathlib import Path
@@ -15,26 +14,20 @@ from typing import Any, Final
 import jinja2
 
 from truejoint.errors import CalibrationError, RecordingError
+from truejoint.evaluation import view
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
-from truejoint.evaluation.report.plot import Figure
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
+from truejoint.evaluation.report import curves, residuals, space, uncertainty
+from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
 from truejoint.extras import require
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.recording import Recording
-from truejoint.units import display_unit
 
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas", "plotly")
-
-
-@dataclass(frozen=True)
-class Section:
-    """A numbered part of the page with figures."""
-
-    key: str
-    title: str
-    lead: str
-    figures: Sequence[Figure]
+# Tables of the page, which know them by these names.
+_ROWS: Final = (
+    view.main_rows, view.headlines, view.bias_rows, view.interval_rows, view.load_rows,
+    view.direction_rows, view.cartesian_rows,
+)  # fmt: skip
 
 
 def write_report(
@@ -113,45 +106,44 @@ def render_report(
     """
     sections = _sections(evaluation, training)
     interval_figures = uncertainty.stated_interval(evaluation)
-    figures = [figure for section in sections.values() for figure in section.figures]
-    figures += interval_figures
+    figures = [figure for section in sections.values() for figure in section["figures"]]
+    chosen_title = estimator_title(evaluation.chosen)
+    recordings = view.recording_rows(evaluation)
+    used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
+    origins = [trace.provenance for trace in evaluation.traces]
+    tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
+    tables: dict[str, Any] = {rows.__name__: rows(evaluation) for rows in _ROWS}
     return render_page(
         "report.html.j2",
         evaluation=evaluation,
         title_of=estimator_title,
-        joint_units=[
-            (joint, display_unit(unit).name)
-            for joint, unit in zip(evaluation.joints, evaluation.units, strict=True)
-        ],
-        spread_shown=any(score.seeds > 1 for score in evaluation.scores),
-        any_session=any(trace.provenance.get("session") for trace in evaluation.traces),
-        any_homing=any(trace.provenance.get("homing_id") for trace in evaluation.traces),
-        any_load=any(trace.provenance.get("load") is not None for trace in evaluation.traces),
-        chosen_title=estimator_title(evaluation.chosen),
         chosen_phrase=estimator_phrase(evaluation.chosen),
-        baseline_is_chosen=evaluation.chosen == OFFSET,
+        before_after=[
+            f"{t}: {what}" for t in ("offset", chosen_title) for what in ("mean", "RMSE")
+        ],
         sections=sections,
         menu=[evaluation.traces[i].name for i in curves.menu_order(evaluation)],
-        main_rows=view.main_rows(evaluation),
-        headlines=view.headlines(evaluation),
-        all_scores=view.bias_rows(evaluation),
-        recording_rows=view.recording_rows(evaluation),
-        interval_rows=view.interval_rows(evaluation),
+        **tables,
+        recording_rows=recordings,
+        told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
+        several=len(evaluation.interval_trajectories) > 1,
         interval_figures=interval_figures,
-        load_rows=view.load_rows(evaluation),
-        direction_rows=view.direction_rows(evaluation),
-        cartesian_rows=view.cartesian_rows(evaluation),
         checks={
             name: (check.findings, view.coverage_rows(check.coverage))
             for name, check in (checks or {}).items()
         },
         facts=_facts(evaluation),
         training_facts=view.flattened(evaluation.training),
-        sources=_sources(evaluation, training),
+        sources=used + tested,
         command=command,
         script=_asset("report.js"),
         plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
-        figures=script_json([_figure_values(f) for f in figures]),
+        figures=script_json(
+            [
+                {"key": figure.key, "variants": figure.variants, "flat": figure.flat}
+                for figure in figures + interval_figures
+            ]
+        ),
     )
 
 
@@ -174,45 +166,35 @@ def script_json(value: Any) -> str:
     return text
 
 
-def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str, Section]:
-    chosen = estimator_phrase(evaluation.chosen)
-    paths = [space.trajectories(evaluation, training), space.tool_paths(evaluation)]
-    tool = curves.cartesian_errors(evaluation)
-    parts = [
-        Section(
-            "worst",
-            "Worst stretches",
-            f"The windows of at most {evaluation.window:g} s in which {chosen} is furthest from "
-            "the truth, worst first." + _band_text(evaluation),
-            curves.worst_stretches(evaluation),
-        ),
-        Section("paths", "Trajectories", "", [figure for figure in paths if figure]),
-        Section(
-            "time",
-            "Corrected against true position",
-            "Click a name in a legend to show or hide it; the raw position is hidden at first. "
-            "Long curves are thinned in a way that keeps every peak." + _band_text(evaluation),
-            curves.over_time(evaluation),
-        ),
-        Section("residuals", "Residuals", "", residuals.residuals(evaluation)),
-        Section("loops", "Hysteresis", "", [curves.loops(evaluation)]),
-        Section("histograms", "Distribution", "", [curves.histograms(evaluation)]),
-        Section("tool", "Tool position", "", [tool] if tool else []),
-    ]
-    return {section.key: section for section in parts}
-
-
-def _band_text(evaluation: Evaluation) -> str:
-    if all(trace.lower is None for trace in evaluation.traces):
-        return ""
-    return (
+def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str, dict[str, Any]]:
+    """Parts of the page with figures, by the name that links lead to."""
+    worst = (
+        f"The windows of at most {evaluation.window:g} s in which "
+        f"{estimator_phrase(evaluation.chosen)} is furthest from the truth, worst first."
+    )
+    time = (
+        "Click a name in a legend to show or hide it; the raw position is hidden at first. "
+        "Long curves are thinned in a way that keeps every peak."
+    )
+    band = (
         f" The band is the stated {100 * evaluation.interval_level:g} % interval: above, where the "
         "true position should be; below, errors that it allows."
     )
-
-
-def _figure_values(figure: Figure) -> dict[str, Any]:
-    return {"key": figure.key, "variants": list(figure.variants), "flat": figure.flat}
+    if all(trace.lower is None for trace in evaluation.traces):
+        band = ""
+    paths = [space.trajectories(evaluation, training), *space.tool_paths(evaluation)]
+    parts = (
+        ("worst", "Worst stretches", worst + band, curves.worst_stretches(evaluation)),
+        ("paths", "Trajectories", "", paths),
+        ("time", "Corrected against true position", time + band, curves.over_time(evaluation)),
+        ("residuals", "Residuals", "", residuals.residuals(evaluation)),
+        ("loops", "Hysteresis", "", [curves.loops(evaluation)]),
+        ("histograms", "Distribution", "", [curves.histograms(evaluation)]),
+        ("tool", "Tool position", "", curves.cartesian_errors(evaluation)),
+    )
+    return {
+        part[0]: dict(zip(("key", "title", "lead", "figures"), part, strict=True)) for part in parts
+    }
 
 
 def _facts(evaluation: Evaluation) -> list[str]:
@@ -228,16 +210,6 @@ def _facts(evaluation: Evaluation) -> list[str]:
         f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         f"truejoint {_version('truejoint')}",
     ]
-
-
-def _sources(evaluation: Evaluation, training: Sequence[Recording]) -> list[tuple[str, str, str]]:
-    """(part, file, hash) of everything that went in."""
-    used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
-    tested = [
-        ("test", str(t.provenance.get("source", "")), str(t.provenance.get("sha256", "")))
-        for t in evaluation.traces
-    ]
-    return used + tested
 
 
 def versions() -> list[tuple[str, str]]:
