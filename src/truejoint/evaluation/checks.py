@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import PurePath
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.calibration import Calibration
 from truejoint.errors import RecordingError
 from truejoint.evaluation.coverage import JointCoverage, joint_coverage
 from truejoint.evaluation.defects import Observation, observe_defects
@@ -20,53 +21,7 @@ Array = NDArray[np.float64]
 Level = Literal["fail", "warn", "info"]
 
 _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
-
-
-class Features(Protocol):
-    """Inputs of a model, as `truejoint.models.FeatureSet` has them."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Text of each feature."""
-        ...
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """Columns that the features are made of."""
-        ...
-
-    def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
-        """Features (n, k) of every row."""
-        ...
-
-
-class TrainedOn(Protocol):
-    """What a check needs of a calibration: joints, features, and their range in training."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Joints that it corrects."""
-        ...
-
-    @property
-    def feature_set(self) -> Features:
-        """Inputs of its model."""
-        ...
-
-    @property
-    def gap_limit(self) -> float:
-        """Time without a sample [s] after which the history starts anew."""
-        ...
-
-    @property
-    def lower(self) -> Array:
-        """Smallest value (k,) of each feature in training."""
-        ...
-
-    @property
-    def upper(self) -> Array:
-        """Largest value (k,) of each feature in training."""
-        ...
+_EVERYWHERE: Final = "all recordings"
 
 
 @dataclass(frozen=True)
@@ -125,7 +80,7 @@ def check_data(
     recordings: Recording | Sequence[Recording],
     *,
     joints: Sequence[str] | None = None,
-    calibration: TrainedOn | None = None,
+    calibration: Calibration | None = None,
 ) -> DataCheck:
     """Check recordings before they are used to fit or to judge a calibration.
 
@@ -157,32 +112,25 @@ def check_data(
     recordings = as_recordings(recordings)
     if not recordings:
         raise RecordingError("there is no recording to check; give at least one")
+    first = recordings[0]
+    measured, with_truth = first.joints_of("measured"), first.joints_of("truth")
     if joints is None:
-        joints = calibration.joints if calibration else joints_with_truth(recordings[0])
-    signals = calibration.feature_set.signals if calibration else default_signals(recordings[0])
-    coverage = tuple(joint_coverage(recordings, joint) for joint in joints)
-    observations = [o for r in recordings for o in observe_defects(r, joints, signals)]
-    findings = [*_merged(observations, len(recordings))]
-    findings += [f for row in coverage for f in _judge_coverage(row)]
-    findings += _judge_sessions(recordings)
+        joints = calibration.joints if calibration else [j for j in measured if j in with_truth]
+    # What a calibration reads unless told otherwise.
+    signals = [f"measured/{j}" for j in measured] + [
+        f"effort/{j}" for j in first.joints_of("effort")
+    ]
     if calibration is not None:
-        findings += _judge_extrapolation(recordings, calibration)
+        signals = list(calibration.feature_set.signals)
+    coverage = tuple(joint_coverage(recordings, joint) for joint in joints)
+    findings = [
+        *_defects(recordings, joints, signals),
+        *(finding for row in coverage for finding in _judge_coverage(row)),
+        *_judge_sessions(recordings),
+        *(_judge_extrapolation(recordings, calibration) if calibration else ()),
+    ]
     findings.sort(key=lambda finding: _ORDER[finding.level])
     return DataCheck(tuple(findings), coverage)
-
-
-def joints_with_truth(recording: Recording) -> tuple[str, ...]:
-    """Joints that have a measured and a true position, in the recording's order."""
-    return tuple(j for j in recording.joints_of("measured") if j in recording.joints_of("truth"))
-
-
-def default_signals(recording: Recording) -> tuple[str, ...]:
-    """Measured positions and efforts: what a calibration reads unless told otherwise."""
-    return tuple(
-        f"{quantity}/{name}"
-        for quantity in ("measured", "effort")
-        for name in recording.joints_of(quantity)
-    )
 
 
 def outside_share(values: Array, low: float, high: float, margin: float = 0.01) -> float:
@@ -191,26 +139,29 @@ def outside_share(values: Array, low: float, high: float, margin: float = 0.01) 
     return float(np.mean((values < low - slack) | (values > high + slack)))
 
 
-def _merged(observations: Iterable[Observation], total: int) -> Iterable[Finding]:
+def _defects(
+    recordings: Sequence[Recording], joints: Sequence[str], signals: Sequence[str]
+) -> Iterable[Finding]:
     """One finding for each kind of defect and signal; the worst recording speaks for all."""
-    groups: dict[tuple[str, str], list[Observation]] = {}
-    for observation in observations:
-        groups.setdefault((observation.kind, observation.subject), []).append(observation)
+    groups: dict[tuple[str, str], list[tuple[Observation, str]]] = {}
+    for recording in recordings:
+        name = PurePath(recording.provenance.source).name or "recording"
+        for found in observe_defects(recording, joints, signals):
+            groups.setdefault((found.kind, found.subject), []).append((found, name))
     for group in groups.values():
-        worst = max(group, key=lambda o: (-_ORDER[o.level], o.size))
-        name = PurePath(worst.recording).name or "recording"
-        where = f"{worst.subject} in {name}" if worst.subject else name
+        worst, name = max(group, key=lambda pair: (-_ORDER[pair[0].level], pair[0].size))
+        where = f"{worst.subject} in {name}"
         if len(group) > 1:
-            where += f" and {len(group) - 1} more of {total} recordings"
+            where += f" and {len(group) - 1} more of {len(recordings)} recordings"
         yield Finding(worst.level, worst.what, where, worst.advice)
 
 
 def _judge_coverage(row: JointCoverage) -> Iterable[Finding]:
-    if row.up + row.down > 0 and min(row.up, row.down) < 0.3 * (row.up + row.down):
-        share = 100 * min(row.up, row.down) / (row.up + row.down)
+    moving, rarer = row.up + row.down, min(row.up, row.down)
+    if moving > 0 and rarer < 0.3 * moving:
         yield Finding(
             "warn",
-            f"one direction of motion holds only {share:.0f} % of the moving rows",
+            f"one direction of motion holds only {100 * rarer / moving:.0f} % of the moving rows",
             row.joint,
             "friction and hysteresis differ by direction; record both about equally",
         )
@@ -243,41 +194,40 @@ def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
         yield Finding(
             "warn",
             f"{len(homings)} homings ({', '.join(homings[:4])})",
-            "all recordings",
+            _EVERYWHERE,
             "positions of two homings differ by an offset; re-zero or calibrate each on its own",
         )
-    loads = {r.provenance.load for r in recordings if np.isfinite(r.provenance.load)}
-    unknown = sum(not np.isfinite(r.provenance.load) for r in recordings)
-    known = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(loads))
+    loads = [r.provenance.load for r in recordings if np.isfinite(r.provenance.load)]
+    unknown = len(recordings) - len(loads)
+    known = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
     if unknown:
         yield Finding(
             "info",
             f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
             + (f"; elsewhere {known}" if known else ""),
-            "all recordings",
+            _EVERYWHERE,
             "state it when recording: cables stretch with load",
         )
-    elif len(loads) == 1:
+    elif len(set(loads)) == 1:
         yield Finding(
             "info",
             f"one load only: {known}",
-            "all recordings",
+            _EVERYWHERE,
             "accuracy under another load is not shown by these data",
         )
 
 
 def _judge_extrapolation(
-    recordings: Sequence[Recording], calibration: TrainedOn
+    recordings: Sequence[Recording], calibration: Calibration
 ) -> Iterable[Finding]:
-    rows = np.concatenate(
-        [calibration.feature_set.compute(r, calibration.gap_limit) for r in recordings]
-    )
+    features = calibration.feature_set
+    rows = np.concatenate([features.compute(r, calibration.gap_limit) for r in recordings])
     worst: dict[str, tuple[float, str]] = {}
-    ranges = zip(calibration.feature_set.names, calibration.lower, calibration.upper, strict=True)
+    ranges = zip(features.names, calibration.lower, calibration.upper, strict=True)
     for column, (name, low, high) in enumerate(ranges):
         share = outside_share(rows[:, column], float(low), float(high))
         # Features of one signal leave their ranges together; the worst speaks for all.
-        signal = next(s for s in calibration.feature_set.signals if s in name)
+        signal = next(s for s in features.signals if s in name)
         worst[signal] = max(worst.get(signal, (0.0, "")), (share, name))
     for share, name in worst.values():
         if share > 0.02:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -15,14 +16,7 @@ from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation.heldout import other_homings, rezeroed_on, seen_in_training
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_error, tool_positions
-from truejoint.evaluation.results import (
-    BASELINES,
-    OFFSET,
-    RAW,
-    Evaluation,
-    Trace,
-    json_values,
-)
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
 from truejoint.evaluation.scoring import (
     JudgedRecording,
     cartesian_scores,
@@ -120,38 +114,24 @@ def evaluate(
     robot = _checked_robot(recordings)
     if not (window > 0.0 and np.isfinite(window)):
         raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
-    return _judged(calibrations, recordings, chosen, joints, robot, tolerance or {}, window)
-
-
-def _judged(
-    calibrations: Mapping[str, Sequence[JointCalibration]],
-    recordings: Sequence[Recording],
-    chosen: str,
-    joints: tuple[str, ...],
-    robot: Robot,
-    tolerance: Mapping[str, float],
-    window: float,
-) -> Evaluation:
-    """Evaluate what has been checked; arguments as in `evaluate`."""
-    models = _models(calibrations, chosen)
+    own = calibrations[chosen][0]
+    metadata = own.metadata
+    estimators = _models(calibrations, chosen)
     note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
     tested = [
-        _test(recording, name, models, joints, robot if not note else None, chosen)
+        _test(recording, name, estimators, joints, robot if not note else None, chosen)
         for recording, name in zip(recordings, names, strict=True)
     ]
+    traces = [test.trace for test in tested]
     units = tuple(robot.joint(joint).unit for joint in joints)
     scores = joint_scores(tested, joints, units)
-    metadata = calibrations[chosen][0].metadata
     verdict = judge(
         scores,
         chosen,
-        tolerance=tolerance,
+        tolerance=tolerance or {},
         objections=seen_in_training(metadata, recordings),
         remarks=other_homings(metadata, recordings) + rezeroed_on(metadata, recordings),
-    )
-    found = judge_interval(
-        calibrations[chosen][0], recordings, [test.trace for test in tested], chosen
     )
     limits = [joint.limit for joint in verdict.joints]
     return Evaluation(
@@ -161,30 +141,25 @@ def _judged(
         joints=joints,
         units=units,
         chosen=chosen,
-        estimators=tuple(models),
+        estimators=tuple(estimators),
         baseline_notes=dict(metadata.get("baseline_notes", {})),
         scores=scores,
         recording_scores=recording_scores(tested, joints, units),
         cartesian=cartesian_scores(tested),
         cartesian_note=note,
-        worst=worst_stretches(found.traces, chosen, joints, units, limits, window=window),
+        worst=worst_stretches(traces, chosen, joints, units, limits, window=window),
         window=window,
         verdict=verdict,
-        intervals=found.scores,
-        interval_trajectories=found.trajectories,
-        interval_level=found.level,
-        interval_note=found.note,
-        interval_objections=found.objections,
         training=json_values(metadata),
-        traces=found.traces,
+        **judge_interval(own, recordings, traces, chosen),
     )
 
 
+@dataclass(frozen=True)
 class _Uncorrected:
     """Positions as the robot reports them."""
 
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        self.joints = joints
+    joints: tuple[str, ...]
 
     def correct(self, recording: Recording) -> Array:
         """Measured positions (n, n_joints) [rad or m]."""
@@ -284,16 +259,35 @@ def _test(
     tool: dict[str, Array] = {}
     tool_errors: dict[str, list[Array]] = {}
     if robot is not None and robot.kinematics is not None:
-        measured = all_joints(recording, robot)[known]
-        columns = robot.index(list(joints))
-        true_pose = _replaced(measured, columns, truth)
+        reported, columns = all_joints(recording, robot)[known], robot.index(list(joints))
+
+        def pose(positions: Array) -> Array:
+            """All joints (n, robot joints), the calibrated ones at `positions` (n, n_joints)."""
+            changed = reported.copy()
+            changed[:, columns] = positions
+            return changed
+
+        true = pose(truth)
         for key, seeds in estimates.items():
-            poses = [_replaced(measured, columns, value) for value in seeds]
-            tool_errors[key] = [tool_error(robot.kinematics, q, true_pose) for q in poses]
-        tool = {"truth": tool_positions(robot.kinematics, true_pose)}
-        for key in (OFFSET, chosen):
-            tool[key] = tool["truth"] + tool_errors[key][0]
-    trace = _trace(recording, name, joints, known, {k: v[0] for k, v in estimates.items()}, tool)
+            tool_errors[key] = [tool_error(robot.kinematics, pose(value), true) for value in seeds]
+        tool = {"truth": tool_positions(robot.kinematics, true)}
+        tool |= {key: tool["truth"] + tool_errors[key][0] for key in (OFFSET, chosen)}
+    measured = recording.columns("measured", joints)
+    efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
+    trace = Trace(
+        name=name,
+        provenance=recording.provenance.to_dict(),
+        rows_total=len(recording),
+        t=recording.t[known],
+        truth=truth,
+        measured=measured[known],
+        velocity=velocity(recording.t, measured)[known],
+        direction=direction(recording.t, measured)[known],
+        effort={joint: recording.column(f"effort/{joint}")[known] for joint in efforts},
+        effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
+        estimates={key: seeds[0] for key, seeds in estimates.items()},
+        tool=tool,
+    )
     return JudgedRecording(trace, errors, tool_errors)
 
 
@@ -307,38 +301,6 @@ def _finite(positions: Array, estimator: str, name: str) -> Array:
     return positions
 
 
-def _replaced(base: Array, columns: list[int], values: Array) -> Array:
-    changed = base.copy()
-    changed[:, columns] = values
-    return changed
-
-
-def _trace(
-    recording: Recording,
-    name: str,
-    joints: tuple[str, ...],
-    known: NDArray[np.bool_],
-    estimates: Mapping[str, Array],
-    tool: Mapping[str, Array],
-) -> Trace:
-    measured = recording.columns("measured", joints)
-    efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
-    return Trace(
-        name=name,
-        provenance=recording.provenance.to_dict(),
-        rows_total=len(recording),
-        t=recording.t[known],
-        truth=recording.columns("truth", joints)[known],
-        measured=measured[known],
-        velocity=velocity(recording.t, measured)[known],
-        direction=direction(recording.t, measured)[known],
-        effort={joint: recording.column(f"effort/{joint}")[known] for joint in efforts},
-        effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
-        estimates=estimates,
-        tool=tool,
-    )
-
-
 def unique_names(sources: Sequence[str]) -> list[str]:
     """Short names of recordings: the file's name, with its folder where two are the same."""
     short = [PurePath(source).name or "recording" for source in sources]
@@ -346,9 +308,7 @@ def unique_names(sources: Sequence[str]) -> list[str]:
         "/".join(PurePath(source).parts[-2:]) if short.count(name) > 1 and source else name
         for source, name in zip(sources, short, strict=True)
     ]
-    seen: dict[str, int] = {}
-    names = []
-    for name in longer:
-        seen[name] = seen.get(name, 0) + 1
-        names.append(name if longer.count(name) == 1 else f"{name} #{seen[name]}")
-    return names
+    return [
+        name if longer.count(name) == 1 else f"{name} #{longer[: i + 1].count(name)}"
+        for i, name in enumerate(longer)
+    ]

@@ -28,29 +28,18 @@ def joint_scores(
 ) -> tuple[Score, ...]:
     """One `Score` per estimator and joint, over the rows of all recordings together."""
     pooled = {name: _pooled([test.errors[name] for test in tested]) for name in tested[0].errors}
-    roots = {name: np.array([rmse(error) for error in seeds]) for name, seeds in pooled.items()}
-    offset = roots[OFFSET].mean(axis=0)
-    rows = []
-    for name, seeds in pooled.items():
-        value, spread = roots[name].mean(axis=0), _spread(roots[name])
-        largest = np.max([max_abs(error) for error in seeds], axis=0)
-        bias = np.mean([mean_error(error) for error in seeds], axis=0)
-        percent = percent_of(value, offset)
-        rows += [
-            Score(
-                estimator=name,
-                joint=joint,
-                unit=unit,
-                rmse=float(value[j]),
-                max_abs=float(largest[j]),
-                mean=float(bias[j]),
-                percent_of_offset=float(percent[j]),
-                spread=float(spread[j]),
-                seeds=len(seeds),
-            )
-            for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
-        ]
-    return tuple(rows)
+    found = _over_seeds(pooled)
+    return tuple(
+        Score(
+            estimator=name,
+            joint=joint,
+            unit=unit,
+            seeds=len(seeds),
+            **{key: float(values[j]) for key, values in found[name].items()},
+        )
+        for name, seeds in pooled.items()
+        for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
+    )
 
 
 def recording_scores(
@@ -78,29 +67,13 @@ def cartesian_scores(tested: Sequence[JudgedRecording]) -> tuple[CartesianScore,
     pooled = {
         name: _pooled([test.tool_errors[name] for test in tested]) for name in tested[0].tool_errors
     }
-    if not pooled:
-        return ()
-    distances = {
-        name: [np.linalg.norm(error, axis=1) for error in seeds] for name, seeds in pooled.items()
-    }
-    roots = {name: np.array([rmse(d) for d in seeds]) for name, seeds in distances.items()}
-    offset = roots[OFFSET].mean()
+    distances = {k: [np.linalg.norm(e, axis=1) for e in seeds] for k, seeds in pooled.items()}
     rows = []
-    for name, seeds in pooled.items():
-        x, y, z = np.mean([rmse(error) for error in seeds], axis=0)
-        rows.append(
-            CartesianScore(
-                estimator=name,
-                rmse=float(roots[name].mean()),
-                max_abs=float(np.max([d.max() for d in distances[name]])),
-                x=float(x),
-                y=float(y),
-                z=float(z),
-                percent_of_offset=float(percent_of(roots[name].mean(), offset)),
-                spread=float(_spread(roots[name])),
-                seeds=len(seeds),
-            )
-        )
+    for name, found in _over_seeds(distances).items():
+        axes = np.mean([rmse(error) for error in pooled[name]], axis=0)
+        values = {key: float(value) for key, value in found.items() if key != "mean"}
+        values |= dict(zip("xyz", map(float, axes), strict=True))
+        rows.append(CartesianScore(estimator=name, seeds=len(pooled[name]), **values))
     return tuple(rows)
 
 
@@ -109,7 +82,22 @@ def _pooled(by_recording: Sequence[Sequence[Array]]) -> list[Array]:
     return [np.concatenate(parts) for parts in zip(*by_recording, strict=True)]
 
 
-def _spread(values: Array) -> Array:
+def _over_seeds(errors: Mapping[str, Sequence[Array]]) -> dict[str, dict[str, Array]]:
+    """RMSE and the like, () or (k,), of errors (n,) or (n, k) by estimator and seed."""
+    roots = {name: np.array([rmse(error) for error in seeds]) for name, seeds in errors.items()}
+    return {
+        name: {
+            "rmse": roots[name].mean(axis=0),
+            "max_abs": np.max([max_abs(error) for error in seeds], axis=0),
+            "mean": np.mean([mean_error(error) for error in seeds], axis=0),
+            "percent_of_offset": percent_of(roots[name].mean(axis=0), roots[OFFSET].mean(axis=0)),
+            "spread": spread(roots[name]),
+        }
+        for name, seeds in errors.items()
+    }
+
+
+def spread(values: Array) -> Array:
     """Sample standard deviation over seeds (axis 0); NaN with fewer than two."""
     if len(values) < 2:
         return np.full(values.shape[1:], np.nan)
