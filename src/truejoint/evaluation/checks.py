@@ -5,17 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import PurePath
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.calibration import Calibration
 from truejoint.errors import RecordingError
 from truejoint.evaluation.coverage import JointCoverage, joint_coverage
 from truejoint.evaluation.defects import Observation, observe_defects
 from truejoint.evaluation.results import json_values
 from truejoint.recordings.recording import Recording, as_recordings
+
+if TYPE_CHECKING:
+    from truejoint.calibration import Calibration
 
 Array = NDArray[np.float64]
 Level = Literal["fail", "warn", "info"]

@@ -72,56 +72,40 @@ class JointCoverage:
 
 def joint_coverage(recordings: Sequence[Recording], joint: str) -> JointCoverage:
     """Coverage of `joint` over all recordings; raises RecordingError if one lacks it."""
-    position = [r.column(f"measured/{joint}") for r in recordings]
-    moves = np.concatenate([direction(r.t, x) for r, x in zip(recordings, position, strict=True)])
-    speed = np.concatenate(
-        [np.abs(velocity(r.t, x)) for r, x in zip(recordings, position, strict=True)]
-    )
+    paths = [(r.t, r.column(f"measured/{joint}")) for r in recordings]
+    position = np.concatenate([x for _, x in paths])
+    moves = np.concatenate([direction(t, x) for t, x in paths])
+    speed = np.concatenate([np.abs(velocity(t, x)) for t, x in paths])
     moving = speed[moves != 0]
-    pooled = np.concatenate(position)
-    lowest, highest = float(pooled.min()), float(pooled.max())
+    lowest, highest = float(position.min()), float(position.max())
     limits = recordings[0].robot.joint(joint)
     travel = limits.upper - limits.lower
-    effort_low, effort_high, effort_unit = _effort(recordings, joint)
+    filled = np.histogram(position, bins=_BINS)[0] >= 0.05 * len(position) / _BINS
+    effort, truth = (_pooled(recordings, f"{name}/{joint}") for name in ("effort", "truth"))
+    low, high = (math.nan, math.nan) if effort is None else np.quantile(effort, [0.01, 0.99])
     return JointCoverage(
         joint=joint,
         unit=limits.unit,
         lowest=lowest,
         highest=highest,
         share_of_limits=(highest - lowest) / travel if math.isfinite(travel) else math.nan,
-        filled=_filled(pooled),
+        filled=float(np.mean(filled)) if lowest < highest else 0.0,
         up=float(np.mean(moves > 0)),
         down=float(np.mean(moves < 0)),
         standing=float(np.mean(moves == 0)),
         speed_median=float(np.median(moving)) if len(moving) else 0.0,
         speed_high=float(np.quantile(moving, 0.95)) if len(moving) else 0.0,
-        effort_low=effort_low,
-        effort_high=effort_high,
-        effort_unit=effort_unit,
-        truth_missing=_truth_missing(recordings, joint),
-        rows=len(pooled),
+        effort_low=float(low),
+        effort_high=float(high),
+        effort_unit="1" if effort is None else recordings[0].units[f"effort/{joint}"],
+        truth_missing=math.nan if truth is None else float(np.mean(np.isnan(truth))),
+        rows=len(position),
         duration=sum(r.duration for r in recordings),
     )
 
 
-def _filled(position: Array) -> float:
-    if position.min() == position.max():
-        return 0.0
-    counts, _ = np.histogram(position, bins=_BINS)
-    return float(np.mean(counts >= 0.05 * len(position) / _BINS))
-
-
-def _effort(recordings: Sequence[Recording], joint: str) -> tuple[float, float, str]:
-    column = f"effort/{joint}"
+def _pooled(recordings: Sequence[Recording], column: str) -> Array | None:
+    """Values (n,) over all recordings; None where one has no such column."""
     if any(column not in r.units for r in recordings):
-        return math.nan, math.nan, "1"
-    pooled = np.concatenate([r.column(column) for r in recordings])
-    low, high = np.quantile(pooled, [0.01, 0.99])
-    return float(low), float(high), recordings[0].units[column]
-
-
-def _truth_missing(recordings: Sequence[Recording], joint: str) -> float:
-    column = f"truth/{joint}"
-    if any(column not in r.units for r in recordings):
-        return math.nan
-    return float(np.mean(np.isnan(np.concatenate([r.column(column) for r in recordings]))))
+        return None
+    return np.concatenate([r.column(column) for r in recordings])

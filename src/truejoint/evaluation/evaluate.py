@@ -133,7 +133,6 @@ def evaluate(
         objections=seen_in_training(metadata, recordings),
         remarks=other_homings(metadata, recordings) + rezeroed_on(metadata, recordings),
     )
-    limits = [joint.limit for joint in verdict.joints]
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -147,7 +146,7 @@ def evaluate(
         recording_scores=recording_scores(tested, joints, units),
         cartesian=cartesian_scores(tested),
         cartesian_note=note,
-        worst=worst_stretches(traces, chosen, joints, units, limits, window=window),
+        worst=worst_stretches(traces, chosen, verdict.joints, window),
         window=window,
         verdict=verdict,
         training=json_values(metadata),

@@ -15,30 +15,15 @@ GAP_STEPS: float = 5.0
 
 
 def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
-    """Velocity by central differences over about `window`, so that encoder steps do not show.
+    """Velocity by central differences over about `window` [s], so that encoder steps do not show.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Increasing time stamps [s]; n at least 2.
-    position : ndarray, shape (n,) or (n, k)
-        Positions [rad or m].
-    window : float
-        Time [s] between the two samples that are subtracted; at least one sample to each side.
-
-    Returns
-    -------
-    ndarray, shape of `position`
-        Velocity [rad/s or m/s]; one-sided at both ends.
+    Shape of `position` (n,) or (n, k); one-sided at both ends of the stamps `t` (n,) [s], n >= 2.
     """
     n = len(t)
     reach = max(1, round(0.5 * window / float(np.median(np.diff(t)))))
     before = np.maximum(np.arange(n) - reach, 0)
     after = np.minimum(np.arange(n) + reach, n - 1)
-    elapsed = t[after] - t[before]
-    if position.ndim > 1:
-        elapsed = elapsed[:, None]
-    rate: Array = (position[after] - position[before]) / elapsed
+    rate: Array = ((position[after] - position[before]).T / (t[after] - t[before])).T
     return rate
 
 

@@ -7,32 +7,21 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.evaluation.results import Stretch, Trace
+from truejoint.evaluation.results import JointVerdict, Stretch, Trace
 
 Array = NDArray[np.float64]
+
+_COUNT = 3  # windows of each joint
 
 
 def worst_windows(
     t: Array, error: Array, window: float, count: int
 ) -> list[tuple[int, int, float]]:
-    """Windows of one recording with the largest RMSE, worst first, not overlapping.
+    """Windows of one recording with the largest RMSE, at most `count`, worst first, apart.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Increasing time stamps [s].
-    error : ndarray, shape (n,)
-        Estimated minus true position [rad or m].
-    window : float
-        Length [s]; a shorter recording is one window. A window covers at least half of it, so
-        that a few rows beside a gap do not count as a stretch, unless all rows are so far apart.
-    count : int
-        At most so many windows.
-
-    Returns
-    -------
-    list of (first, end, rmse)
-        Rows ``first:end`` and their RMSE [rad or m].
+    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,),
+    which sets the unit. A shorter recording is one window. One covers at least half of `window`
+    [s], so that a few rows beside a gap do not count, unless all rows are so far apart.
     """
     n = len(t)
     first = np.arange(n)
@@ -54,40 +43,25 @@ def worst_windows(
 
 
 def worst_stretches(
-    traces: Sequence[Trace],
-    chosen: str,
-    joints: Sequence[str],
-    units: Sequence[str],
-    limits: Sequence[float],
-    *,
-    window: float = 10.0,
-    count: int = 3,
+    traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
 ) -> tuple[Stretch, ...]:
-    """Find the `count` worst windows of each joint over all recordings, worst first.
+    """Find the worst windows [s] of each joint over all recordings, worst first.
 
-    Parameters
-    ----------
-    traces : sequence of Trace
-    chosen : str
-        Estimator whose error counts.
-    joints, units : sequence of str
-    limits : sequence of float
-        Tolerance of each joint [rad or m]; windows of different joints are ordered by their
-        RMSE as a multiple of it.
-    window, count
-        See `worst_windows`.
+    Windows of different joints are ordered by their RMSE as a multiple of the joint's limit.
     """
     ranked: list[tuple[float, Stretch]] = []
-    for column, (joint, unit, limit) in enumerate(zip(joints, units, limits, strict=True)):
+    for column, (joint, unit, limit) in enumerate((v.joint, v.unit, v.limit) for v in joints):
         own: list[tuple[float, Stretch]] = []
         for index, trace in enumerate(traces):
-            error = trace.estimates[chosen][:, column] - trace.truth[:, column]
-            for first, end, rmse in worst_windows(trace.t, error, window, count):
+            error = trace.error(chosen)[:, column]
+            for first, end, rmse in worst_windows(trace.t, error, window, _COUNT):
                 largest = float(np.abs(error[first:end]).max())
                 start, stop = float(trace.t[first]), float(trace.t[end - 1])
                 stretch = Stretch(joint, unit, index, start, stop, rmse, largest)
                 own.append((rmse / limit if limit > 0 else rmse, stretch))
-        own.sort(key=lambda pair: -pair[0])
-        ranked += own[:count]
-    ranked.sort(key=lambda pair: -pair[0])
-    return tuple(stretch for _, stretch in ranked)
+        ranked += sorted(own, key=_rank)[:_COUNT]
+    return tuple(stretch for _, stretch in sorted(ranked, key=_rank))
+
+
+def _rank(pair: tuple[float, Stretch]) -> float:
+    return -pair[0]
