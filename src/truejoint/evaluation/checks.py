@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import RecordingError
 from truejoint.evaluation.coverage import JointCoverage, joint_coverage
-from truejoint.evaluation.defects import Observation, observe_defects
+from truejoint.evaluation.defects import Defect, Finding, find_defects
 from truejoint.evaluation.results import json_values
 from truejoint.recordings.recording import Recording, as_recordings
 
@@ -20,37 +20,9 @@ if TYPE_CHECKING:
     from truejoint.calibration import Calibration
 
 Array = NDArray[np.float64]
-Level = Literal["fail", "warn", "info"]
 
 _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
 _EVERYWHERE: Final = "all recordings"
-
-
-@dataclass(frozen=True)
-class Finding:
-    """One thing that a data check found.
-
-    Attributes
-    ----------
-    level : {"fail", "warn", "info"}
-        ``"fail"``: results on these data would mislead; ``"warn"``: look before you trust them.
-    what : str
-        What was seen, with its number.
-    where : str
-        Which joint, signal and recordings.
-    advice : str
-        What to do about it.
-
-    Examples
-    --------
-    >>> Finding("warn", "1 % of the truth is missing", "jaw", "look at the sensor").level
-    'warn'
-    """
-
-    level: Level
-    what: str
-    where: str
-    advice: str
 
 
 @dataclass(frozen=True)
@@ -74,7 +46,7 @@ class DataCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON; SI units."""
-        values: dict[str, Any] = json_values(asdict(self))
+        values: dict[str, Any] = json_values(self)
         return values
 
 
@@ -145,17 +117,16 @@ def _defects(
     recordings: Sequence[Recording], joints: Sequence[str], signals: Sequence[str]
 ) -> Iterable[Finding]:
     """One finding for each kind of defect and signal; the worst recording speaks for all."""
-    groups: dict[tuple[str, str], list[tuple[Observation, str]]] = {}
+    groups: dict[tuple[str, str], list[tuple[Defect, str]]] = {}
     for recording in recordings:
         name = PurePath(recording.provenance.source).name or "recording"
-        for found in observe_defects(recording, joints, signals):
-            groups.setdefault((found.kind, found.subject), []).append((found, name))
+        for defect in find_defects(recording, joints, signals):
+            groups.setdefault((defect.advice, defect.where), []).append((defect, name))
     for group in groups.values():
         worst, name = max(group, key=lambda pair: (-_ORDER[pair[0].level], pair[0].size))
-        where = f"{worst.subject} in {name}"
-        if len(group) > 1:
-            where += f" and {len(group) - 1} more of {len(recordings)} recordings"
-        yield Finding(worst.level, worst.what, where, worst.advice)
+        others = len(group) - 1
+        more = f" and {others} more of {len(recordings)} recordings" if others else ""
+        yield Finding(worst.level, worst.what, f"{worst.where} in {name}{more}", worst.advice)
 
 
 def _judge_coverage(row: JointCoverage) -> Iterable[Finding]:

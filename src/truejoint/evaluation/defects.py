@@ -17,24 +17,42 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Observation:
-    """One defect of one recording, told as in a `Finding`.
+class Finding:
+    """One thing that a data check found.
 
-    `kind` and `subject` (a signal) tell which observations of several recordings are the same;
-    `size` orders them.
+    Attributes
+    ----------
+    level : {"fail", "warn", "info"}
+        ``"fail"``: results on these data would mislead; ``"warn"``: look before you trust them.
+    what : str
+        What was seen, with its number.
+    where : str
+        Which joint, signal and recordings.
+    advice : str
+        What to do about it.
+
+    Examples
+    --------
+    >>> Finding("warn", "1 % of the truth is missing", "jaw", "look at the sensor").level
+    'warn'
     """
 
-    kind: str
     level: Literal["fail", "warn", "info"]
-    subject: str
-    size: float
     what: str
+    where: str
     advice: str
 
 
-def observe_defects(
+@dataclass(frozen=True)
+class Defect(Finding):
+    """A defect of one recording; `size` orders those with the same `where` and `advice`."""
+
+    size: float
+
+
+def find_defects(
     recording: Recording, joints: Sequence[str], signals: Sequence[str]
-) -> Iterable[Observation]:
+) -> Iterable[Defect]:
     """Everything about a recording that would mislead a calibration or a test.
 
     Of `joints` the measured and true positions are examined, of the columns `signals`, which a
@@ -46,13 +64,12 @@ def observe_defects(
         values = recording.column(name)
         used = name.partition("/")[2] not in recording.robot.unused_channels
         if used and values.min() == values.max():
-            yield Observation(
-                "constant",
+            yield Defect(
                 "warn",
-                name,
-                1.0,
                 f"the signal is {values[0]:.4g} in every row",
+                name,
                 "a model learns nothing from it; is the sensor connected?",
+                1.0,
             )
     for joint in joints:
         measured = recording.column(f"measured/{joint}")
@@ -67,76 +84,71 @@ def observe_defects(
                 yield from _frozen(joint, t, truth[known], measured[known])
 
 
-def _clock(t: Array) -> Iterable[Observation]:
+def _clock(t: Array) -> Iterable[Defect]:
     step = np.diff(t)
     usual = float(np.median(step))
     after = gaps(t)
     if len(after):
         longest = float(step.max())
         lost = float(step[after].sum() / (t[-1] - t[0]))
-        yield Observation(
-            "gaps",
+        yield Defect(
             "warn",
-            "time stamps",
-            longest,
             f"{_count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
             f"s, {100 * lost:.2g} % of the time",
+            "time stamps",
             "a model with history starts anew after each; look for lost messages or a clock jump",
+            longest,
         )
     irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
     if irregular > 0.05:
-        yield Observation(
-            "irregular",
+        yield Defect(
             "info" if irregular < 0.2 else "warn",
-            "time stamps",
-            irregular,
             f"{100 * irregular:.0f} % of the steps are more than half off the median of "
             f"{1e3 * usual:.4g} ms",
+            "time stamps",
             "record stamps of the sensor rather than of arrival",
+            irregular,
         )
 
 
-def _dropped(recording: Recording) -> Iterable[Observation]:
+def _dropped(recording: Recording) -> Iterable[Defect]:
     dropped = {reason: n for reason, n in recording.provenance.dropped.items() if n}
     total = sum(dropped.values())
     share = total / (total + len(recording))
     if total:
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        yield Observation(
-            "dropped",
+        yield Defect(
             "warn" if share > 0.05 else "info",
-            "rows",
-            share,
             f"{_count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: "
             f"{reasons}",
+            "rows",
             "look at the streams if the share is not what you expect",
+            share,
         )
 
 
-def _missing_truth(t: Array, joint: str, known: NDArray[np.bool_]) -> Iterable[Observation]:
+def _missing_truth(t: Array, joint: str, known: NDArray[np.bool_]) -> Iterable[Defect]:
     share = 1.0 - float(known.mean())
     if share > 0.05:
-        yield Observation(
-            "missing truth",
+        yield Defect(
             "fail" if share > 0.5 else "warn",
-            f"truth/{joint}",
-            share,
             f"{100 * share:.0f} % of the rows have no true position",
+            f"truth/{joint}",
             "only rows with truth are used; check the joint sensor and its clock",
+            share,
         )
     silent = float(t[-1] - t[known][-1]) if known.any() else 0.0
     if silent > 0.1 * (t[-1] - t[0]):
-        yield Observation(
-            "truth stops",
+        yield Defect(
             "warn",
-            f"truth/{joint}",
-            silent,
             f"the truth stops {silent:.1f} s before the end",
+            f"truth/{joint}",
             "the joint sensor stopped; what follows is not used",
+            silent,
         )
 
 
-def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable[Observation]:
+def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable[Defect]:
     """Find steps far beyond what the joint does otherwise; whole turns are encoder wraps."""
     size = np.abs(np.diff(values))
     size[gaps(t)] = 0.0
@@ -147,18 +159,17 @@ def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable
     turns = size[far] / (2.0 * math.pi)
     whole = np.round(turns)
     wrapped = unit == "rad" and bool(np.all((np.abs(turns - whole) < 0.02) & (whole >= 1)))
-    yield Observation(
-        "wrap" if wrapped else "jump",
+    yield Defect(
         "fail" if wrapped else "warn",
-        name,
-        largest,
         f"{_count(int(far.sum()), 'whole turn' if wrapped else 'sudden jump')}, the first at "
         f"{t[int(np.argmax(far)) + 1]:.3f} s, the largest {largest:.3g} {unit}",
+        name,
         "unwrap the encoder before use" if wrapped else "cut the rows out or record again",
+        largest,
     )
 
 
-def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Observation]:
+def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Defect]:
     """Find a sensor that repeats one value while the other end of the cable moves far.
 
     Far is a quarter of the covered range: less may be honest backlash.
@@ -169,14 +180,13 @@ def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Obs
         moved, span = np.ptp(other[rows]) if length else 0.0, np.ptp(other)
         if span > 0.0 and moved > 0.25 * span:
             seconds = float(t[rows][-1] - t[rows][0])
-            yield Observation(
-                "frozen",
+            yield Defect(
                 "fail",
-                f"{name}/{joint}",
-                seconds,
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
                 "the joint moves",
+                f"{name}/{joint}",
                 "check the sensor; cut the stretch out before fitting or judging",
+                seconds,
             )
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
-from truejoint.evaluation.heldout import other_homings, rezeroed_on, seen_in_training
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_error, tool_positions
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
@@ -25,12 +24,14 @@ from truejoint.evaluation.scoring import (
 )
 from truejoint.evaluation.signals import direction, velocity
 from truejoint.evaluation.stretches import worst_stretches
-from truejoint.evaluation.tool import all_joints, why_no_cartesian
-from truejoint.evaluation.verdict import judge
+from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
 Array = NDArray[np.float64]
+
+_STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
+_PROBES = 20
 
 
 class Corrects(Protocol):
@@ -297,6 +298,37 @@ def _finite(positions: Array, estimator: str, name: str) -> Array:
             f"{estimator} gives no number for row {int(np.argmax(bad))} of {name}; the model "
             "does not apply to this recording"
         )
+    return positions
+
+
+def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
+    """Give the reason why tool positions cannot be computed; empty when they can.
+
+    A joint may be missing from a recording if it does not move the tool, such as a jaw.
+    """
+    if robot.kinematics is None:
+        return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
+    for recording in recordings:
+        missing = [j for j in robot.joint_names if j not in recording.joints_of("measured")]
+        rows = np.linspace(0, len(recording) - 1, _PROBES).astype(np.int64)
+        probes = all_joints(recording, robot)[rows]
+        linear = robot.kinematics.jacobian(probes)[..., :3, :]
+        needed = [j for j in missing if np.abs(linear[..., robot.index([j])]).max() > _STILL]
+        if needed:
+            return (
+                f"{PurePath(recording.provenance.source).name or 'A recording'} lacks the "
+                f"measured position of {', '.join(needed)}, which moves the tool."
+            )
+    return ""
+
+
+def all_joints(recording: Recording, robot: Robot) -> Array:
+    """Measured positions (n, n_joints) [rad or m] of all joints; home where there is no column."""
+    known = recording.joints_of("measured")
+    positions = np.tile(robot.home, (len(recording), 1))
+    for column, joint in enumerate(robot.joint_names):
+        if joint in known:
+            positions[:, column] = recording.column(f"measured/{joint}")
     return positions
 
 

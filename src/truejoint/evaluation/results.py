@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -21,27 +21,19 @@ OFFSET: Final = "offset"
 # Always in the table, in this order; what was chosen stands after them.
 BASELINES: Final = (RAW, OFFSET, "linear", "poly2")
 
-_TITLES: Final = {
-    RAW: "Raw",
-    OFFSET: "Fixed offset",
-    "linear": "Linear",
-    "poly2": "2nd-order polynomial",
-    "dnn": "Neural network",
-}
-
-
-_PHRASES: Final = {
-    RAW: "the raw position",
-    OFFSET: "the fixed offset",
-    "linear": "the linear model",
-    "poly2": "the 2nd-order polynomial",
-    "dnn": "the neural network",
+# As a title and within a sentence.
+_NAMES: Final = {
+    RAW: ("Raw", "the raw position"),
+    OFFSET: ("Fixed offset", "the fixed offset"),
+    "linear": ("Linear", "the linear model"),
+    "poly2": ("2nd-order polynomial", "the 2nd-order polynomial"),
+    "dnn": ("Neural network", "the neural network"),
 }
 
 
 def estimator_phrase(name: str) -> str:
     """Name of an estimator within a sentence, such as ``"the neural network"``."""
-    return _PHRASES.get(name, f"the model {name}")
+    return _NAMES.get(name, ("", f"the model {name}"))[1]
 
 
 def estimator_title(name: str) -> str:
@@ -52,7 +44,7 @@ def estimator_title(name: str) -> str:
     >>> estimator_title("dnn")
     'Neural network'
     """
-    return _TITLES.get(name, name)
+    return _NAMES.get(name, (name, ""))[0]
 
 
 @dataclass(frozen=True)
@@ -64,12 +56,10 @@ class Score:
     estimator, joint : str
     unit : str
         SI unit of the errors, ``"rad"`` or ``"m"``.
-    rmse : float
-        Root mean square error; the mean over seeds.
+    rmse, mean : float
+        Root mean square and mean error (bias); the mean over seeds.
     max_abs : float
         Largest absolute error of any seed.
-    mean : float
-        Mean error (bias); the mean over seeds.
     percent_of_offset : float
         `rmse` as a percentage of that of the fixed offset.
     spread : float
@@ -151,10 +141,9 @@ class IntervalScore:
         Mean over the test's trajectories of the share of samples inside.
     standard_error : float
         Sampling error of that over trajectories; NaN with a single one.
-    half_width : float
-        Mean over the samples, widening outside the trained range included [rad or m].
-    offset_half_width : float
-        Of the fixed offset's interval, made of the same recordings as the model's [rad or m].
+    half_width, offset_half_width : float
+        Mean over the samples, widening outside the trained range included, and that of the fixed
+        offset's interval, made of the same recordings [rad or m].
     shares : tuple of float
         Share of the samples inside, of each trajectory that was judged.
 
@@ -247,10 +236,8 @@ class Verdict:
     ----------
     passed : bool
         True when every joint is within its limit and nothing in `objections` forbids a verdict.
-    text : str
-        The sentence for a person.
-    rule : str
-        What was asked of each joint.
+    text, rule : str
+        The sentence for a person, and what was asked of each joint.
     joints : tuple of JointVerdict
     objections : tuple of str
         Why the test itself cannot be believed, for instance rows seen in training.
@@ -288,13 +275,10 @@ class Trace:
         Time stamps [s].
     truth, measured : ndarray, shape (n, n_joints)
         Positions [rad or m].
-    velocity : ndarray, shape (n, n_joints)
-        Of the measured position, smoothed over 0.1 s [rad/s or m/s].
-    direction : ndarray, shape (n, n_joints)
-        Direction of motion: -1, 0 (standing) or 1.
-    effort : mapping of str to ndarray (n,)
-        Effort per joint that has one, in `effort_unit`.
-    effort_unit : mapping of str to str
+    velocity, direction : ndarray, shape (n, n_joints)
+        Of the measured position, smoothed over 0.1 s [rad/s or m/s]; -1, 0 (standing) or 1.
+    effort, effort_unit : mapping of str to ndarray (n,), mapping of str to str
+        Of the joints that have one.
     estimates : mapping of str to ndarray (n, n_joints)
         Corrected positions [rad or m] by estimator; of its first seed.
     tool : mapping of str to ndarray (n, 3)
@@ -353,9 +337,8 @@ class Evaluation(Summarised):
 
     Attributes
     ----------
-    robot, arm : str
-    title : str
-        Robot and arm for a person.
+    robot, arm, title : str
+        The title is robot and arm for a person.
     joints, units : tuple of str
         Calibrated joints and the SI unit of each.
     chosen : str
@@ -364,17 +347,12 @@ class Evaluation(Summarised):
         All in the table: raw, offset, linear, poly2, then the others; the order of `scores`.
     baseline_notes : mapping of str to str
         What is to be known about a baseline that is missing or weak.
-    scores : tuple of Score
-        One row per estimator and joint.
-    recording_scores : tuple of RecordingScore
-        One row per test recording, estimator and joint.
-    cartesian : tuple of CartesianScore
-        One row per estimator; empty when `cartesian_note` says why.
-    cartesian_note : str
-    worst : tuple of Stretch
-        Worst first.
-    window : float
-        Length [s] of the stretches.
+    scores, recording_scores : tuple of Score, tuple of RecordingScore
+        One row per estimator and joint; the latter also per test recording.
+    cartesian, cartesian_note : tuple of CartesianScore, str
+        One row per estimator; empty when the note says why.
+    worst, window : tuple of Stretch, float
+        Worst first, and their length [s].
     verdict : Verdict
     intervals : tuple of IntervalScore
         One row per stated level and joint of the chosen model's first seed.
@@ -426,10 +404,10 @@ class Evaluation(Summarised):
         """Verdict, and the accuracy beside that of the fixed offset, by label."""
         accuracy = {}
         for joint, unit in zip(self.joints, self.units, strict=True):
-            own, offset = self.score(self.chosen, joint).rmse, self.score(OFFSET, joint).rmse
-            accuracy[joint] = (
-                f"{with_unit(own, unit)} RMSE (fixed offset {with_unit(offset, unit)})"
+            own, offset = (
+                with_unit(self.score(name, joint).rmse, unit) for name in (self.chosen, OFFSET)
             )
+            accuracy[joint] = f"{own} RMSE (fixed offset {offset})"
         return {
             "of": f"{estimator_title(self.chosen)}, {self.title}",
             "test": ", ".join(trace.name for trace in self.traces),
@@ -446,39 +424,45 @@ class Evaluation(Summarised):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as values for JSON; SI units, NaN becomes None."""
-        values: dict[str, Any] = {
-            "robot": self.robot,
-            "arm": self.arm,
-            "joints": list(self.joints),
-            "units": dict(zip(self.joints, self.units, strict=True)),
-            "chosen": self.chosen,
-            "estimators": list(self.estimators),
-            "baseline_notes": dict(self.baseline_notes),
-            "verdict": asdict(self.verdict),
-            "scores": [asdict(row) for row in self.scores],
-            "cartesian": [asdict(row) for row in self.cartesian],
-            "cartesian_note": self.cartesian_note,
-            "recordings": [asdict(row) for row in self.recording_scores],
-            "worst": [
-                {**asdict(row), "recording": self.traces[row.recording].name} for row in self.worst
-            ],
-            "window": self.window,
-            "intervals": [{**asdict(row), "agreement": row.agreement} for row in self.intervals],
-            "interval_trajectories": list(self.interval_trajectories),
-            "interval_note": self.interval_note,
-            "interval_objections": list(self.interval_objections),
-            "test": [
-                {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
-                for t in self.traces
-            ],
-            "training": dict(self.training),
-        }
-        clean: dict[str, Any] = json_values(values)
-        return clean
+        values: dict[str, Any] = json_values(
+            {
+                "robot": self.robot,
+                "arm": self.arm,
+                "joints": self.joints,
+                "units": dict(zip(self.joints, self.units, strict=True)),
+                "chosen": self.chosen,
+                "estimators": self.estimators,
+                "baseline_notes": self.baseline_notes,
+                "verdict": self.verdict,
+                "scores": self.scores,
+                "cartesian": self.cartesian,
+                "cartesian_note": self.cartesian_note,
+                "recordings": self.recording_scores,
+                "worst": [
+                    vars(s) | {"recording": self.traces[s.recording].name} for s in self.worst
+                ],
+                "window": self.window,
+                "intervals": [vars(s) | {"agreement": s.agreement} for s in self.intervals],
+                "interval_trajectories": self.interval_trajectories,
+                "interval_note": self.interval_note,
+                "interval_objections": self.interval_objections,
+                "test": [
+                    {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
+                    for t in self.traces
+                ],
+                "training": self.training,
+            }
+        )
+        return values
 
 
 def json_values(value: Any) -> Any:
-    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists."""
+    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists.
+
+    Dataclasses become mappings.
+    """
+    if is_dataclass(value):
+        value = vars(value)
     if isinstance(value, Mapping):
         return {str(key): json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -36,8 +36,8 @@ def score_table(evaluation: Evaluation) -> Table:
             table.add_section()
         cells = []
         for cell in row.cells:
-            text = Text(cell.rmse, style="bold" if cell.best else "")
-            for small in filter(None, (cell.spread, f"{cell.percent:>6}")):
+            text = Text(cell["rmse"], style="bold" if cell["best"] else "")
+            for small in filter(None, (cell["spread"], f"{cell['percent']:>6}")):
                 text.append(f" {small}", style="not bold dim")
             cells.append(text)
         table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)

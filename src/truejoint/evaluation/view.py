@@ -30,18 +30,6 @@ DASH = "\N{EN DASH}"
 
 
 @dataclass(frozen=True)
-class Cell:
-    """One cell of the main table."""
-
-    rmse: str
-    spread: str
-    largest: str
-    percent: str
-    chosen: bool
-    best: bool
-
-
-@dataclass(frozen=True)
 class Row:
     """A row: its name, its cells, the unit for a person, and whether it is picked out."""
 
@@ -73,14 +61,14 @@ def _main_row(
     values = [unit.scale * score.rmse for score in scores]
     decimals = decimals_for(values)
     cells = [
-        Cell(
-            rmse=fixed(value, decimals),
-            spread=spread_text(unit.scale * s.spread, decimals) if math.isfinite(s.spread) else "",
-            largest=fixed(unit.scale * s.max_abs, max(decimals - 1, 1)),
-            percent=percent_text(s.percent_of_offset),
-            chosen=s.estimator == chosen,
-            best=value == min(values),
-        )
+        {
+            "rmse": fixed(value, decimals),
+            "spread": spread_text(unit.scale * s.spread, decimals),
+            "largest": fixed(unit.scale * s.max_abs, max(decimals - 1, 1)),
+            "percent": percent_text(s.percent_of_offset),
+            "chosen": s.estimator == chosen,
+            "best": value == min(values),
+        }
         for value, s in zip(values, scores, strict=True)
     ]
     return Row(name, cells, unit.name)

@@ -7,7 +7,6 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -136,7 +135,6 @@ def render_report(
         training_facts=view.flattened(evaluation.training),
         sources=used + tested,
         command=command,
-        script=_asset("report.js"),
         plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
         figures=script_json(
             [
@@ -154,8 +152,7 @@ def render_page(template: str, *, package: str = __package__, **values: Any) -> 
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         loader=jinja2.ChoiceLoader(loaders),
     )  # fmt: skip
-    page = environment.get_template(template)
-    return page.render(**values, versions=versions(), style=_asset("report.css"))
+    return environment.get_template(template).render(**values, versions=versions())
 
 
 def script_json(value: Any) -> str:
@@ -223,7 +220,3 @@ def _version(package: str) -> str:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return "not installed"
-
-
-def _asset(name: str) -> str:
-    return files("truejoint.evaluation.report").joinpath("assets", name).read_text("utf-8")
