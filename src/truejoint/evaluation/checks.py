@@ -69,10 +69,6 @@ def check_data(
         Signals and ranges of its features; rows outside the ranges seen in training are counted
         as extrapolation. Without one, all measured and effort columns are examined.
 
-    Returns
-    -------
-    DataCheck
-
     Raises
     ------
     RecordingError
@@ -91,11 +87,8 @@ def check_data(
     if joints is None:
         joints = calibration.joints if calibration else [j for j in measured if j in with_truth]
     # What a calibration reads unless told otherwise.
-    signals = [f"measured/{j}" for j in measured] + [
-        f"effort/{j}" for j in first.joints_of("effort")
-    ]
-    if calibration is not None:
-        signals = list(calibration.feature_set.signals)
+    read = [f"{what}/{j}" for what in ("measured", "effort") for j in first.joints_of(what)]
+    signals = calibration.feature_set.signals if calibration else read
     coverage = tuple(joint_coverage(recordings, joint) for joint in joints)
     findings = [
         *_defects(recordings, joints, signals),
@@ -132,62 +125,45 @@ def _defects(
 def _judge_coverage(row: JointCoverage) -> Iterable[Finding]:
     moving, rarer = row.up + row.down, min(row.up, row.down)
     if moving > 0 and rarer < 0.3 * moving:
-        yield Finding(
-            "warn",
-            f"one direction of motion holds only {100 * rarer / moving:.0f} % of the moving rows",
-            row.joint,
-            "friction and hysteresis differ by direction; record both about equally",
-        )
+        what = f"one direction of motion holds only {100 * rarer / moving:.0f} % of the moving rows"
+        advice = "friction and hysteresis differ by direction; record both about equally"
+        yield Finding("warn", what, row.joint, advice)
     if row.standing > 0.5:
-        yield Finding(
-            "warn",
-            f"the joint stands still in {100 * row.standing:.0f} % of the rows",
-            row.joint,
-            "many equal rows outweigh the moving ones; cut long rests or record more motion",
-        )
+        what = f"the joint stands still in {100 * row.standing:.0f} % of the rows"
+        advice = "many equal rows outweigh the moving ones; cut long rests or record more motion"
+        yield Finding("warn", what, row.joint, advice)
     if row.filled < 0.9:
-        yield Finding(
-            "warn",
-            f"{100 * (1 - row.filled):.0f} % of the range between its ends was hardly visited",
-            row.joint,
-            "move through the whole range, so that the model need not guess between",
-        )
+        what = f"{100 * (1 - row.filled):.0f} % of the range between its ends was hardly visited"
+        advice = "move through the whole range, so that the model need not guess between"
+        yield Finding("warn", what, row.joint, advice)
     if row.share_of_limits < 0.2:
-        yield Finding(
-            "info",
-            f"{100 * row.share_of_limits:.0f} % of the joint's travel is covered",
-            row.joint,
-            "trust the calibration inside the covered range only",
-        )
+        what = f"{100 * row.share_of_limits:.0f} % of the joint's travel is covered"
+        advice = "trust the calibration inside the covered range only"
+        yield Finding("info", what, row.joint, advice)
 
 
 def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
     homings = sorted({r.provenance.homing_id for r in recordings} - {""})
     if len(homings) > 1:
-        yield Finding(
-            "warn",
-            f"{len(homings)} homings ({', '.join(homings[:4])})",
-            _EVERYWHERE,
-            "positions of two homings differ by an offset; re-zero or calibrate each on its own",
+        what = f"{len(homings)} homings ({', '.join(homings[:4])})"
+        advice = (
+            "positions of two homings differ by an offset; re-zero or calibrate each on its own"
         )
+        yield Finding("warn", what, _EVERYWHERE, advice)
     loads = [r.provenance.load for r in recordings if np.isfinite(r.provenance.load)]
     unknown = len(recordings) - len(loads)
     known = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
     if unknown:
-        yield Finding(
-            "info",
+        what = (
             f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
-            + (f"; elsewhere {known}" if known else ""),
-            _EVERYWHERE,
-            "state it when recording: cables stretch with load",
+            + (f"; elsewhere {known}" if known else "")
         )
+        advice = "state it when recording: cables stretch with load"
+        yield Finding("info", what, _EVERYWHERE, advice)
     elif len(set(loads)) == 1:
-        yield Finding(
-            "info",
-            f"one load only: {known}",
-            _EVERYWHERE,
-            "accuracy under another load is not shown by these data",
-        )
+        what = f"one load only: {known}"
+        advice = "accuracy under another load is not shown by these data"
+        yield Finding("info", what, _EVERYWHERE, advice)
 
 
 def _judge_extrapolation(
@@ -204,9 +180,6 @@ def _judge_extrapolation(
         worst[signal] = max(worst.get(signal, (0.0, "")), (share, name))
     for share, name in worst.values():
         if share > 0.02:
-            yield Finding(
-                "fail" if share > 0.5 else "warn",
-                f"{100 * share:.0f} % of the rows lie outside the range seen in training",
-                name,
-                "the model extrapolates there; train on a wider range or expect less",
-            )
+            what = f"{100 * share:.0f} % of the rows lie outside the range seen in training"
+            advice = "the model extrapolates there; train on a wider range or expect less"
+            yield Finding("fail" if share > 0.5 else "warn", what, name, advice)

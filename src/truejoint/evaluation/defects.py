@@ -64,13 +64,9 @@ def find_defects(
         values = recording.column(name)
         used = name.partition("/")[2] not in recording.robot.unused_channels
         if used and values.min() == values.max():
-            yield Defect(
-                "warn",
-                f"the signal is {values[0]:.4g} in every row",
-                name,
-                "a model learns nothing from it; is the sensor connected?",
-                1.0,
-            )
+            what = f"the signal is {values[0]:.4g} in every row"
+            advice = "a model learns nothing from it; is the sensor connected?"
+            yield Defect("warn", what, name, advice, 1.0)
     for joint in joints:
         measured = recording.column(f"measured/{joint}")
         yield from _jumps(recording, f"measured/{joint}", recording.t, measured)
@@ -91,24 +87,22 @@ def _clock(t: Array) -> Iterable[Defect]:
     if len(after):
         longest = float(step.max())
         lost = float(step[after].sum() / (t[-1] - t[0]))
-        yield Defect(
-            "warn",
+        what = (
             f"{_count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
-            f"s, {100 * lost:.2g} % of the time",
-            "time stamps",
-            "a model with history starts anew after each; look for lost messages or a clock jump",
-            longest,
+            f"s, {100 * lost:.2g} % of the time"
         )
+        advice = (
+            "a model with history starts anew after each; look for lost messages or a clock jump"
+        )
+        yield Defect("warn", what, "time stamps", advice, longest)
     irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
     if irregular > 0.05:
-        yield Defect(
-            "info" if irregular < 0.2 else "warn",
+        what = (
             f"{100 * irregular:.0f} % of the steps are more than half off the median of "
-            f"{1e3 * usual:.4g} ms",
-            "time stamps",
-            "record stamps of the sensor rather than of arrival",
-            irregular,
+            f"{1e3 * usual:.4g} ms"
         )
+        advice = "record stamps of the sensor rather than of arrival"
+        yield Defect("info" if irregular < 0.2 else "warn", what, "time stamps", advice, irregular)
 
 
 def _dropped(recording: Recording) -> Iterable[Defect]:
@@ -117,35 +111,25 @@ def _dropped(recording: Recording) -> Iterable[Defect]:
     share = total / (total + len(recording))
     if total:
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        yield Defect(
-            "warn" if share > 0.05 else "info",
+        what = (
             f"{_count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: "
-            f"{reasons}",
-            "rows",
-            "look at the streams if the share is not what you expect",
-            share,
+            f"{reasons}"
         )
+        advice = "look at the streams if the share is not what you expect"
+        yield Defect("warn" if share > 0.05 else "info", what, "rows", advice, share)
 
 
 def _missing_truth(t: Array, joint: str, known: NDArray[np.bool_]) -> Iterable[Defect]:
     share = 1.0 - float(known.mean())
     if share > 0.05:
-        yield Defect(
-            "fail" if share > 0.5 else "warn",
-            f"{100 * share:.0f} % of the rows have no true position",
-            f"truth/{joint}",
-            "only rows with truth are used; check the joint sensor and its clock",
-            share,
-        )
+        what = f"{100 * share:.0f} % of the rows have no true position"
+        advice = "only rows with truth are used; check the joint sensor and its clock"
+        yield Defect("fail" if share > 0.5 else "warn", what, f"truth/{joint}", advice, share)
     silent = float(t[-1] - t[known][-1]) if known.any() else 0.0
     if silent > 0.1 * (t[-1] - t[0]):
-        yield Defect(
-            "warn",
-            f"the truth stops {silent:.1f} s before the end",
-            f"truth/{joint}",
-            "the joint sensor stopped; what follows is not used",
-            silent,
-        )
+        what = f"the truth stops {silent:.1f} s before the end"
+        advice = "the joint sensor stopped; what follows is not used"
+        yield Defect("warn", what, f"truth/{joint}", advice, silent)
 
 
 def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable[Defect]:
@@ -159,14 +143,12 @@ def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable
     turns = size[far] / (2.0 * math.pi)
     whole = np.round(turns)
     wrapped = unit == "rad" and bool(np.all((np.abs(turns - whole) < 0.02) & (whole >= 1)))
-    yield Defect(
-        "fail" if wrapped else "warn",
+    what = (
         f"{_count(int(far.sum()), 'whole turn' if wrapped else 'sudden jump')}, the first at "
-        f"{t[int(np.argmax(far)) + 1]:.3f} s, the largest {largest:.3g} {unit}",
-        name,
-        "unwrap the encoder before use" if wrapped else "cut the rows out or record again",
-        largest,
+        f"{t[int(np.argmax(far)) + 1]:.3f} s, the largest {largest:.3g} {unit}"
     )
+    advice = "unwrap the encoder before use" if wrapped else "cut the rows out or record again"
+    yield Defect("fail" if wrapped else "warn", what, name, advice, largest)
 
 
 def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Defect]:
@@ -180,14 +162,12 @@ def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Def
         moved, span = np.ptp(other[rows]) if length else 0.0, np.ptp(other)
         if span > 0.0 and moved > 0.25 * span:
             seconds = float(t[rows][-1] - t[rows][0])
-            yield Defect(
-                "fail",
+            what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
-                "the joint moves",
-                f"{name}/{joint}",
-                "check the sensor; cut the stretch out before fitting or judging",
-                seconds,
+                "the joint moves"
             )
+            advice = "check the sensor; cut the stretch out before fitting or judging"
+            yield Defect("fail", what, f"{name}/{joint}", advice, seconds)
 
 
 def _count(number: int, thing: str) -> str:

@@ -92,10 +92,6 @@ def evaluate(
     window : float
         Length [s] of the worst stretches.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     CalibrationError

@@ -24,10 +24,6 @@ def plot_corrected(
     seconds : float
         How much of it to show [s].
 
-    Returns
-    -------
-    Path
-
     Examples
     --------
     >>> plot_corrected(evaluation, "jaw.png").name

@@ -56,11 +56,6 @@ def write_report(
     overwrite : bool
         Whether a file at `path` may be replaced.
 
-    Returns
-    -------
-    Path
-        Where it was written.
-
     Raises
     ------
     CalibrationError
