@@ -39,7 +39,6 @@ class Corrects(Protocol):
 
     def correct(self, recording: Recording) -> Array:
         """Corrected positions (n, n_joints) [rad or m] of every row."""
-        ...
 
 
 class JointCalibration(Corrects, Protocol):
@@ -48,17 +47,14 @@ class JointCalibration(Corrects, Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
         """Joints that it corrects."""
-        ...
 
     @property
     def baselines(self) -> Mapping[str, Corrects]:
         """Fixed offset, and what else could be fitted of `BASELINES`, on the same rows."""
-        ...
 
     @property
     def metadata(self) -> Mapping[str, Any]:
         """What it says about itself: JSON values."""
-        ...
 
 
 Model = Calibration | str | os.PathLike[str]

@@ -31,6 +31,10 @@ _NAMES: Final = {
 }
 
 
+# Attributes of an evaluation that its JSON has not, or has by another name.
+_LEFT_OUT: Final = ("title", "recording_scores", "interval_level", "traces")
+
+
 def estimator_phrase(name: str) -> str:
     """Name of an estimator within a sentence, such as ``"the neural network"``."""
     return _NAMES.get(name, ("", f"the model {name}"))[1]
@@ -425,32 +429,18 @@ class Evaluation(Summarised):
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as values for JSON; SI units, NaN becomes None."""
         values: dict[str, Any] = json_values(
-            {
-                "robot": self.robot,
-                "arm": self.arm,
-                "joints": self.joints,
+            {name: value for name, value in vars(self).items() if name not in _LEFT_OUT}
+            | {
                 "units": dict(zip(self.joints, self.units, strict=True)),
-                "chosen": self.chosen,
-                "estimators": self.estimators,
-                "baseline_notes": self.baseline_notes,
-                "verdict": self.verdict,
-                "scores": self.scores,
-                "cartesian": self.cartesian,
-                "cartesian_note": self.cartesian_note,
                 "recordings": self.recording_scores,
                 "worst": [
-                    vars(s) | {"recording": self.traces[s.recording].name} for s in self.worst
+                    {**vars(s), "recording": self.traces[s.recording].name} for s in self.worst
                 ],
-                "window": self.window,
                 "intervals": [vars(s) | {"agreement": s.agreement} for s in self.intervals],
-                "interval_trajectories": self.interval_trajectories,
-                "interval_note": self.interval_note,
-                "interval_objections": self.interval_objections,
                 "test": [
                     {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
                     for t in self.traces
                 ],
-                "training": self.training,
             }
         )
         return values

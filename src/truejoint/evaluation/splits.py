@@ -30,10 +30,6 @@ def split_by_time(
         Time [s] left out between the two parts, so that no sample of the test has a
         neighbour in training.
 
-    Returns
-    -------
-    train, test : Recording
-
     Raises
     ------
     RecordingError
@@ -110,10 +106,6 @@ def split_by_file(
     held_out : str or sequence of str
         Shell patterns, such as ``"3*.TXT"``, for the file names (or the whole source) of the
         recordings that go to the test.
-
-    Returns
-    -------
-    train, test : list of Recording
 
     Raises
     ------

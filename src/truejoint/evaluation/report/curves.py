@@ -67,17 +67,14 @@ def worst_stretches(evaluation: Evaluation) -> list[Figure]:
         trace = evaluation.traces[stretch.recording]
         rows = (trace.t >= stretch.start) & (trace.t <= stretch.end)
         rmse, largest = shown([stretch.rmse * unit.scale, stretch.max_abs * unit.scale])
-        figures.append(
-            Figure(
-                f"stretch-{rank - 1}",
-                f"Worst stretch {rank}",
-                f"{rank}. {stretch.joint}, {trace.name}, {fixed(stretch.start, 1)} to "
-                f"{fixed(stretch.end, 1)} s: RMSE {rmse} {unit.name}, largest error {largest} "
-                f"{unit.name}.",
-                [_tracking(evaluation, trace, column, unit, 1500, rows)],
-                wide=False,
-            )
+        caption = (
+            f"{rank}. {stretch.joint}, {trace.name}, {fixed(stretch.start, 1)} to "
+            f"{fixed(stretch.end, 1)} s: RMSE {rmse} {unit.name}, largest error {largest} "
+            f"{unit.name}."
         )
+        spec = _tracking(evaluation, trace, column, unit, 1500, rows)
+        key, label = f"stretch-{rank - 1}", f"Worst stretch {rank}"
+        figures.append(Figure(key, label, caption, [spec], wide=False))
     return figures
 
 
@@ -107,13 +104,8 @@ def _tracking(
             around = plot.outline(t[known], low, high, pieces)
             errors = plot.outline(t[known], middle - high, middle - low, pieces)
             name = f"{100 * evaluation.interval_level:g} % interval"
-            band: Spec = {
-                "width": 0,
-                "fill": "toself",
-                "fillcolor": "rgba(0,114,178,0.17)",
-                "hoverinfo": "skip",
-                "legendrank": 1001,
-            }
+            band: Spec = {"width": 0, "fill": "toself", "fillcolor": "rgba(0,114,178,0.17)"}
+            band |= {"hoverinfo": "skip", "legendrank": 1001}
             for edge, place, legend in ((around, upper, whole), (errors, lower, False)):
                 options = {**band, **place, "showlegend": legend}
                 data.append(plot.curve(*edge, name, COLOURS["chosen"], **options))
@@ -152,13 +144,12 @@ def loops(evaluation: Evaluation) -> Figure:
             curves.append(plot.curve(path[:, 0], path[:, 1], title, colour, **options))
         return curves
 
-    return Figure(
-        "loops",
-        "Hysteresis loops",
+    caption = (
         "Error against true position, as the motion runs through it: before (fixed offset) and "
-        "after calibration. Width of a loop is hysteresis, slope is stretch under changing load.",
-        [_small_multiples(evaluation, draw, "position", "error", 300)],
+        "after calibration. Width of a loop is hysteresis, slope is stretch under changing load."
     )
+    spec = _small_multiples(evaluation, draw, "position", "error", 300)
+    return Figure("loops", "Hysteresis loops", caption, [spec])
 
 
 def histograms(evaluation: Evaluation) -> Figure:
@@ -209,22 +200,15 @@ def _small_multiples(
     down = -(-count // across)
     data: list[Spec] = []
     axes: Spec = {}
-    band = 1.0 / down
+    band, domains = 1.0 / down, plot.columns(across, 0.075)
     for column, joint, unit in shown_joints(evaluation):
         row, left = divmod(column, across)
         top = 1.0 - row * band
         y_unit = "" if "[" in y_title else f" [{unit.name}]"
-        own, place = plot.panel(
-            column,
-            {
-                "title": f"{joint} {x_title} [{unit.name}]",
-                "domain": plot.columns(across, 0.075)[left],
-            },
-            {
-                "title": f"{y_title}{y_unit}" if left == 0 or y_unit else "",
-                "domain": [top - band + (0.3 * band if row < down - 1 else 0.0), top],
-            },
-        )
+        bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
+        x = {"title": f"{joint} {x_title} [{unit.name}]", "domain": domains[left]}
+        y = {"title": f"{y_title}{y_unit}" if left == 0 or y_unit else "", "domain": [bottom, top]}
+        own, place = plot.panel(column, x, y)
         axes |= own
         data += [{**trace, "showlegend": column == 0} for trace in draw(column, unit, place)]
     return plot.drawing(data, row_height * down + 40, **axes)
@@ -239,11 +223,9 @@ def cartesian_errors(evaluation: Evaluation) -> list[Figure]:
     share = np.linspace(0.0, 1.0, 201)
     titles = [*(f"|{name} error| [mm]" for name in "xyz"), "distance [mm]"]
     for i, (title, domain) in enumerate(zip(titles, plot.columns(4, 0.07), strict=True)):
-        own, place = plot.panel(
-            i,
-            {"title": title, "domain": domain, "rangemode": "tozero"},
-            {"title": "" if i else "share of rows within [%]", "range": [0, 101]},
-        )
+        x = {"title": title, "domain": domain, "rangemode": "tozero"}
+        y = {"title": "" if i else "share of rows within [%]", "range": [0, 101]}
+        own, place = plot.panel(i, x, y)
         axes |= own
         for name in dict.fromkeys((OFFSET, evaluation.chosen)):
             error = np.concatenate([t.tool[name] - t.tool["truth"] for t in evaluation.traces])

@@ -7,6 +7,7 @@ import json
 import platform
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -75,12 +76,8 @@ def write_report(
     target = Path(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
     page = render_report(evaluation, training=training, checks=checks, command=command)
-    write_atomically(
-        target,
-        lambda part: part.write_text(page, encoding="utf-8"),
-        overwrite=overwrite,
-        error=RecordingError,
-    )
+    write = partial(Path.write_text, data=page, encoding="utf-8")
+    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
     return target
 
 

@@ -47,16 +47,13 @@ def residuals(evaluation: Evaluation) -> list[Figure]:
         causes = [panel.title.partition(" [")[0] for panel in panels]
         against = f"{', '.join(causes[:-1])} and {causes[-1]}"
         several = " (recordings end to end)" if len(evaluation.traces) > 1 else ""
-        figures.append(
-            Figure(
-                f"residual-{column}",
-                f"{joint} residuals",
-                f"{joint}: error left by {estimator_phrase(evaluation.chosen)} [{unit.name}] "
-                f"against {against}{several}. Dots are rows, blue while the joint moves up and "
-                "orange while it moves down; lines are medians, bands hold the middle 90 %.",
-                [_spec(panels, error, moves, f"error [{unit.name}]")],
-            )
+        caption = (
+            f"{joint}: error left by {estimator_phrase(evaluation.chosen)} [{unit.name}] against "
+            f"{against}{several}. Dots are rows, blue while the joint moves up and orange while it "
+            "moves down; lines are medians, bands hold the middle 90 %."
         )
+        spec = _spec(panels, error, moves, f"error [{unit.name}]")
+        figures.append(Figure(f"residual-{column}", f"{joint} residuals", caption, [spec]))
     return figures
 
 
@@ -99,16 +96,10 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
         if panel.steps:
             around = [panel.steps[0] - 0.2 * apart, panel.steps[-1] + 0.2 * apart]
             ticks = {"tickvals": list(panel.steps), "range": around}
-        own, place = plot.panel(
-            i,
-            {"title": panel.title, "domain": domain, **ticks},
-            {
-                "title": "" if i else title,
-                "range": [low - margin, high + margin],
-                "showticklabels": i == 0,
-                "zeroline": True,
-            },
-        )
+        errors = {"title": "" if i else title, "range": [low - margin, high + margin]}
+        errors |= {"showticklabels": i == 0, "zeroline": True}
+        causes = {"title": panel.title, "domain": domain, **ticks}
+        own, place = plot.panel(i, causes, errors)
         axes |= own
         for name, colour, side in (("moving up", BLUE, 1), ("moving down", ORANGE, -1)):
             rows = moves == side

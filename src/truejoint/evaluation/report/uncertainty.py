@@ -40,23 +40,18 @@ def _calibration(evaluation: Evaluation, stated: list[float], *, several: bool) 
             points["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
         data.append(points)
     lowest = min(stated[0], *(score.coverage for score in evaluation.intervals))
-    x = plot.axis(
-        "stated [%]",
-        range=[low - margin, min(high + margin, 100.0)],
-        tickvals=[100 * level for level in stated],
-    )
+    across = [low - margin, min(high + margin, 100.0)]
+    x = plot.axis("stated [%]", range=across, tickvals=[100 * level for level in stated])
     bottom = max(0.0, 100 * lowest - 8.0)
     y = plot.axis("found inside [%]", rangemode="normal", range=[bottom, 101.0])
     errors_text = "; bars are its sampling error over trajectories" if several else ""
-    return Figure(
-        "calibration",
-        "Stated and found coverage",
+    caption = (
         "Share of the test's samples inside the interval against what it states, joint by "
         f"joint{errors_text}. On the dashed line both are equal; below it the interval is too "
-        "narrow.",
-        [plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)],
-        wide=False,
+        "narrow."
     )
+    spec = plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)
+    return Figure("calibration", "Stated and found coverage", caption, [spec], wide=False)
 
 
 def _by_trajectory(evaluation: Evaluation) -> Figure:
@@ -74,15 +69,13 @@ def _by_trajectory(evaluation: Evaluation) -> Figure:
         data.append(plot.points(number + 0.12 * beside, inside, joint, colour, 7, **text))
     x = plot.axis("trajectory of the test", range=list(ends), dtick=max(1, len(names) // 10))
     y = plot.axis("inside [%]", range=[max(0.0, 95 * lowest - 2), 102.0])
-    return Figure(
-        "coverage",
-        "Coverage of each trajectory",
+    caption = (
         f"Share of the samples of each trajectory inside the {100 * level:g} % interval, in the "
         "order of the test. The statement is about their mean: one may lie inside altogether, "
-        "another half outside.",
-        [plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)],
-        wide=False,
+        "another half outside."
     )
+    spec = plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)
+    return Figure("coverage", "Coverage of each trajectory", caption, [spec], wide=False)
 
 
 def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
