@@ -2,27 +2,78 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.coverage import JointCoverage, joint_coverage
 from truejoint.evaluation.defects import Defect, Finding, find_defects
 from truejoint.evaluation.results import json_values
-from truejoint.recordings.recording import Recording, as_recordings
+from truejoint.evaluation.signals import direction, velocity
+from truejoint.recordings.recording import Array, Recording, as_recordings
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
 
-Array = NDArray[np.float64]
 
 _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
+_BINS: Final = 20
 _EVERYWHERE: Final = "all recordings"
+
+
+@dataclass(frozen=True)
+class JointCoverage:
+    """What a set of recordings covers of one joint.
+
+    Attributes
+    ----------
+    joint, unit : str
+    lowest, highest : float
+        Measured position [rad or m].
+    share_of_limits : float
+        Covered range as a share of the travel between the joint's limits; NaN without limits.
+    filled : float
+        Share of 20 equal parts of the covered range that hold at least a twentieth of the rows
+        that an even coverage would put there.
+    up, down, standing : float
+        Shares of the rows by direction of motion.
+    speed_median, speed_high : float
+        Median and 95th percentile of the speed while moving [rad/s or m/s].
+    effort_low, effort_high : float
+        1st and 99th percentile of the effort; NaN where none was recorded.
+    effort_unit : str
+    truth_missing : float
+        Share of rows without truth; NaN where no truth was recorded.
+    rows, duration : int, float
+        Sums over recordings [1, s].
+
+    Examples
+    --------
+    >>> check_data(training).coverage[0].rows
+    800
+    """
+
+    joint: str
+    unit: str
+    lowest: float
+    highest: float
+    share_of_limits: float
+    filled: float
+    up: float
+    down: float
+    standing: float
+    speed_median: float
+    speed_high: float
+    effort_low: float
+    effort_high: float
+    effort_unit: str
+    truth_missing: float
+    rows: int
+    duration: float
 
 
 @dataclass(frozen=True)
@@ -120,6 +171,47 @@ def _defects(
         others = len(group) - 1
         more = f" and {others} more of {len(recordings)} recordings" if others else ""
         yield Finding(worst.level, worst.what, f"{worst.where} in {name}{more}", worst.advice)
+
+
+def joint_coverage(recordings: Sequence[Recording], joint: str) -> JointCoverage:
+    """Coverage of `joint` over all recordings; raises RecordingError if one lacks it."""
+    paths = [(r.t, r.column(f"measured/{joint}")) for r in recordings]
+    position = np.concatenate([x for _, x in paths])
+    moves = np.concatenate([direction(t, x) for t, x in paths])
+    speed = np.concatenate([np.abs(velocity(t, x)) for t, x in paths])
+    moving = speed[moves != 0]
+    lowest, highest = float(position.min()), float(position.max())
+    limits = recordings[0].robot.joint(joint)
+    travel = limits.upper - limits.lower
+    filled = np.histogram(position, bins=_BINS)[0] >= 0.05 * len(position) / _BINS
+    effort, truth = (_pooled(recordings, f"{name}/{joint}") for name in ("effort", "truth"))
+    low, high = (math.nan, math.nan) if effort is None else np.quantile(effort, [0.01, 0.99])
+    return JointCoverage(
+        joint=joint,
+        unit=limits.unit,
+        lowest=lowest,
+        highest=highest,
+        share_of_limits=(highest - lowest) / travel if math.isfinite(travel) else math.nan,
+        filled=float(np.mean(filled)) if lowest < highest else 0.0,
+        up=float(np.mean(moves > 0)),
+        down=float(np.mean(moves < 0)),
+        standing=float(np.mean(moves == 0)),
+        speed_median=float(np.median(moving)) if len(moving) else 0.0,
+        speed_high=float(np.quantile(moving, 0.95)) if len(moving) else 0.0,
+        effort_low=float(low),
+        effort_high=float(high),
+        effort_unit="1" if effort is None else recordings[0].units[f"effort/{joint}"],
+        truth_missing=math.nan if truth is None else float(np.mean(np.isnan(truth))),
+        rows=len(position),
+        duration=sum(r.duration for r in recordings),
+    )
+
+
+def _pooled(recordings: Sequence[Recording], column: str) -> Array | None:
+    """Values (n,) over all recordings; None where one has no such column."""
+    if any(column not in r.units for r in recordings):
+        return None
+    return np.concatenate([r.column(column) for r in recordings])
 
 
 def _judge_coverage(row: JointCoverage) -> Iterable[Finding]:

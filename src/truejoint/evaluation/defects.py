@@ -11,9 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.evaluation.signals import GAP_STEPS, gaps, longest_run
-from truejoint.recordings.recording import Recording
-
-Array = NDArray[np.float64]
+from truejoint.recordings.recording import Array, Recording
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from pathlib import PurePath
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
@@ -21,14 +20,12 @@ from truejoint.evaluation.scoring import (
     cartesian_scores,
     joint_scores,
     recording_scores,
+    worst_stretches,
 )
 from truejoint.evaluation.signals import direction, velocity
-from truejoint.evaluation.stretches import worst_stretches
 from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
-from truejoint.recordings.recording import Recording, as_recordings
+from truejoint.recordings.recording import Array, Recording, as_recordings
 from truejoint.robots import Robot
-
-Array = NDArray[np.float64]
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20

@@ -15,9 +15,7 @@ from truejoint.calibration.conformal import made_interval_of, trained_on, zero_o
 from truejoint.calibration.interval import Interval
 from truejoint.evaluation.results import IntervalScore, Trace
 from truejoint.evaluation.scoring import spread
-from truejoint.recordings.recording import Recording
-
-Array = NDArray[np.float64]
+from truejoint.recordings.recording import Array, Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
 _NAMED: Final = 4  # recordings that a sentence names
@@ -27,18 +25,16 @@ _NAMED: Final = 4  # recordings that a sentence names
 class _Motion:
     """One recording as the interval sees it: rows with truth, re-zeroed where that is asked.
 
-    `error` and `position` are (n, n_joints), `widening` (n,); `scored` (n,) tells which rows the
-    re-zeroing did not use, `holds` whether the interval holds after its homing, `objection` why
-    coverage on it would mislead.
+    `error` is (n, n_joints), `widening` (n,); `scored` (n,) tells which rows the re-zeroing did
+    not use, `objection` why coverage on it would mislead. Where the interval holds after this
+    homing, `trace` has its bounds, NaN in the rows that the re-zeroing used.
     """
 
     homing: str
     trace: Trace
     error: Array
-    position: Array
     widening: Array
     scored: NDArray[np.bool_]
-    holds: bool
     objection: str
 
 
@@ -64,32 +60,35 @@ def judge_interval(
             "traces": tuple(traces),
         }
     interval = calibration.interval
+    stated = [float(level) for level in interval.levels]
+    level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
     motions = [
-        _motion(calibration, interval, recording, trace, chosen)
+        _motion(calibration, interval, level, recording, trace, chosen)
         for recording, trace in zip(recordings, traces, strict=True)
     ]
     judged = [motion for motion in motions if not motion.objection]
     units: dict[str, list[_Motion]] = {}
     for motion in judged:
         shared = motion.homing and _any_homing(interval)
-        units.setdefault(f"homing {motion.homing}" if shared else motion.trace.name, []).append(
-            motion
-        )
-    stated = [float(level) for level in interval.levels]
-    level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
-    base = interval.half_width(level)
+        name = f"homing {motion.homing}" if shared else motion.trace.name
+        units.setdefault(name, []).append(motion)
     return {
         "intervals": _scores(calibration, interval, list(units.values())),
         "interval_trajectories": tuple(units),
         "interval_level": level,
         "interval_note": _note(calibration, interval, level, judged),
         "interval_objections": _objections(motions),
-        "traces": tuple(_bounded(motion, base) for motion in motions),
+        "traces": tuple(motion.trace for motion in motions),
     }
 
 
 def _motion(
-    calibration: Calibration, interval: Interval, recording: Recording, trace: Trace, chosen: str
+    calibration: Calibration,
+    interval: Interval,
+    level: float,
+    recording: Recording,
+    trace: Trace,
+    chosen: str,
 ) -> _Motion:
     known = np.isfinite(recording.columns("truth", calibration.joints)).all(axis=1)
     position = trace.estimates[chosen]
@@ -102,6 +101,9 @@ def _motion(
     homing, own = recording.provenance.homing_id, _own_homings(calibration)
     anywhere = interval.rezero > 0.0 or _any_homing(interval) or not own or not homing
     holds = anywhere or homing in own
+    if holds and scored.any():
+        half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
+        trace = replace(trace, lower=position - half, upper=position + half)
     objection = ""
     if trained_on(calibration.metadata, recording):
         objection = "used in the fit"
@@ -112,7 +114,7 @@ def _motion(
         objection = f"the interval holds after the homing {homings}, not after another"
     elif not scored.any():
         objection = f"all truth lies within the {interval.rezero:g} s that re-zero the model"
-    return _Motion(homing, trace, error, position, widening, scored, holds, objection)
+    return _Motion(homing, trace, error, widening, scored, objection)
 
 
 def _any_homing(interval: Interval) -> bool:
@@ -158,14 +160,6 @@ def _scores(
             for k, joint in enumerate(calibration.joints)
         ]
     return tuple(scores)
-
-
-def _bounded(motion: _Motion, base: Array) -> Trace:
-    """Trace with the bounds of the interval; NaN in the rows that re-zeroing used."""
-    if not (motion.holds and motion.scored.any()):
-        return motion.trace
-    half = np.where(motion.scored, motion.widening, math.nan)[:, None] * base
-    return replace(motion.trace, lower=motion.position - half, upper=motion.position + half)
 
 
 def _note(

@@ -8,13 +8,11 @@ from dataclasses import dataclass, is_dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from truejoint.recordings.recording import Array
 from truejoint.summary import Summarised
 from truejoint.units import DisplayUnit, display_unit, with_unit
-
-Array = NDArray[np.float64]
 
 RAW: Final = "raw"
 OFFSET: Final = "offset"
@@ -29,7 +27,6 @@ _NAMES: Final = {
     "poly2": ("2nd-order polynomial", "the 2nd-order polynomial"),
     "dnn": ("Neural network", "the neural network"),
 }
-
 
 # Attributes of an evaluation that its JSON has not, or has by another name.
 _LEFT_OUT: Final = ("title", "recording_scores", "interval_level", "traces")
@@ -57,19 +54,16 @@ class Score:
 
     Attributes
     ----------
-    estimator, joint : str
-    unit : str
-        SI unit of the errors, ``"rad"`` or ``"m"``.
+    estimator, joint, unit : str
+        The unit is the SI unit of the errors, ``"rad"`` or ``"m"``.
     rmse, mean : float
         Root mean square and mean error (bias); the mean over seeds.
     max_abs : float
         Largest absolute error of any seed.
     percent_of_offset : float
         `rmse` as a percentage of that of the fixed offset.
-    spread : float
-        Sample standard deviation of the seeds' RMSE; NaN with fewer than two seeds.
-    seeds : int
-        How many trained models the row is made of.
+    spread, seeds : float, int
+        Sample standard deviation of the seeds' RMSE, NaN with fewer than two; how many there are.
 
     Examples
     --------
@@ -141,10 +135,9 @@ class IntervalScore:
     joint, unit : str
     level : float
         Stated probability.
-    coverage : float
-        Mean over the test's trajectories of the share of samples inside.
-    standard_error : float
-        Sampling error of that over trajectories; NaN with a single one.
+    coverage, standard_error : float
+        Mean over the test's trajectories of the share of samples inside, and the sampling error
+        of that; NaN with a single one.
     half_width, offset_half_width : float
         Mean over the samples, widening outside the trained range included, and that of the fixed
         offset's interval, made of the same recordings [rad or m].
@@ -364,10 +357,9 @@ class Evaluation(Summarised):
         What the shares in `intervals` are of: recordings, or all recordings after one homing.
     interval_level : float
         Level of the bounds in `traces`; NaN without an interval.
-    interval_note : str
-        What the interval is for, or that there is none.
-    interval_objections : tuple of str
-        Recordings of the test that the interval is not judged on, and why.
+    interval_note, interval_objections : str, tuple of str
+        What the interval is for, or that there is none; on which recordings of the test it is not
+        judged, and why.
     training : mapping
         What the chosen model says about its training; JSON values.
     traces : tuple of Trace

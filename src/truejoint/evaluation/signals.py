@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truejoint.recordings.recording import Array
+
 Mask = NDArray[np.bool_]
 
 # Below this share of its brisk speed (99th percentile) a joint counts as standing.

@@ -10,14 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.evaluation.coverage import JointCoverage
+from truejoint.evaluation.checks import JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
-    CartesianScore,
     Evaluation,
-    Score,
     Trace,
     estimator_title,
     hung_masses,
@@ -39,71 +37,60 @@ class Row:
     chosen: bool = False
 
 
-def main_rows(evaluation: Evaluation) -> list[Row]:
-    """Joints by estimator, then the tool's distance: RMSE, spread, largest, percent."""
-    rows = [
-        _main_row(joint, unit, _scores(evaluation, joint), evaluation.chosen)
+def _judged(evaluation: Evaluation) -> list[tuple[str, DisplayUnit, Sequence[Any]]]:
+    """Joints, then the tool's distance, with the scores of all estimators."""
+    found: list[tuple[str, DisplayUnit, Sequence[Any]]] = [
+        (joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators])
         for _, joint, unit in shown_joints(evaluation)
     ]
     if evaluation.cartesian:
-        tool = display_unit("m")
-        rows.append(_main_row("tool position", tool, evaluation.cartesian, evaluation.chosen))
+        found.append(("tool position", display_unit("m"), evaluation.cartesian))
+    return found
+
+
+def main_rows(evaluation: Evaluation) -> list[Row]:
+    """Joints and the tool by estimator: RMSE, spread, largest, percent."""
+    rows = []
+    for name, unit, scores in _judged(evaluation):
+        values = [unit.scale * score.rmse for score in scores]
+        decimals = decimals_for(values)
+        cells = [
+            {
+                "rmse": fixed(value, decimals),
+                "spread": spread_text(unit.scale * s.spread, decimals),
+                "largest": fixed(unit.scale * s.max_abs, max(decimals - 1, 1)),
+                "percent": percent_text(s.percent_of_offset),
+                "chosen": s.estimator == evaluation.chosen,
+                "best": value == min(values),
+            }
+            for value, s in zip(values, scores, strict=True)
+        ]
+        rows.append(Row(name, cells, unit.name))
     return rows
-
-
-def _scores(evaluation: Evaluation, joint: str) -> list[Score]:
-    return [evaluation.score(name, joint) for name in evaluation.estimators]
-
-
-def _main_row(
-    name: str, unit: DisplayUnit, scores: Sequence[Score | CartesianScore], chosen: str
-) -> Row:
-    values = [unit.scale * score.rmse for score in scores]
-    decimals = decimals_for(values)
-    cells = [
-        {
-            "rmse": fixed(value, decimals),
-            "spread": spread_text(unit.scale * s.spread, decimals),
-            "largest": fixed(unit.scale * s.max_abs, max(decimals - 1, 1)),
-            "percent": percent_text(s.percent_of_offset),
-            "chosen": s.estimator == chosen,
-            "best": value == min(values),
-        }
-        for value, s in zip(values, scores, strict=True)
-    ]
-    return Row(name, cells, unit.name)
 
 
 def headlines(evaluation: Evaluation) -> list[dict[str, Any]]:
     """Return the chosen model's RMSE of each joint, and of the tool, for the first screen."""
+    verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
     found = []
-    for verdict in evaluation.verdict.joints:
-        score = evaluation.score(evaluation.chosen, verdict.joint)
-        against = "tolerance" if verdict.stated else "fixed offset"
+    for name, unit, scores in _judged(evaluation):
+        rows = {score.estimator: score for score in scores}
+        own, verdict = rows[evaluation.chosen], verdicts.get(name)
+        limit = verdict.limit if verdict else rows[OFFSET].rmse
+        value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
+        against = "tolerance" if verdict and verdict.stated else "fixed offset"
         found.append(
-            _headline(verdict.joint, display_unit(verdict.unit), score, verdict.limit, against)
-            | {"interval": _interval_line(evaluation, verdict.joint), "passed": verdict.passed}
+            {
+                "name": name,
+                "value": value,
+                "unit": unit.name,
+                "percent": percent_text(own.percent_of_offset),
+                "limit": f"{against} {beside} {unit.name}",
+                "interval": _interval_line(evaluation, name),
+                "passed": verdict.passed if verdict else None,
+            }
         )
-    tool = {row.estimator: row for row in evaluation.cartesian}
-    if tool:
-        own, offset = tool[evaluation.chosen], tool[OFFSET].rmse
-        found.append(_headline("tool position", display_unit("m"), own, offset, "fixed offset"))
     return found
-
-
-def _headline(
-    name: str, unit: DisplayUnit, score: Score | CartesianScore, limit: float, against: str
-) -> dict[str, Any]:
-    value, beside = shown([unit.scale * score.rmse, unit.scale * limit])
-    return {
-        "name": name,
-        "value": value,
-        "unit": unit.name,
-        "percent": percent_text(score.percent_of_offset),
-        "limit": f"{against} {beside} {unit.name}",
-        "interval": "",
-        "passed": None,
-    }
 
 
 def _interval_line(evaluation: Evaluation, joint: str) -> str:
@@ -238,7 +225,7 @@ def bias_rows(evaluation: Evaluation) -> list[Row]:
     """Every score in full: RMSE, spread, largest, bias and percent by joint and estimator."""
     rows = []
     for _, joint, unit in shown_joints(evaluation):
-        scores = _scores(evaluation, joint)
+        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         decimals = decimals_for(unit.scale * score.rmse for score in scores)
         for score in scores:
             numbers = (score.rmse, score.spread, score.max_abs, score.mean)

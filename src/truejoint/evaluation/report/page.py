@@ -98,6 +98,7 @@ def render_report(
     sections = _sections(evaluation, training)
     interval_figures = uncertainty.stated_interval(evaluation)
     figures = [figure for section in sections.values() for figure in section["figures"]]
+    figures += interval_figures
     chosen_title = estimator_title(evaluation.chosen)
     recordings = view.recording_rows(evaluation)
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
@@ -129,10 +130,7 @@ def render_report(
         command=command,
         plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
         figures=script_json(
-            [
-                {"key": figure.key, "variants": figure.variants, "flat": figure.flat}
-                for figure in figures + interval_figures
-            ]
+            [{"key": f.key, "variants": f.variants, "flat": f.flat} for f in figures]
         ),
     )
 

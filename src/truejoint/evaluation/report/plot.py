@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
 from truejoint.evaluation.signals import gaps
+from truejoint.recordings.recording import Array
 
-Array = NDArray[np.float64]
 Spec = dict[str, Any]
 
 # Okabe and Ito's palette, which stays distinct under every common colour blindness; the orange

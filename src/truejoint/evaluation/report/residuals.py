@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
@@ -19,9 +18,8 @@ from truejoint.evaluation.results import (
     pooled_error,
     shown_joints,
 )
+from truejoint.recordings.recording import Array
 from truejoint.units import DisplayUnit, display_unit
-
-Array = NDArray[np.float64]
 
 _POINTS: Final = 1200  # of each direction in each panel
 _BINS: Final = 24
@@ -96,7 +94,7 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
         if panel.steps:
             around = [panel.steps[0] - 0.2 * apart, panel.steps[-1] + 0.2 * apart]
             ticks = {"tickvals": list(panel.steps), "range": around}
-        errors = {"title": "" if i else title, "range": [low - margin, high + margin]}
+        errors: Spec = {"title": "" if i else title, "range": [low - margin, high + margin]}
         errors |= {"showticklabels": i == 0, "zeroline": True}
         causes = {"title": panel.title, "domain": domain, **ticks}
         own, place = plot.panel(i, causes, errors)

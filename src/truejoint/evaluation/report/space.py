@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
 from truejoint.evaluation.signals import velocity
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.recording import Array, Recording
 
-Array = NDArray[np.float64]
 # Curves (n, k) with title and colour.
 _Groups = Sequence[tuple[str, str, Sequence[Array]]]
 
