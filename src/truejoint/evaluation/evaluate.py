@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -106,11 +105,11 @@ def evaluate(
         raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
     own = calibrations[chosen][0]
     metadata = own.metadata
-    estimators = _models(calibrations, chosen)
+    fitted = _models(calibrations, chosen)
     note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
     tested = [
-        _test(recording, name, estimators, joints, robot if not note else None, chosen)
+        _test(recording, name, fitted, joints, robot if not note else None, chosen)
         for recording, name in zip(recordings, names, strict=True)
     ]
     traces = [test.trace for test in tested]
@@ -130,7 +129,7 @@ def evaluate(
         joints=joints,
         units=units,
         chosen=chosen,
-        estimators=tuple(estimators),
+        estimators=tuple(tested[0].errors),
         baseline_notes=dict(metadata.get("baseline_notes", {})),
         scores=scores,
         recording_scores=recording_scores(tested, joints, units),
@@ -142,17 +141,6 @@ def evaluate(
         training=json_values(metadata),
         **judge_interval(own, recordings, traces, chosen),
     )
-
-
-@dataclass(frozen=True)
-class _Uncorrected:
-    """Positions as the robot reports them."""
-
-    joints: tuple[str, ...]
-
-    def correct(self, recording: Recording) -> Array:
-        """Measured positions (n, n_joints) [rad or m]."""
-        return recording.columns("measured", self.joints)
 
 
 def _by_estimator(
@@ -208,9 +196,9 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
 def _models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
 ) -> dict[str, list[Corrects]]:
-    """Models by estimator, baselines first; a calibration given replaces its baseline."""
+    """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
     first = calibrations[chosen][0]
-    models: dict[str, list[Corrects]] = {RAW: [_Uncorrected(tuple(first.joints))]}
+    models: dict[str, list[Corrects]] = {}
     for name in BASELINES:
         if name in calibrations:
             models[name] = list(calibrations[name])
@@ -239,7 +227,8 @@ def _test(
             f"{recording.provenance.source or 'recording'}: {int(known.sum())} rows have the "
             f"truth of {', '.join(joints)}; a test needs at least 2"
         )
-    estimates = {
+    measured = recording.columns("measured", joints)
+    estimates = {RAW: [_finite(measured, RAW, name)[known]]} | {
         estimator: [_finite(seed.correct(recording), estimator, name)[known] for seed in seeds]
         for estimator, seeds in models.items()
     }
@@ -261,7 +250,6 @@ def _test(
             tool_errors[key] = [tool_error(robot.kinematics, pose(value), true) for value in seeds]
         tool = {"truth": tool_positions(robot.kinematics, true)}
         tool |= {key: tool["truth"] + tool_errors[key][0] for key in (OFFSET, chosen)}
-    measured = recording.columns("measured", joints)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
     trace = Trace(
         name=name,

@@ -149,10 +149,8 @@ def seen_in_training(
     metadata: Mapping[str, Any], recordings: Sequence[Recording]
 ) -> tuple[str, ...]:
     """Object to each test recording whose rows were in the training (`trained_on`)."""
-    names = [_name(r) or "a recording" for r in recordings if trained_on(metadata, r)]
-    return tuple(
-        f"the model was trained on rows of {name}, which it is tested on" for name in names
-    )
+    seen = [_name(r) or "a recording" for r in recordings if trained_on(metadata, r)]
+    return tuple(f"the model was trained on rows of {n}, which it is tested on" for n in seen)
 
 
 def other_homings(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:

@@ -95,11 +95,17 @@ def render_report(
     >>> render_report(evaluation).startswith("<!doctype html>")
     True
     """
-    sections = _sections(evaluation, training)
-    interval_figures = uncertainty.stated_interval(evaluation)
-    figures = [figure for section in sections.values() for figure in section["figures"]]
-    figures += interval_figures
-    chosen_title = estimator_title(evaluation.chosen)
+    drawn = {
+        "worst": curves.worst_stretches(evaluation),
+        "paths": [space.trajectories(evaluation, training), *space.tool_paths(evaluation)],
+        "time": curves.over_time(evaluation),
+        "residuals": residuals.residuals(evaluation),
+        "loops": [curves.loops(evaluation)],
+        "histograms": [curves.histograms(evaluation)],
+        "tool": curves.cartesian_errors(evaluation),
+        "intervals": uncertainty.stated_interval(evaluation),
+    }
+    figures = [figure for part in drawn.values() for figure in part]
     recordings = view.recording_rows(evaluation)
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
@@ -110,20 +116,13 @@ def render_report(
         evaluation=evaluation,
         title_of=estimator_title,
         chosen_phrase=estimator_phrase(evaluation.chosen),
-        before_after=[
-            f"{t}: {what}" for t in ("offset", chosen_title) for what in ("mean", "RMSE")
-        ],
-        sections=sections,
+        drawn=drawn,
         menu=[evaluation.traces[i].name for i in curves.menu_order(evaluation)],
         **tables,
         recording_rows=recordings,
         told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
-        several=len(evaluation.interval_trajectories) > 1,
-        interval_figures=interval_figures,
-        checks={
-            name: (check.findings, view.coverage_rows(check.coverage))
-            for name, check in (checks or {}).items()
-        },
+        checks=checks or {},
+        coverage_rows=view.coverage_rows,
         facts=_facts(evaluation),
         training_facts=view.flattened(evaluation.training),
         sources=used + tested,
@@ -151,37 +150,6 @@ def script_json(value: Any) -> str:
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
-
-
-def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str, dict[str, Any]]:
-    """Parts of the page with figures, by the name that links lead to."""
-    worst = (
-        f"The windows of at most {evaluation.window:g} s in which "
-        f"{estimator_phrase(evaluation.chosen)} is furthest from the truth, worst first."
-    )
-    time = (
-        "Click a name in a legend to show or hide it; the raw position is hidden at first. "
-        "Long curves are thinned in a way that keeps every peak."
-    )
-    band = (
-        f" The band is the stated {100 * evaluation.interval_level:g} % interval: above, where the "
-        "true position should be; below, errors that it allows."
-    )
-    if all(trace.lower is None for trace in evaluation.traces):
-        band = ""
-    paths = [space.trajectories(evaluation, training), *space.tool_paths(evaluation)]
-    parts = (
-        ("worst", "Worst stretches", worst + band, curves.worst_stretches(evaluation)),
-        ("paths", "Trajectories", "", paths),
-        ("time", "Corrected against true position", time + band, curves.over_time(evaluation)),
-        ("residuals", "Residuals", "", residuals.residuals(evaluation)),
-        ("loops", "Hysteresis", "", [curves.loops(evaluation)]),
-        ("histograms", "Distribution", "", [curves.histograms(evaluation)]),
-        ("tool", "Tool position", "", curves.cartesian_errors(evaluation)),
-    )
-    return {
-        part[0]: dict(zip(("key", "title", "lead", "figures"), part, strict=True)) for part in parts
-    }
 
 
 def _facts(evaluation: Evaluation) -> list[str]:
