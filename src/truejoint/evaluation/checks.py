@@ -43,9 +43,8 @@ class JointCoverage:
         Shares of the rows by direction of motion.
     speed_median, speed_high : float
         Median and 95th percentile of the speed while moving [rad/s or m/s].
-    effort_low, effort_high : float
+    effort_low, effort_high, effort_unit : float, float, str
         1st and 99th percentile of the effort; NaN where none was recorded.
-    effort_unit : str
     truth_missing : float
         Share of rows without truth; NaN where no truth was recorded.
     rows, duration : int, float

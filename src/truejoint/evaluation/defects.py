@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.evaluation.signals import GAP_STEPS, gaps, longest_run
+from truejoint.evaluation.signals import GAP_STEPS, Mask, gaps, longest_run
 from truejoint.recordings.recording import Array, Recording
 
 
@@ -117,7 +116,7 @@ def _dropped(recording: Recording) -> Iterable[Defect]:
         yield Defect("warn" if share > 0.05 else "info", what, "rows", advice, share)
 
 
-def _missing_truth(t: Array, joint: str, known: NDArray[np.bool_]) -> Iterable[Defect]:
+def _missing_truth(t: Array, joint: str, known: Mask) -> Iterable[Defect]:
     share = 1.0 - float(known.mean())
     if share > 0.05:
         what = f"{100 * share:.0f} % of the rows have no true position"

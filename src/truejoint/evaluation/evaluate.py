@@ -11,16 +11,11 @@ import numpy as np
 
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
+from truejoint.evaluation import scoring
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_error, tool_positions
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
-from truejoint.evaluation.scoring import (
-    JudgedRecording,
-    cartesian_scores,
-    joint_scores,
-    recording_scores,
-    worst_stretches,
-)
+from truejoint.evaluation.scoring import JudgedRecording
 from truejoint.evaluation.signals import direction, velocity
 from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
 from truejoint.recordings.recording import Array, Recording, as_recordings
@@ -114,7 +109,7 @@ def evaluate(
     ]
     traces = [test.trace for test in tested]
     units = tuple(robot.joint(joint).unit for joint in joints)
-    scores = joint_scores(tested, joints, units)
+    scores = scoring.joint_scores(tested, joints, units)
     verdict = judge(
         scores,
         chosen,
@@ -132,10 +127,10 @@ def evaluate(
         estimators=tuple(tested[0].errors),
         baseline_notes=dict(metadata.get("baseline_notes", {})),
         scores=scores,
-        recording_scores=recording_scores(tested, joints, units),
-        cartesian=cartesian_scores(tested),
+        recording_scores=scoring.recording_scores(tested, joints, units),
+        cartesian=scoring.cartesian_scores(tested),
         cartesian_note=note,
-        worst=worst_stretches(traces, chosen, verdict.joints, window),
+        worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
         window=window,
         verdict=verdict,
         training=json_values(metadata),
@@ -195,16 +190,12 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
 
 def _models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
-) -> dict[str, list[Corrects]]:
+) -> dict[str, Sequence[Corrects]]:
     """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
     first = calibrations[chosen][0]
-    models: dict[str, list[Corrects]] = {}
-    for name in BASELINES:
-        if name in calibrations:
-            models[name] = list(calibrations[name])
-        elif name in first.baselines:
-            models[name] = [first.baselines[name]]
-    models.update({name: list(seeds) for name, seeds in calibrations.items()})
+    known: dict[str, Sequence[Corrects]] = {k: [model] for k, model in first.baselines.items()}
+    known.update(calibrations)
+    models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
     if OFFSET not in models:
         raise CalibrationError(
             f"the calibration {chosen} carries no fixed offset, the yardstick; calibrate it again"

@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import made_interval_of, trained_on, zero_offset
 from truejoint.calibration.interval import Interval
-from truejoint.evaluation.results import IntervalScore, Trace
+from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
+from truejoint.evaluation.signals import Mask
 from truejoint.recordings.recording import Array, Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
@@ -34,7 +34,7 @@ class _Motion:
     trace: Trace
     error: Array
     widening: Array
-    scored: NDArray[np.bool_]
+    scored: Mask
     objection: str
 
 
@@ -63,7 +63,7 @@ def judge_interval(
     stated = [float(level) for level in interval.levels]
     level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
     motions = [
-        _motion(calibration, interval, level, recording, trace, chosen)
+        _motion(calibration, level, recording, trace, chosen)
         for recording, trace in zip(recordings, traces, strict=True)
     ]
     judged = [motion for motion in motions if not motion.objection]
@@ -72,24 +72,28 @@ def judge_interval(
         shared = motion.homing and _any_homing(interval)
         name = f"homing {motion.homing}" if shared else motion.trace.name
         units.setdefault(name, []).append(motion)
+    reasons: dict[str, list[str]] = {}
+    for motion in motions:
+        reasons.setdefault(motion.objection, []).append(motion.trace.name)
+    objections = []
+    for reason, names in reasons.items():
+        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
+        listed = "; ".join(names[:_NAMED]) + more
+        objections += [f"Coverage is not judged on {listed}: {reason}."] if reason else []
     return {
         "intervals": _scores(calibration, interval, list(units.values())),
         "interval_trajectories": tuple(units),
         "interval_level": level,
         "interval_note": _note(calibration, interval, level, judged),
-        "interval_objections": _objections(motions),
+        "interval_objections": tuple(objections),
         "traces": tuple(motion.trace for motion in motions),
     }
 
 
 def _motion(
-    calibration: Calibration,
-    interval: Interval,
-    level: float,
-    recording: Recording,
-    trace: Trace,
-    chosen: str,
+    calibration: Calibration, level: float, recording: Recording, trace: Trace, chosen: str
 ) -> _Motion:
+    interval = calibration.required_interval()
     known = np.isfinite(recording.columns("truth", calibration.joints)).all(axis=1)
     position = trace.estimates[chosen]
     error = -trace.error(chosen)
@@ -181,35 +185,15 @@ def _note(
             f" Coverage and bands are of positions re-zeroed from the first {interval.rezero:g} s "
             "of each recording; every other number is of positions as they come."
         )
-    note += _other_loads(calibration, judged)
+    sessions = calibration.metadata.get("interval_sessions", ())
+    seen = [float(s["load"]) for s in sessions if s.get("load") is not None]
+    loads = known_loads([motion.trace for motion in judged])
+    beyond = [load for load in loads if seen and not min(seen) <= load <= max(seen)]
+    if beyond:
+        masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
+        note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
     if interval.rezero > 0.0 or _any_homing(interval):
         return note
     if not _own_homings(calibration) or any(not motion.homing for motion in judged):
         note += " Not all recordings name their homing; it is taken to be the same one."
     return note
-
-
-def _other_loads(calibration: Calibration, judged: Sequence[_Motion]) -> str:
-    """Tell masses [kg] of the test beyond those that the interval saw; empty without any."""
-    sessions = calibration.metadata.get("interval_sessions", ())
-    seen = [float(s["load"]) for s in sessions if s.get("load") is not None]
-    loads = [motion.trace.provenance.get("load") for motion in judged]
-    known = {float(load) for load in loads if load is not None}
-    beyond = sorted(load for load in known if seen and not min(seen) <= load <= max(seen))
-    if not beyond:
-        return ""
-    shown = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
-    return f" The test hangs masses on the tool that the interval has not seen ({shown})."
-
-
-def _objections(motions: Sequence[_Motion]) -> tuple[str, ...]:
-    """One sentence for each reason, with the recordings that it is for."""
-    concerned: dict[str, list[str]] = {}
-    for motion in motions:
-        if motion.objection:
-            concerned.setdefault(motion.objection, []).append(motion.trace.name)
-    sentences = []
-    for reason, names in concerned.items():
-        more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
-        sentences.append(f"Coverage is not judged on {'; '.join(names[:_NAMED])}{more}: {reason}.")
-    return tuple(sentences)

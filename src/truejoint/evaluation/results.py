@@ -262,10 +262,8 @@ class Trace:
 
     Attributes
     ----------
-    name : str
-        File name of the recording, made unique within the evaluation.
-    provenance : mapping
-        `Provenance.to_dict` of the recording.
+    name, provenance : str, mapping
+        File name of the recording, made unique within the evaluation, and `Provenance.to_dict`.
     rows_total : int
         Rows of the recording, those without truth included.
     t : ndarray, shape (n,)
@@ -323,9 +321,14 @@ def pooled_error(traces: Sequence[Trace], estimator: str, column: int) -> Array:
 
 def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
     """Known masses [kg] hung on the tool, ascending; empty unless they differ."""
-    loads = [trace.provenance.get("load") for trace in traces]
-    known = sorted({float(load) for load in loads if load is not None})
+    known = known_loads(traces)
     return tuple(known) if len(known) > 1 else ()
+
+
+def known_loads(traces: Sequence[Trace]) -> list[float]:
+    """Masses [kg] at the tool that recordings name, ascending."""
+    loads = [trace.provenance.get("load") for trace in traces]
+    return sorted({float(load) for load in loads if load is not None})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -338,10 +341,9 @@ class Evaluation(Summarised):
         The title is robot and arm for a person.
     joints, units : tuple of str
         Calibrated joints and the SI unit of each.
-    chosen : str
-        Estimator that the verdict is about.
-    estimators : tuple of str
-        All in the table: raw, offset, linear, poly2, then the others; the order of `scores`.
+    chosen, estimators : str, tuple of str
+        The one that the verdict is about, and all in the table: raw, offset, linear, poly2, then
+        the others; the order of `scores`.
     baseline_notes : mapping of str to str
         What is to be known about a baseline that is missing or weak.
     scores, recording_scores : tuple of Score, tuple of RecordingScore
@@ -351,19 +353,16 @@ class Evaluation(Summarised):
     worst, window : tuple of Stretch, float
         Worst first, and their length [s].
     verdict : Verdict
-    intervals : tuple of IntervalScore
-        One row per stated level and joint of the chosen model's first seed.
-    interval_trajectories : tuple of str
-        What the shares in `intervals` are of: recordings, or all recordings after one homing.
+    intervals, interval_trajectories : tuple of IntervalScore, tuple of str
+        One row per stated level and joint of the chosen model's first seed, and what their shares
+        are of: recordings, or all recordings after one homing.
     interval_level : float
         Level of the bounds in `traces`; NaN without an interval.
     interval_note, interval_objections : str, tuple of str
         What the interval is for, or that there is none; on which recordings of the test it is not
         judged, and why.
-    training : mapping
-        What the chosen model says about its training; JSON values.
-    traces : tuple of Trace
-        Curves for the report; not part of `to_dict`.
+    training, traces : mapping, tuple of Trace
+        JSON values that the chosen model says about its training, and curves for the report.
 
     Examples
     --------

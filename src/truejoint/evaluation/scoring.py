@@ -54,20 +54,15 @@ def recording_scores(
     tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
 ) -> tuple[RecordingScore, ...]:
     """One `RecordingScore` per recording, estimator and joint."""
-    return tuple(
-        RecordingScore(
-            recording=test.trace.name,
-            estimator=name,
-            joint=joint,
-            unit=unit,
-            rmse=float(np.mean([rmse(error[:, j]) for error in seeds])),
-            max_abs=float(np.max([max_abs(error[:, j]) for error in seeds])),
-            mean=float(np.mean([mean_error(error[:, j]) for error in seeds])),
-        )
-        for test in tested
-        for name, seeds in test.errors.items()
-        for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
-    )
+    rows = []
+    for test in tested:
+        for name, seeds in test.errors.items():
+            for j, (joint, unit) in enumerate(zip(joints, units, strict=True)):
+                own = [error[:, j] for error in seeds]
+                root, bias = (np.mean([how(e) for e in own]) for how in (rmse, mean_error))
+                values = map(float, (root, np.max([max_abs(e) for e in own]), bias))
+                rows.append(RecordingScore(test.trace.name, name, joint, unit, *values))
+    return tuple(rows)
 
 
 def cartesian_scores(tested: Sequence[JudgedRecording]) -> tuple[CartesianScore, ...]:
@@ -157,9 +152,5 @@ def worst_stretches(
                 start, stop = float(trace.t[first]), float(trace.t[end - 1])
                 stretch = Stretch(joint, unit, index, start, stop, root, largest)
                 own.append((root / limit if limit > 0 else root, stretch))
-        ranked += sorted(own, key=_rank)[:_COUNT]
-    return tuple(stretch for _, stretch in sorted(ranked, key=_rank))
-
-
-def _rank(pair: tuple[float, Stretch]) -> float:
-    return -pair[0]
+        ranked += sorted(own, key=lambda pair: -pair[0])[:_COUNT]
+    return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))

@@ -24,8 +24,7 @@ def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
     reach = max(1, round(0.5 * window / float(np.median(np.diff(t)))))
     before = np.maximum(np.arange(n) - reach, 0)
     after = np.minimum(np.arange(n) + reach, n - 1)
-    rate: Array = ((position[after] - position[before]).T / (t[after] - t[before])).T
-    return rate
+    return ((position[after] - position[before]).T / (t[after] - t[before])).T
 
 
 def direction(t: Array, position: Array) -> Array:
@@ -42,8 +41,7 @@ def direction(t: Array, position: Array) -> Array:
 def gaps(t: Array) -> NDArray[np.int64]:
     """Rows (m,) after which the next time stamp is more than `GAP_STEPS` median steps away."""
     step = np.diff(t)
-    rows: NDArray[np.int64] = np.flatnonzero(step > GAP_STEPS * np.median(step))
-    return rows
+    return np.flatnonzero(step > GAP_STEPS * np.median(step))
 
 
 def longest_run(same: Mask) -> tuple[int, int]:

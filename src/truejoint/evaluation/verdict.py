@@ -40,10 +40,8 @@ def judge(
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint. A joint without one must beat
         the fixed offset.
-    objections : sequence of str
-        Reasons not to believe the test; any of them fails the verdict.
-    remarks : sequence of str
-        What else a reader should know.
+    objections, remarks : sequence of str
+        Reasons not to believe the test, of which any fails the verdict, and what else is to know.
 
     Raises
     ------

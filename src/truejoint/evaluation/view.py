@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.evaluation.checks import JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
@@ -22,6 +21,7 @@ from truejoint.evaluation.results import (
     pooled_error,
     shown_joints,
 )
+from truejoint.evaluation.signals import Mask
 from truejoint.units import DisplayUnit, display_unit
 
 DASH = "\N{EN DASH}"
@@ -140,7 +140,7 @@ def load_rows(evaluation: Evaluation) -> list[Row]:
     for mass in hung_masses(evaluation.traces):
         traces = [trace for trace in evaluation.traces if trace.provenance.get("load") == mass]
         for column, joint, unit in shown_joints(evaluation):
-            numbers = _before_after(evaluation, traces, column, unit)
+            numbers = _before_after(evaluation, traces, column)
             rows.append(Row(f"{1e3 * mass:.0f} g", [joint, len(traces), *numbers], unit.name))
     return rows
 
@@ -153,19 +153,16 @@ def direction_rows(evaluation: Evaluation) -> list[Row]:
         for title, way in (("up", 1), ("down", -1), ("standing", 0)):
             mask = moves == way
             if mask.any():
-                numbers = _before_after(evaluation, evaluation.traces, column, unit, mask)
+                numbers = _before_after(evaluation, evaluation.traces, column, mask)
                 rows.append(Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name))
     return rows
 
 
 def _before_after(
-    evaluation: Evaluation,
-    traces: Sequence[Trace],
-    column: int,
-    unit: DisplayUnit,
-    rows: NDArray[np.bool_] | slice = slice(None),
+    evaluation: Evaluation, traces: Sequence[Trace], column: int, rows: Mask | slice = slice(None)
 ) -> list[str]:
     """Mean error and RMSE of the fixed offset and of the chosen model in some rows."""
+    unit = display_unit(evaluation.units[column])
     numbers: list[float] = []
     for name in (OFFSET, evaluation.chosen):
         error = unit.scale * pooled_error(traces, name, column)[rows]

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
@@ -20,8 +19,8 @@ from truejoint.evaluation.results import (
     pooled_error,
     shown_joints,
 )
-from truejoint.evaluation.signals import gaps
-from truejoint.units import DisplayUnit
+from truejoint.evaluation.signals import Mask, gaps
+from truejoint.units import DisplayUnit, display_unit
 
 MENU: Final = 12  # recordings that the time figures offer; the table lists all
 _BUDGET: Final = 4_000_000  # bytes that the time figures may take of the page
@@ -52,7 +51,7 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
             f"time-{column}",
             f"{joint} over time",
             f"{joint}: true position, estimates and their error [{unit.name}] over time [s].",
-            [_tracking(evaluation, evaluation.traces[i], column, unit, buckets) for i in order],
+            [_tracking(evaluation, evaluation.traces[i], column, buckets) for i in order],
         )
         for column, joint, unit in shown_joints(evaluation)
     ]
@@ -60,10 +59,9 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
 
 def worst_stretches(evaluation: Evaluation) -> list[Figure]:
     """Return the worst windows in full, worst first."""
-    joints = {joint: (column, unit) for column, joint, unit in shown_joints(evaluation)}
     figures = []
     for rank, stretch in enumerate(evaluation.worst[:_STRETCHES], 1):
-        column, unit = joints[stretch.joint]
+        column, unit = evaluation.joints.index(stretch.joint), display_unit(stretch.unit)
         trace = evaluation.traces[stretch.recording]
         rows = (trace.t >= stretch.start) & (trace.t <= stretch.end)
         rmse, largest = shown([stretch.rmse * unit.scale, stretch.max_abs * unit.scale])
@@ -72,22 +70,17 @@ def worst_stretches(evaluation: Evaluation) -> list[Figure]:
             f"{fixed(stretch.end, 1)} s: RMSE {rmse} {unit.name}, largest error {largest} "
             f"{unit.name}."
         )
-        spec = _tracking(evaluation, trace, column, unit, 1500, rows)
+        spec = _tracking(evaluation, trace, column, 1500, rows)
         key, label = f"stretch-{rank - 1}", f"Worst stretch {rank}"
         figures.append(Figure(key, label, caption, [spec], wide=False))
     return figures
 
 
 def _tracking(
-    evaluation: Evaluation,
-    trace: Trace,
-    column: int,
-    unit: DisplayUnit,
-    buckets: int,
-    rows: slice | NDArray[np.bool_] = _ALL,
+    evaluation: Evaluation, trace: Trace, column: int, buckets: int, rows: Mask | slice = _ALL
 ) -> Spec:
     """Positions above, errors below; with the raw position and a legend of all when whole."""
-    whole, chosen = rows is _ALL, evaluation.chosen
+    whole, chosen, unit = rows is _ALL, evaluation.chosen, display_unit(evaluation.units[column])
     t, truth = trace.t[rows], trace.truth[rows, column] * unit.scale
     upper, lower = {"xaxis": "x", "yaxis": "y"}, {"xaxis": "x", "yaxis": "y2"}
     true = plot.thinned(t, truth, buckets)

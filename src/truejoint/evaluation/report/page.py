@@ -23,11 +23,6 @@ from truejoint.files import check_target, write_atomically
 from truejoint.recordings.recording import Recording
 
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas", "plotly")
-# Tables of the page, which know them by these names.
-_ROWS: Final = (
-    view.main_rows, view.headlines, view.bias_rows, view.interval_rows, view.load_rows,
-    view.direction_rows, view.cartesian_rows,
-)  # fmt: skip
 
 
 def write_report(
@@ -110,7 +105,6 @@ def render_report(
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
     tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
-    tables: dict[str, Any] = {rows.__name__: rows(evaluation) for rows in _ROWS}
     return render_page(
         "report.html.j2",
         evaluation=evaluation,
@@ -118,13 +112,11 @@ def render_report(
         chosen_phrase=estimator_phrase(evaluation.chosen),
         drawn=drawn,
         menu=[evaluation.traces[i].name for i in curves.menu_order(evaluation)],
-        **tables,
+        view=view,
         recording_rows=recordings,
         told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
         checks=checks or {},
-        coverage_rows=view.coverage_rows,
         facts=_facts(evaluation),
-        training_facts=view.flattened(evaluation.training),
         sources=used + tested,
         command=command,
         plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),

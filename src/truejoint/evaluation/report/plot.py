@@ -65,32 +65,17 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False)
 
 
+def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
+    """Draw ``"lines"`` or ``"markers"`` at (n,) points, values in the units of the axes."""
+    places = {"x": packed(x), "y": packed(y)}
+    return {"type": "scatter", "mode": mode, **places, "name": plain(name), **options}
+
+
 def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec:
-    """Draw a line through (n,) points, values in the units of the axes."""
+    """Draw a line, which its name in the legend shows and hides with all others of that name."""
     keys = [key for key in ("width", "dash") if key in options]
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": packed(x),
-        "y": packed(y),
-        "name": plain(name),
-        "legendgroup": plain(name),
-        "line": {"color": colour, "width": 1.3} | {key: options.pop(key) for key in keys},
-        **options,
-    }
-
-
-def points(x: Array, y: Array, name: str, colour: str, size: float, /, **options: Any) -> Spec:
-    """Draw a marker at each of (n,) points, values in the units of the axes."""
-    return {
-        "type": "scatter",
-        "mode": "markers",
-        "x": packed(x),
-        "y": packed(y),
-        "name": plain(name),
-        "marker": {"color": colour, "size": size},
-        **options,
-    }
+    line = {"color": colour, "width": 1.3} | {key: options.pop(key) for key in keys}
+    return scatter("lines", x, y, name, **{"legendgroup": plain(name), "line": line, **options})
 
 
 def axis(title: str = "", **options: Any) -> Spec:

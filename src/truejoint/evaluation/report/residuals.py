@@ -115,12 +115,12 @@ def _cloud(
 ) -> Iterable[Spec]:
     """Dots, and the median and the middle 90 % of `y` (n,) along `x` (n,)."""
     keep = plot.every(len(x), _POINTS)
-    dots = plot.points(x[keep], y[keep], name, colour, 2.5, hoverinfo="skip", **hidden)
-    dots["marker"]["opacity"] = 0.22
+    style = {"marker": {"color": colour, "size": 2.5, "opacity": 0.22}, "hoverinfo": "skip"}
+    dots = plot.scatter("markers", x[keep], y[keep], name, **style, **hidden)
     centre, low, middle, high = binned(x, y)
     around = np.concatenate((centre, centre[::-1])), np.concatenate((high, low[::-1]))
-    style = {"fill": "toself", "fillcolor": colour, "opacity": 0.14, "hoverinfo": "skip"}
-    band = plot.curve(*around, name, colour, width=0, **style, **hidden)
+    fill = {"fill": "toself", "fillcolor": colour, "opacity": 0.14, "hoverinfo": "skip"}
+    band = plot.curve(*around, name, colour, width=0, **fill, **hidden)
     median = plot.curve(centre, middle, name, colour, width=1.8, **hidden | {"showlegend": legend})
     return dots, band, median
 
@@ -130,14 +130,10 @@ def _bars(
 ) -> Spec:
     """Median and middle 90 % of `y` (n,) at each of a few values, beside the other direction's."""
     place, low, middle, high = _quantiles((step + apart, y[x == step]) for step in steps)
-    bars = {
-        "array": plot.packed(high - middle),
-        "arrayminus": plot.packed(middle - low),
-        "thickness": 1.5,
-        "width": 4,
-        "color": colour,
-    }
-    return plot.points(place, middle, name, colour, 7, error_y=bars, **hidden)
+    ends = {"array": plot.packed(high - middle), "arrayminus": plot.packed(middle - low)}
+    bars = {**ends, "thickness": 1.5, "width": 4, "color": colour}
+    style = {"marker": {"color": colour, "size": 7}, "error_y": bars}
+    return plot.scatter("markers", place, middle, name, **style, **hidden)
 
 
 def binned(x: Array, y: Array) -> Array:

@@ -8,7 +8,17 @@ from typing import Final
 import numpy as np
 
 from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY, Figure
+from truejoint.evaluation.report.plot import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PURPLE,
+    SKY,
+    Figure,
+    Spec,
+)
 from truejoint.evaluation.results import Evaluation
 
 _COLOURS: Final = (BLUE, ORANGE, GREEN, PURPLE, SKY, GREY)
@@ -33,12 +43,11 @@ def _calibration(evaluation: Evaluation, stated: list[float], *, several: bool) 
         rows = [score for score in evaluation.intervals if score.joint == joint]
         level = 100 * np.array([row.level for row in rows]) + 0.06 * margin * beside
         found = 100 * np.array([row.coverage for row in rows])
-        points = plot.points(level, found, joint, colour, 7, line={"color": colour, "width": 1.3})
-        points["mode"] = "lines+markers"
+        style = _dots(colour) | {"line": {"color": colour, "width": 1.3}}
         if several:
             errors = 100 * np.array([row.standard_error for row in rows])
-            points["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
-        data.append(points)
+            style["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
+        data.append(plot.scatter("lines+markers", level, found, joint, **style))
     lowest = min(stated[0], *(score.coverage for score in evaluation.intervals))
     across = [low - margin, min(high + margin, 100.0)]
     x = plot.axis("stated [%]", range=across, tickvals=[100 * level for level in stated])
@@ -66,7 +75,8 @@ def _by_trajectory(evaluation: Evaluation) -> Figure:
         (row,) = (s for s in evaluation.intervals if s.joint == joint and s.level == level)
         lowest = min(lowest, *row.shares)
         inside = 100 * np.array(row.shares)
-        data.append(plot.points(number + 0.12 * beside, inside, joint, colour, 7, **text))
+        style = _dots(colour) | text
+        data.append(plot.scatter("markers", number + 0.12 * beside, inside, joint, **style))
     x = plot.axis("trajectory of the test", range=list(ends), dtick=max(1, len(names) // 10))
     y = plot.axis("inside [%]", range=[max(0.0, 95 * lowest - 2), 102.0])
     caption = (
@@ -76,6 +86,10 @@ def _by_trajectory(evaluation: Evaluation) -> Figure:
     )
     spec = plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)
     return Figure("coverage", "Coverage of each trajectory", caption, [spec], wide=False)
+
+
+def _dots(colour: str) -> Spec:
+    return {"marker": {"color": colour, "size": 7}}
 
 
 def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
