@@ -3,8 +3,8 @@ from typing import Any
 
 import pytest
 
-from truejoint.evaluation.heldout import other_homings, seen_in_training
 from truejoint.evaluation.splits import split_by_time
+from truejoint.evaluation.verdict import other_homings, seen_in_training
 from truejoint.recordings.recording import Recording
 
 

@@ -1,7 +1,7 @@
 from .checks import DataCheck as DataCheck
-from .checks import Finding as Finding
+from .checks import JointCoverage as JointCoverage
 from .checks import check_data as check_data
-from .coverage import JointCoverage as JointCoverage
+from .defects import Finding as Finding
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate

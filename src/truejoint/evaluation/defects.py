@@ -8,190 +8,147 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.evaluation.signals import GAP_STEPS, gaps, longest_run
-from truejoint.recordings.recording import Recording
-
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
+from truejoint.evaluation.signals import GAP_STEPS, Mask, gaps, longest_run
+from truejoint.recordings.recording import Array, Recording
 
 
 @dataclass(frozen=True)
-class Observation:
-    """One defect of one signal in one recording.
+class Finding:
+    """One thing that a data check found.
 
-    `kind` and `subject` (the signal, or empty) tell which observations of several recordings
-    are the same; `size` orders them.
-    """
-
-    kind: str
-    level: Literal["fail", "warn", "info"]
-    subject: str
-    size: float
-    what: str
-    advice: str
-    recording: str
-
-
-def observe_defects(
-    recording: Recording, joints: Sequence[str], signals: Sequence[str]
-) -> list[Observation]:
-    """Everything about one recording that would mislead a calibration or a test.
-
-    Parameters
+    Attributes
     ----------
-    recording : Recording
-    joints : sequence of str
-        Joints whose measured and true positions are examined.
-    signals : sequence of str
-        Columns that a model reads.
+    level : {"fail", "warn", "info"}
+        ``"fail"``: results on these data would mislead; ``"warn"``: look before you trust them.
+    what : str
+        What was seen, with its number.
+    where : str
+        Which joint, signal and recordings.
+    advice : str
+        What to do about it.
 
-    Raises
-    ------
-    RecordingError
-        If the recording lacks a column.
+    Examples
+    --------
+    >>> Finding("warn", "1 % of the truth is missing", "jaw", "look at the sensor").level
+    'warn'
     """
-    found = [*_clock(recording), *_dropped(recording), *_constant(recording, signals)]
+
+    level: Literal["fail", "warn", "info"]
+    what: str
+    where: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class Defect(Finding):
+    """A defect of one recording; `size` orders those with the same `where` and `advice`."""
+
+    size: float
+
+
+def find_defects(
+    recording: Recording, joints: Sequence[str], signals: Sequence[str]
+) -> Iterable[Defect]:
+    """Everything about a recording that would mislead a calibration or a test.
+
+    Of `joints` the measured and true positions are examined, of the columns `signals`, which a
+    model reads, whether they vary. Raises RecordingError if a column is missing.
+    """
+    yield from _clock(recording.t)
+    yield from _dropped(recording)
+    for name in signals:
+        values = recording.column(name)
+        used = name.partition("/")[2] not in recording.robot.unused_channels
+        if used and values.min() == values.max():
+            what = f"the signal is {values[0]:.4g} in every row"
+            advice = "a model learns nothing from it; is the sensor connected?"
+            yield Defect("warn", what, name, advice, 1.0)
     for joint in joints:
         measured = recording.column(f"measured/{joint}")
-        found += _jumps(recording, f"measured/{joint}", recording.t, measured)
+        yield from _jumps(recording, f"measured/{joint}", recording.t, measured)
         if f"truth/{joint}" in recording.units:
             truth = recording.column(f"truth/{joint}")
             known = np.isfinite(truth)
-            found += _missing_truth(recording, joint, known)
+            yield from _missing_truth(recording.t, joint, known)
             if known.sum() >= 2:
                 t = recording.t[known]
-                found += _jumps(recording, f"truth/{joint}", t, truth[known])
-                found += _frozen(recording, joint, t, truth[known], measured[known])
-    return found
+                yield from _jumps(recording, f"truth/{joint}", t, truth[known])
+                yield from _frozen(joint, t, truth[known], measured[known])
 
 
-def _clock(recording: Recording) -> Iterable[Observation]:
-    source = recording.provenance.source
-    t = recording.t
+def _clock(t: Array) -> Iterable[Defect]:
     step = np.diff(t)
     usual = float(np.median(step))
     after = gaps(t)
     if len(after):
         longest = float(step.max())
         lost = float(step[after].sum() / (t[-1] - t[0]))
-        yield Observation(
-            "gaps",
-            "warn",
-            "time stamps",
-            longest,
+        what = (
             f"{_count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
-            f"s, {100 * lost:.2g} % of the time",
-            "a model with history starts anew after each; look for lost messages or a clock jump",
-            source,
+            f"s, {100 * lost:.2g} % of the time"
         )
+        advice = (
+            "a model with history starts anew after each; look for lost messages or a clock jump"
+        )
+        yield Defect("warn", what, "time stamps", advice, longest)
     irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
     if irregular > 0.05:
-        yield Observation(
-            "irregular",
-            "info" if irregular < 0.2 else "warn",
-            "time stamps",
-            irregular,
+        what = (
             f"{100 * irregular:.0f} % of the steps are more than half off the median of "
-            f"{1e3 * usual:.4g} ms",
-            "record stamps of the sensor rather than of arrival",
-            source,
+            f"{1e3 * usual:.4g} ms"
         )
+        advice = "record stamps of the sensor rather than of arrival"
+        yield Defect("info" if irregular < 0.2 else "warn", what, "time stamps", advice, irregular)
 
 
-def _dropped(recording: Recording) -> Iterable[Observation]:
+def _dropped(recording: Recording) -> Iterable[Defect]:
     dropped = {reason: n for reason, n in recording.provenance.dropped.items() if n}
     total = sum(dropped.values())
     share = total / (total + len(recording))
     if total:
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        yield Observation(
-            "dropped",
-            "warn" if share > 0.05 else "info",
-            "rows",
-            share,
-            f"{total} row{'s' if total != 1 else ''} ({100 * share:.2g} %) dropped when the file "
-            f"was read: {reasons}",
-            "look at the streams if the share is not what you expect",
-            recording.provenance.source,
+        what = (
+            f"{_count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: "
+            f"{reasons}"
         )
+        advice = "look at the streams if the share is not what you expect"
+        yield Defect("warn" if share > 0.05 else "info", what, "rows", advice, share)
 
 
-def _constant(recording: Recording, signals: Sequence[str]) -> Iterable[Observation]:
-    unused = recording.robot.unused_channels
-    for name in signals:
-        values = recording.column(name)
-        if values.min() == values.max() and name.partition("/")[2] not in unused:
-            yield Observation(
-                "constant",
-                "warn",
-                name,
-                1.0,
-                f"the signal is {values[0]:.4g} in every row",
-                "a model learns nothing from it; is the sensor connected?",
-                recording.provenance.source,
-            )
-
-
-def _missing_truth(recording: Recording, joint: str, known: Mask) -> Iterable[Observation]:
+def _missing_truth(t: Array, joint: str, known: Mask) -> Iterable[Defect]:
     share = 1.0 - float(known.mean())
-    source = recording.provenance.source
     if share > 0.05:
-        yield Observation(
-            "missing truth",
-            "fail" if share > 0.5 else "warn",
-            f"truth/{joint}",
-            share,
-            f"{100 * share:.0f} % of the rows have no true position",
-            "only rows with truth are used; check the joint sensor and its clock",
-            source,
-        )
-    if known.any():
-        last = recording.t[np.flatnonzero(known)[-1]]
-        silent = float(recording.t[-1] - last)
-        if silent > 0.1 * recording.duration:
-            yield Observation(
-                "truth stops",
-                "warn",
-                f"truth/{joint}",
-                silent,
-                f"the truth stops {silent:.1f} s before the end",
-                "the joint sensor stopped; what follows is not used",
-                source,
-            )
+        what = f"{100 * share:.0f} % of the rows have no true position"
+        advice = "only rows with truth are used; check the joint sensor and its clock"
+        yield Defect("fail" if share > 0.5 else "warn", what, f"truth/{joint}", advice, share)
+    silent = float(t[-1] - t[known][-1]) if known.any() else 0.0
+    if silent > 0.1 * (t[-1] - t[0]):
+        what = f"the truth stops {silent:.1f} s before the end"
+        advice = "the joint sensor stopped; what follows is not used"
+        yield Defect("warn", what, f"truth/{joint}", advice, silent)
 
 
-def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable[Observation]:
+def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable[Defect]:
     """Find steps far beyond what the joint does otherwise; whole turns are encoder wraps."""
-    step = np.diff(values)
-    size = np.abs(step)
+    size = np.abs(np.diff(values))
     size[gaps(t)] = 0.0
-    span = float(values.max() - values.min())
-    far = (size > 6.0 * np.quantile(size, 0.99)) & (size > 0.1 * span)
+    far = (size > 6.0 * np.quantile(size, 0.99)) & (size > 0.1 * np.ptp(values))
     if not far.any():
         return
-    row = int(np.argmax(size))
+    unit, largest = recording.units[name], float(size.max())
     turns = size[far] / (2.0 * math.pi)
-    wrapped = recording.units[name] == "rad" and bool(
-        np.all((np.abs(turns - np.round(turns)) < 0.02) & (np.round(turns) >= 1))
+    whole = np.round(turns)
+    wrapped = unit == "rad" and bool(np.all((np.abs(turns - whole) < 0.02) & (whole >= 1)))
+    what = (
+        f"{_count(int(far.sum()), 'whole turn' if wrapped else 'sudden jump')}, the first at "
+        f"{t[int(np.argmax(far)) + 1]:.3f} s, the largest {largest:.3g} {unit}"
     )
-    yield Observation(
-        "wrap" if wrapped else "jump",
-        "fail" if wrapped else "warn",
-        name,
-        float(size.max()),
-        f"{_count(int(far.sum()), 'whole turn' if wrapped else 'sudden jump')}, the first "
-        f"at {t[int(np.argmax(far)) + 1]:.3f} s, the largest {size[row]:.3g} "
-        f"{recording.units[name]}",
-        "unwrap the encoder before use" if wrapped else "cut the rows out or record again",
-        recording.provenance.source,
-    )
+    advice = "unwrap the encoder before use" if wrapped else "cut the rows out or record again"
+    yield Defect("fail" if wrapped else "warn", what, name, advice, largest)
 
 
-def _frozen(
-    recording: Recording, joint: str, t: Array, truth: Array, measured: Array
-) -> Iterable[Observation]:
+def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Defect]:
     """Find a sensor that repeats one value while the other end of the cable moves far.
 
     Far is a quarter of the covered range: less may be honest backlash.
@@ -202,16 +159,12 @@ def _frozen(
         moved, span = np.ptp(other[rows]) if length else 0.0, np.ptp(other)
         if span > 0.0 and moved > 0.25 * span:
             seconds = float(t[rows][-1] - t[rows][0])
-            yield Observation(
-                "frozen",
-                "fail",
-                f"{name}/{joint}",
-                seconds,
+            what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
-                "the joint moves",
-                "check the sensor; cut the stretch out before fitting or judging",
-                recording.provenance.source,
+                "the joint moves"
             )
+            advice = "check the sensor; cut the stretch out before fitting or judging"
+            yield Defect("fail", what, f"{name}/{joint}", advice, seconds)
 
 
 def _count(number: int, thing: str) -> str:

@@ -42,6 +42,8 @@ def percent_text(value: float) -> str:
 
 
 def spread_text(value: float, decimals: int) -> str:
-    """Spread with the decimals of the value that it belongs to, or what it is smaller than."""
+    """Spread with the decimals of its value, or what it is smaller than; empty for NaN."""
+    if not math.isfinite(value):
+        return ""
     least = 10.0**-decimals
     return f"±<{least:.{decimals}f}" if 0.0 < value < 0.5 * least else f"± {fixed(value, decimals)}"

@@ -8,35 +8,21 @@ from pathlib import PurePath
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
-from truejoint.evaluation.heldout import other_homings, rezeroed_on, seen_in_training
+from truejoint.evaluation import scoring
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_error, tool_positions
-from truejoint.evaluation.results import (
-    BASELINES,
-    OFFSET,
-    RAW,
-    Evaluation,
-    Trace,
-    json_values,
-)
-from truejoint.evaluation.scoring import (
-    JudgedRecording,
-    cartesian_scores,
-    joint_scores,
-    recording_scores,
-)
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
+from truejoint.evaluation.scoring import JudgedRecording
 from truejoint.evaluation.signals import direction, velocity
-from truejoint.evaluation.stretches import worst_stretches
-from truejoint.evaluation.tool import all_joints, why_no_cartesian
-from truejoint.evaluation.verdict import judge
-from truejoint.recordings.recording import Recording, as_recordings
+from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
+from truejoint.recordings.recording import Array, Recording, as_recordings
 from truejoint.robots import Robot
 
-Array = NDArray[np.float64]
+_STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
+_PROBES = 20
 
 
 class Corrects(Protocol):
@@ -44,7 +30,6 @@ class Corrects(Protocol):
 
     def correct(self, recording: Recording) -> Array:
         """Corrected positions (n, n_joints) [rad or m] of every row."""
-        ...
 
 
 class JointCalibration(Corrects, Protocol):
@@ -53,17 +38,14 @@ class JointCalibration(Corrects, Protocol):
     @property
     def joints(self) -> tuple[str, ...]:
         """Joints that it corrects."""
-        ...
 
     @property
     def baselines(self) -> Mapping[str, Corrects]:
         """Fixed offset, and what else could be fitted of `BASELINES`, on the same rows."""
-        ...
 
     @property
     def metadata(self) -> Mapping[str, Any]:
         """What it says about itself: JSON values."""
-        ...
 
 
 Model = Calibration | str | os.PathLike[str]
@@ -97,10 +79,6 @@ def evaluate(
     window : float
         Length [s] of the worst stretches.
 
-    Returns
-    -------
-    Evaluation
-
     Raises
     ------
     CalibrationError
@@ -120,40 +98,25 @@ def evaluate(
     robot = _checked_robot(recordings)
     if not (window > 0.0 and np.isfinite(window)):
         raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
-    return _judged(calibrations, recordings, chosen, joints, robot, tolerance or {}, window)
-
-
-def _judged(
-    calibrations: Mapping[str, Sequence[JointCalibration]],
-    recordings: Sequence[Recording],
-    chosen: str,
-    joints: tuple[str, ...],
-    robot: Robot,
-    tolerance: Mapping[str, float],
-    window: float,
-) -> Evaluation:
-    """Evaluate what has been checked; arguments as in `evaluate`."""
-    models = _models(calibrations, chosen)
+    own = calibrations[chosen][0]
+    metadata = own.metadata
+    fitted = _models(calibrations, chosen)
     note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
     tested = [
-        _test(recording, name, models, joints, robot if not note else None, chosen)
+        _test(recording, name, fitted, joints, robot if not note else None, chosen)
         for recording, name in zip(recordings, names, strict=True)
     ]
+    traces = [test.trace for test in tested]
     units = tuple(robot.joint(joint).unit for joint in joints)
-    scores = joint_scores(tested, joints, units)
-    metadata = calibrations[chosen][0].metadata
+    scores = scoring.joint_scores(tested, joints, units)
     verdict = judge(
         scores,
         chosen,
-        tolerance=tolerance,
+        tolerance=tolerance or {},
         objections=seen_in_training(metadata, recordings),
         remarks=other_homings(metadata, recordings) + rezeroed_on(metadata, recordings),
     )
-    found = judge_interval(
-        calibrations[chosen][0], recordings, [test.trace for test in tested], chosen
-    )
-    limits = [joint.limit for joint in verdict.joints]
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -161,34 +124,18 @@ def _judged(
         joints=joints,
         units=units,
         chosen=chosen,
-        estimators=tuple(models),
+        estimators=tuple(tested[0].errors),
         baseline_notes=dict(metadata.get("baseline_notes", {})),
         scores=scores,
-        recording_scores=recording_scores(tested, joints, units),
-        cartesian=cartesian_scores(tested),
+        recording_scores=scoring.recording_scores(tested, joints, units),
+        cartesian=scoring.cartesian_scores(tested),
         cartesian_note=note,
-        worst=worst_stretches(found.traces, chosen, joints, units, limits, window=window),
+        worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
         window=window,
         verdict=verdict,
-        intervals=found.scores,
-        interval_trajectories=found.trajectories,
-        interval_level=found.level,
-        interval_note=found.note,
-        interval_objections=found.objections,
         training=json_values(metadata),
-        traces=found.traces,
+        **judge_interval(own, recordings, traces, chosen),
     )
-
-
-class _Uncorrected:
-    """Positions as the robot reports them."""
-
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        self.joints = joints
-
-    def correct(self, recording: Recording) -> Array:
-        """Measured positions (n, n_joints) [rad or m]."""
-        return recording.columns("measured", self.joints)
 
 
 def _by_estimator(
@@ -243,16 +190,12 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
 
 def _models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
-) -> dict[str, list[Corrects]]:
-    """Models by estimator, baselines first; a calibration given replaces its baseline."""
+) -> dict[str, Sequence[Corrects]]:
+    """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
     first = calibrations[chosen][0]
-    models: dict[str, list[Corrects]] = {RAW: [_Uncorrected(tuple(first.joints))]}
-    for name in BASELINES:
-        if name in calibrations:
-            models[name] = list(calibrations[name])
-        elif name in first.baselines:
-            models[name] = [first.baselines[name]]
-    models.update({name: list(seeds) for name, seeds in calibrations.items()})
+    known: dict[str, Sequence[Corrects]] = {k: [model] for k, model in first.baselines.items()}
+    known.update(calibrations)
+    models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
     if OFFSET not in models:
         raise CalibrationError(
             f"the calibration {chosen} carries no fixed offset, the yardstick; calibrate it again"
@@ -275,7 +218,8 @@ def _test(
             f"{recording.provenance.source or 'recording'}: {int(known.sum())} rows have the "
             f"truth of {', '.join(joints)}; a test needs at least 2"
         )
-    estimates = {
+    measured = recording.columns("measured", joints)
+    estimates = {RAW: [_finite(measured, RAW, name)[known]]} | {
         estimator: [_finite(seed.correct(recording), estimator, name)[known] for seed in seeds]
         for estimator, seeds in models.items()
     }
@@ -284,16 +228,34 @@ def _test(
     tool: dict[str, Array] = {}
     tool_errors: dict[str, list[Array]] = {}
     if robot is not None and robot.kinematics is not None:
-        measured = all_joints(recording, robot)[known]
-        columns = robot.index(list(joints))
-        true_pose = _replaced(measured, columns, truth)
+        reported, columns = all_joints(recording, robot)[known], robot.index(list(joints))
+
+        def pose(positions: Array) -> Array:
+            """All joints (n, robot joints), the calibrated ones at `positions` (n, n_joints)."""
+            changed = reported.copy()
+            changed[:, columns] = positions
+            return changed
+
+        true = pose(truth)
         for key, seeds in estimates.items():
-            poses = [_replaced(measured, columns, value) for value in seeds]
-            tool_errors[key] = [tool_error(robot.kinematics, q, true_pose) for q in poses]
-        tool = {"truth": tool_positions(robot.kinematics, true_pose)}
-        for key in (OFFSET, chosen):
-            tool[key] = tool["truth"] + tool_errors[key][0]
-    trace = _trace(recording, name, joints, known, {k: v[0] for k, v in estimates.items()}, tool)
+            tool_errors[key] = [tool_error(robot.kinematics, pose(value), true) for value in seeds]
+        tool = {"truth": tool_positions(robot.kinematics, true)}
+        tool |= {key: tool["truth"] + tool_errors[key][0] for key in (OFFSET, chosen)}
+    efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
+    trace = Trace(
+        name=name,
+        provenance=recording.provenance.to_dict(),
+        rows_total=len(recording),
+        t=recording.t[known],
+        truth=truth,
+        measured=measured[known],
+        velocity=velocity(recording.t, measured)[known],
+        direction=direction(recording.t, measured)[known],
+        effort={joint: recording.column(f"effort/{joint}")[known] for joint in efforts},
+        effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
+        estimates={key: seeds[0] for key, seeds in estimates.items()},
+        tool=tool,
+    )
     return JudgedRecording(trace, errors, tool_errors)
 
 
@@ -307,36 +269,35 @@ def _finite(positions: Array, estimator: str, name: str) -> Array:
     return positions
 
 
-def _replaced(base: Array, columns: list[int], values: Array) -> Array:
-    changed = base.copy()
-    changed[:, columns] = values
-    return changed
+def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
+    """Give the reason why tool positions cannot be computed; empty when they can.
+
+    A joint may be missing from a recording if it does not move the tool, such as a jaw.
+    """
+    if robot.kinematics is None:
+        return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
+    for recording in recordings:
+        missing = [j for j in robot.joint_names if j not in recording.joints_of("measured")]
+        rows = np.linspace(0, len(recording) - 1, _PROBES).astype(np.int64)
+        probes = all_joints(recording, robot)[rows]
+        linear = robot.kinematics.jacobian(probes)[..., :3, :]
+        needed = [j for j in missing if np.abs(linear[..., robot.index([j])]).max() > _STILL]
+        if needed:
+            return (
+                f"{PurePath(recording.provenance.source).name or 'A recording'} lacks the "
+                f"measured position of {', '.join(needed)}, which moves the tool."
+            )
+    return ""
 
 
-def _trace(
-    recording: Recording,
-    name: str,
-    joints: tuple[str, ...],
-    known: NDArray[np.bool_],
-    estimates: Mapping[str, Array],
-    tool: Mapping[str, Array],
-) -> Trace:
-    measured = recording.columns("measured", joints)
-    efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
-    return Trace(
-        name=name,
-        provenance=recording.provenance.to_dict(),
-        rows_total=len(recording),
-        t=recording.t[known],
-        truth=recording.columns("truth", joints)[known],
-        measured=measured[known],
-        velocity=velocity(recording.t, measured)[known],
-        direction=direction(recording.t, measured)[known],
-        effort={joint: recording.column(f"effort/{joint}")[known] for joint in efforts},
-        effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
-        estimates=estimates,
-        tool=tool,
-    )
+def all_joints(recording: Recording, robot: Robot) -> Array:
+    """Measured positions (n, n_joints) [rad or m] of all joints; home where there is no column."""
+    known = recording.joints_of("measured")
+    positions = np.tile(robot.home, (len(recording), 1))
+    for column, joint in enumerate(robot.joint_names):
+        if joint in known:
+            positions[:, column] = recording.column(f"measured/{joint}")
+    return positions
 
 
 def unique_names(sources: Sequence[str]) -> list[str]:
@@ -346,9 +307,7 @@ def unique_names(sources: Sequence[str]) -> list[str]:
         "/".join(PurePath(source).parts[-2:]) if short.count(name) > 1 and source else name
         for source, name in zip(sources, short, strict=True)
     ]
-    seen: dict[str, int] = {}
-    names = []
-    for name in longer:
-        seen[name] = seen.get(name, 0) + 1
-        names.append(name if longer.count(name) == 1 else f"{name} #{seen[name]}")
-    return names
+    return [
+        name if longer.count(name) == 1 else f"{name} #{longer[: i + 1].count(name)}"
+        for i, name in enumerate(longer)
+    ]

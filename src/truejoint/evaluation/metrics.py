@@ -6,12 +6,11 @@ An error is the estimated position minus the true one, in the joint's SI unit (r
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truejoint.errors import CalibrationError
+from truejoint.recordings.recording import Array
 from truejoint.robots import Kinematics
-
-Array = NDArray[np.float64]
 
 
 def rmse(error: ArrayLike) -> Array:

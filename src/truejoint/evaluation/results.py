@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, is_dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
 from truejoint.estimators import registry
+from truejoint.recordings.recording import Array
 from truejoint.summary import Summarised
-from truejoint.units import with_unit
-
-Array = NDArray[np.float64]
+from truejoint.units import DisplayUnit, display_unit, with_unit
 
 RAW: Final = "raw"
 OFFSET: Final = registry.BASELINES[0]
@@ -23,6 +21,9 @@ OFFSET: Final = registry.BASELINES[0]
 BASELINES: Final = (RAW, *registry.BASELINES)
 
 _TITLES: Final = {RAW: ("Raw", "the raw position"), **registry.TITLES}
+
+# Attributes of an evaluation that its JSON has not, or has by another name.
+_LEFT_OUT: Final = ("title", "recording_scores", "interval_level", "traces")
 
 
 def estimator_phrase(name: str) -> str:
@@ -47,21 +48,16 @@ class Score:
 
     Attributes
     ----------
-    estimator, joint : str
-    unit : str
-        SI unit of the errors, ``"rad"`` or ``"m"``.
-    rmse : float
-        Root mean square error; the mean over seeds.
+    estimator, joint, unit : str
+        The unit is the SI unit of the errors, ``"rad"`` or ``"m"``.
+    rmse, mean : float
+        Root mean square and mean error (bias); the mean over seeds.
     max_abs : float
         Largest absolute error of any seed.
-    mean : float
-        Mean error (bias); the mean over seeds.
     percent_of_offset : float
         `rmse` as a percentage of that of the fixed offset.
-    spread : float
-        Sample standard deviation of the seeds' RMSE; NaN with fewer than two seeds.
-    seeds : int
-        How many trained models the row is made of.
+    spread, seeds : float, int
+        Sample standard deviation of the seeds' RMSE, NaN with fewer than two; how many there are.
 
     Examples
     --------
@@ -133,14 +129,12 @@ class IntervalScore:
     joint, unit : str
     level : float
         Stated probability.
-    coverage : float
-        Mean over the test's trajectories of the share of samples inside.
-    standard_error : float
-        Sampling error of that over trajectories; NaN with a single one.
-    half_width : float
-        Mean over the samples, widening outside the trained range included [rad or m].
-    offset_half_width : float
-        Of the fixed offset's interval, made of the same recordings as the model's [rad or m].
+    coverage, standard_error : float
+        Mean over the test's trajectories of the share of samples inside, and the sampling error
+        of that; NaN with a single one.
+    half_width, offset_half_width : float
+        Mean over the samples, widening outside the trained range included, and that of the fixed
+        offset's interval, made of the same recordings [rad or m].
     shares : tuple of float
         Share of the samples inside, of each trajectory that was judged.
 
@@ -233,10 +227,8 @@ class Verdict:
     ----------
     passed : bool
         True when every joint is within its limit and nothing in `objections` forbids a verdict.
-    text : str
-        The sentence for a person.
-    rule : str
-        What was asked of each joint.
+    text, rule : str
+        The sentence for a person, and what was asked of each joint.
     joints : tuple of JointVerdict
     objections : tuple of str
         Why the test itself cannot be believed, for instance rows seen in training.
@@ -264,23 +256,18 @@ class Trace:
 
     Attributes
     ----------
-    name : str
-        File name of the recording, made unique within the evaluation.
-    provenance : mapping
-        `Provenance.to_dict` of the recording.
+    name, provenance : str, mapping
+        File name of the recording, made unique within the evaluation, and `Provenance.to_dict`.
     rows_total : int
         Rows of the recording, those without truth included.
     t : ndarray, shape (n,)
         Time stamps [s].
     truth, measured : ndarray, shape (n, n_joints)
         Positions [rad or m].
-    velocity : ndarray, shape (n, n_joints)
-        Of the measured position, smoothed over 0.1 s [rad/s or m/s].
-    direction : ndarray, shape (n, n_joints)
-        Direction of motion: -1, 0 (standing) or 1.
-    effort : mapping of str to ndarray (n,)
-        Effort per joint that has one, in `effort_unit`.
-    effort_unit : mapping of str to str
+    velocity, direction : ndarray, shape (n, n_joints)
+        Of the measured position, smoothed over 0.1 s [rad/s or m/s]; -1, 0 (standing) or 1.
+    effort, effort_unit : mapping of str to ndarray (n,), mapping of str to str
+        Of the joints that have one.
     estimates : mapping of str to ndarray (n, n_joints)
         Corrected positions [rad or m] by estimator; of its first seed.
     tool : mapping of str to ndarray (n, 3)
@@ -310,12 +297,32 @@ class Trace:
     lower: Array | None = None
     upper: Array | None = None
 
+    def error(self, estimator: str) -> Array:
+        """Estimated minus true position (n, n_joints) [rad or m]."""
+        return self.estimates[estimator] - self.truth
+
+
+def shown_joints(evaluation: Evaluation) -> list[tuple[int, str, DisplayUnit]]:
+    """Column, name and unit for a person of each calibrated joint."""
+    units = map(display_unit, evaluation.units)
+    return list(zip(range(len(evaluation.joints)), evaluation.joints, units, strict=True))
+
+
+def pooled_error(traces: Sequence[Trace], estimator: str, column: int) -> Array:
+    """Error (n,) [rad or m] of an estimator in one joint, over the rows of all traces."""
+    return np.concatenate([trace.error(estimator)[:, column] for trace in traces])
+
 
 def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
     """Known masses [kg] hung on the tool, ascending; empty unless they differ."""
-    loads = [trace.provenance.get("load") for trace in traces]
-    known = sorted({float(load) for load in loads if load is not None})
+    known = known_loads(traces)
     return tuple(known) if len(known) > 1 else ()
+
+
+def known_loads(traces: Sequence[Trace]) -> list[float]:
+    """Masses [kg] at the tool that recordings name, ascending."""
+    loads = [trace.provenance.get("load") for trace in traces]
+    return sorted({float(load) for load in loads if load is not None})
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -324,43 +331,32 @@ class Evaluation(Summarised):
 
     Attributes
     ----------
-    robot, arm : str
-    title : str
-        Robot and arm for a person.
+    robot, arm, title : str
+        The title is robot and arm for a person.
     joints, units : tuple of str
         Calibrated joints and the SI unit of each.
-    chosen : str
-        Estimator that the verdict is about.
-    estimators : tuple of str
-        All in the table: raw, offset, linear, poly2, then the others; the order of `scores`.
+    chosen, estimators : str, tuple of str
+        The one that the verdict is about, and all in the table: raw, offset, linear, poly2, then
+        the others; the order of `scores`.
     baseline_notes : mapping of str to str
         What is to be known about a baseline that is missing or weak.
-    scores : tuple of Score
-        One row per estimator and joint.
-    recording_scores : tuple of RecordingScore
-        One row per test recording, estimator and joint.
-    cartesian : tuple of CartesianScore
-        One row per estimator; empty when `cartesian_note` says why.
-    cartesian_note : str
-    worst : tuple of Stretch
-        Worst first.
-    window : float
-        Length [s] of the stretches.
+    scores, recording_scores : tuple of Score, tuple of RecordingScore
+        One row per estimator and joint; the latter also per test recording.
+    cartesian, cartesian_note : tuple of CartesianScore, str
+        One row per estimator; empty when the note says why.
+    worst, window : tuple of Stretch, float
+        Worst first, and their length [s].
     verdict : Verdict
-    intervals : tuple of IntervalScore
-        One row per stated level and joint of the chosen model's first seed.
-    interval_trajectories : tuple of str
-        What the shares in `intervals` are of: recordings, or all recordings after one homing.
+    intervals, interval_trajectories : tuple of IntervalScore, tuple of str
+        One row per stated level and joint of the chosen model's first seed, and what their shares
+        are of: recordings, or all recordings after one homing.
     interval_level : float
         Level of the bounds in `traces`; NaN without an interval.
-    interval_note : str
-        What the interval is for, or that there is none.
-    interval_objections : tuple of str
-        Recordings of the test that the interval is not judged on, and why.
-    training : mapping
-        What the chosen model says about its training; JSON values.
-    traces : tuple of Trace
-        Curves for the report; not part of `to_dict`.
+    interval_note, interval_objections : str, tuple of str
+        What the interval is for, or that there is none; on which recordings of the test it is not
+        judged, and why.
+    training, traces : mapping, tuple of Trace
+        JSON values that the chosen model says about its training, and curves for the report.
 
     Examples
     --------
@@ -397,10 +393,10 @@ class Evaluation(Summarised):
         """Verdict, and the accuracy beside that of the fixed offset, by label."""
         accuracy = {}
         for joint, unit in zip(self.joints, self.units, strict=True):
-            own, offset = self.score(self.chosen, joint).rmse, self.score(OFFSET, joint).rmse
-            accuracy[joint] = (
-                f"{with_unit(own, unit)} RMSE (fixed offset {with_unit(offset, unit)})"
+            own, offset = (
+                with_unit(self.score(name, joint).rmse, unit) for name in (self.chosen, OFFSET)
             )
+            accuracy[joint] = f"{own} RMSE (fixed offset {offset})"
         return {
             "of": f"{estimator_title(self.chosen)}, {self.title}",
             "test": ", ".join(trace.name for trace in self.traces),
@@ -417,39 +413,31 @@ class Evaluation(Summarised):
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as values for JSON; SI units, NaN becomes None."""
-        values: dict[str, Any] = {
-            "robot": self.robot,
-            "arm": self.arm,
-            "joints": list(self.joints),
-            "units": dict(zip(self.joints, self.units, strict=True)),
-            "chosen": self.chosen,
-            "estimators": list(self.estimators),
-            "baseline_notes": dict(self.baseline_notes),
-            "verdict": asdict(self.verdict),
-            "scores": [asdict(row) for row in self.scores],
-            "cartesian": [asdict(row) for row in self.cartesian],
-            "cartesian_note": self.cartesian_note,
-            "recordings": [asdict(row) for row in self.recording_scores],
-            "worst": [
-                {**asdict(row), "recording": self.traces[row.recording].name} for row in self.worst
-            ],
-            "window": self.window,
-            "intervals": [{**asdict(row), "agreement": row.agreement} for row in self.intervals],
-            "interval_trajectories": list(self.interval_trajectories),
-            "interval_note": self.interval_note,
-            "interval_objections": list(self.interval_objections),
-            "test": [
-                {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
-                for t in self.traces
-            ],
-            "training": dict(self.training),
-        }
-        clean: dict[str, Any] = json_values(values)
-        return clean
+        values: dict[str, Any] = json_values(
+            {name: value for name, value in vars(self).items() if name not in _LEFT_OUT}
+            | {
+                "units": dict(zip(self.joints, self.units, strict=True)),
+                "recordings": self.recording_scores,
+                "worst": [
+                    {**vars(s), "recording": self.traces[s.recording].name} for s in self.worst
+                ],
+                "intervals": [vars(s) | {"agreement": s.agreement} for s in self.intervals],
+                "test": [
+                    {"name": t.name, "rows": len(t.t), "rows_total": t.rows_total, **t.provenance}
+                    for t in self.traces
+                ],
+            }
+        )
+        return values
 
 
 def json_values(value: Any) -> Any:
-    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists."""
+    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists.
+
+    Dataclasses become mappings.
+    """
+    if is_dataclass(value):
+        value = vars(value)
     if isinstance(value, Mapping):
         return {str(key): json_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

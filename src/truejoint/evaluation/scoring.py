@@ -1,4 +1,4 @@
-"""Scores of models from their errors: pooled over recordings, averaged over seeds."""
+"""Scores of models from their errors, pooled over recordings and averaged over seeds; the worst."""
 
 from __future__ import annotations
 
@@ -6,12 +6,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.evaluation.metrics import max_abs, mean_error, percent_of, rmse
-from truejoint.evaluation.results import OFFSET, CartesianScore, RecordingScore, Score, Trace
+from truejoint.evaluation.results import (
+    OFFSET,
+    CartesianScore,
+    JointVerdict,
+    RecordingScore,
+    Score,
+    Stretch,
+    Trace,
+)
+from truejoint.recordings.recording import Array
 
-Array = NDArray[np.float64]
+_COUNT = 3  # worst windows of each joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,49 +36,33 @@ def joint_scores(
 ) -> tuple[Score, ...]:
     """One `Score` per estimator and joint, over the rows of all recordings together."""
     pooled = {name: _pooled([test.errors[name] for test in tested]) for name in tested[0].errors}
-    roots = {name: np.array([rmse(error) for error in seeds]) for name, seeds in pooled.items()}
-    offset = roots[OFFSET].mean(axis=0)
-    rows = []
-    for name, seeds in pooled.items():
-        value, spread = roots[name].mean(axis=0), _spread(roots[name])
-        largest = np.max([max_abs(error) for error in seeds], axis=0)
-        bias = np.mean([mean_error(error) for error in seeds], axis=0)
-        percent = percent_of(value, offset)
-        rows += [
-            Score(
-                estimator=name,
-                joint=joint,
-                unit=unit,
-                rmse=float(value[j]),
-                max_abs=float(largest[j]),
-                mean=float(bias[j]),
-                percent_of_offset=float(percent[j]),
-                spread=float(spread[j]),
-                seeds=len(seeds),
-            )
-            for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
-        ]
-    return tuple(rows)
+    found = _over_seeds(pooled)
+    return tuple(
+        Score(
+            estimator=name,
+            joint=joint,
+            unit=unit,
+            seeds=len(seeds),
+            **{key: float(values[j]) for key, values in found[name].items()},
+        )
+        for name, seeds in pooled.items()
+        for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
+    )
 
 
 def recording_scores(
     tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
 ) -> tuple[RecordingScore, ...]:
     """One `RecordingScore` per recording, estimator and joint."""
-    return tuple(
-        RecordingScore(
-            recording=test.trace.name,
-            estimator=name,
-            joint=joint,
-            unit=unit,
-            rmse=float(np.mean([rmse(error[:, j]) for error in seeds])),
-            max_abs=float(np.max([max_abs(error[:, j]) for error in seeds])),
-            mean=float(np.mean([mean_error(error[:, j]) for error in seeds])),
-        )
-        for test in tested
-        for name, seeds in test.errors.items()
-        for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
-    )
+    rows = []
+    for test in tested:
+        for name, seeds in test.errors.items():
+            for j, (joint, unit) in enumerate(zip(joints, units, strict=True)):
+                own = [error[:, j] for error in seeds]
+                root, bias = (np.mean([how(e) for e in own]) for how in (rmse, mean_error))
+                values = map(float, (root, np.max([max_abs(e) for e in own]), bias))
+                rows.append(RecordingScore(test.trace.name, name, joint, unit, *values))
+    return tuple(rows)
 
 
 def cartesian_scores(tested: Sequence[JudgedRecording]) -> tuple[CartesianScore, ...]:
@@ -78,29 +70,13 @@ def cartesian_scores(tested: Sequence[JudgedRecording]) -> tuple[CartesianScore,
     pooled = {
         name: _pooled([test.tool_errors[name] for test in tested]) for name in tested[0].tool_errors
     }
-    if not pooled:
-        return ()
-    distances = {
-        name: [np.linalg.norm(error, axis=1) for error in seeds] for name, seeds in pooled.items()
-    }
-    roots = {name: np.array([rmse(d) for d in seeds]) for name, seeds in distances.items()}
-    offset = roots[OFFSET].mean()
+    distances = {k: [np.linalg.norm(e, axis=1) for e in seeds] for k, seeds in pooled.items()}
     rows = []
-    for name, seeds in pooled.items():
-        x, y, z = np.mean([rmse(error) for error in seeds], axis=0)
-        rows.append(
-            CartesianScore(
-                estimator=name,
-                rmse=float(roots[name].mean()),
-                max_abs=float(np.max([d.max() for d in distances[name]])),
-                x=float(x),
-                y=float(y),
-                z=float(z),
-                percent_of_offset=float(percent_of(roots[name].mean(), offset)),
-                spread=float(_spread(roots[name])),
-                seeds=len(seeds),
-            )
-        )
+    for name, found in _over_seeds(distances).items():
+        axes = np.mean([rmse(error) for error in pooled[name]], axis=0)
+        values = {key: float(value) for key, value in found.items() if key != "mean"}
+        values |= dict(zip("xyz", map(float, axes), strict=True))
+        rows.append(CartesianScore(estimator=name, seeds=len(pooled[name]), **values))
     return tuple(rows)
 
 
@@ -109,8 +85,72 @@ def _pooled(by_recording: Sequence[Sequence[Array]]) -> list[Array]:
     return [np.concatenate(parts) for parts in zip(*by_recording, strict=True)]
 
 
-def _spread(values: Array) -> Array:
+def _over_seeds(errors: Mapping[str, Sequence[Array]]) -> dict[str, dict[str, Array]]:
+    """RMSE and the like, () or (k,), of errors (n,) or (n, k) by estimator and seed."""
+    roots = {name: np.array([rmse(error) for error in seeds]) for name, seeds in errors.items()}
+    return {
+        name: {
+            "rmse": roots[name].mean(axis=0),
+            "max_abs": np.max([max_abs(error) for error in seeds], axis=0),
+            "mean": np.mean([mean_error(error) for error in seeds], axis=0),
+            "percent_of_offset": percent_of(roots[name].mean(axis=0), roots[OFFSET].mean(axis=0)),
+            "spread": spread(roots[name]),
+        }
+        for name, seeds in errors.items()
+    }
+
+
+def spread(values: Array) -> Array:
     """Sample standard deviation over seeds (axis 0); NaN with fewer than two."""
     if len(values) < 2:
         return np.full(values.shape[1:], np.nan)
     return np.asarray(values.std(axis=0, ddof=1))
+
+
+def worst_windows(
+    t: Array, error: Array, window: float, count: int
+) -> list[tuple[int, int, float]]:
+    """Windows of one recording with the largest RMSE, at most `count`, worst first, apart.
+
+    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,),
+    which sets the unit. A shorter recording is one window. One covers at least half of `window`
+    [s], so that a few rows beside a gap do not count, unless all rows are so far apart.
+    """
+    n = len(t)
+    first = np.arange(n)
+    end = np.searchsorted(t, t + window, side="right")
+    total = np.concatenate(([0.0], np.cumsum(np.square(error))))
+    mean_square = (total[end] - total[first]) / (end - first)
+    long_enough = t[end - 1] - t >= 0.5 * min(window, float(t[-1] - t[0]))
+    candidates = np.flatnonzero(long_enough) if long_enough.any() else first
+    order = candidates[np.argsort(-mean_square[candidates], kind="stable")]
+    free = np.ones(n, dtype=bool)
+    found: list[tuple[int, int, float]] = []
+    for row in order:
+        if len(found) == count:
+            break
+        if free[row] and free[end[row] - 1]:
+            free[row : end[row]] = False
+            found.append((int(row), int(end[row]), float(np.sqrt(max(mean_square[row], 0.0)))))
+    return found
+
+
+def worst_stretches(
+    traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
+) -> tuple[Stretch, ...]:
+    """Find the worst windows [s] of each joint over all recordings, worst first.
+
+    Windows of different joints are ordered by their RMSE as a multiple of the joint's limit.
+    """
+    ranked: list[tuple[float, Stretch]] = []
+    for column, (joint, unit, limit) in enumerate((v.joint, v.unit, v.limit) for v in joints):
+        own: list[tuple[float, Stretch]] = []
+        for index, trace in enumerate(traces):
+            error = trace.error(chosen)[:, column]
+            for first, end, root in worst_windows(trace.t, error, window, _COUNT):
+                largest = float(np.abs(error[first:end]).max())
+                start, stop = float(trace.t[first]), float(trace.t[end - 1])
+                stretch = Stretch(joint, unit, index, start, stop, root, largest)
+                own.append((root / limit if limit > 0 else root, stretch))
+        ranked += sorted(own, key=lambda pair: -pair[0])[:_COUNT]
+    return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))

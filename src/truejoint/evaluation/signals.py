@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truejoint.recordings.recording import Array
+
 Mask = NDArray[np.bool_]
 
 # Below this share of its brisk speed (99th percentile) a joint counts as standing.
@@ -15,31 +16,15 @@ GAP_STEPS: float = 5.0
 
 
 def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
-    """Velocity by central differences over about `window`, so that encoder steps do not show.
+    """Velocity by central differences over about `window` [s], so that encoder steps do not show.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Increasing time stamps [s]; n at least 2.
-    position : ndarray, shape (n,) or (n, k)
-        Positions [rad or m].
-    window : float
-        Time [s] between the two samples that are subtracted; at least one sample to each side.
-
-    Returns
-    -------
-    ndarray, shape of `position`
-        Velocity [rad/s or m/s]; one-sided at both ends.
+    Shape of `position` (n,) or (n, k); one-sided at both ends of the stamps `t` (n,) [s], n >= 2.
     """
     n = len(t)
     reach = max(1, round(0.5 * window / float(np.median(np.diff(t)))))
     before = np.maximum(np.arange(n) - reach, 0)
     after = np.minimum(np.arange(n) + reach, n - 1)
-    elapsed = t[after] - t[before]
-    if position.ndim > 1:
-        elapsed = elapsed[:, None]
-    rate: Array = (position[after] - position[before]) / elapsed
-    return rate
+    return ((position[after] - position[before]).T / (t[after] - t[before])).T
 
 
 def direction(t: Array, position: Array) -> Array:
@@ -56,8 +41,7 @@ def direction(t: Array, position: Array) -> Array:
 def gaps(t: Array) -> NDArray[np.int64]:
     """Rows (m,) after which the next time stamp is more than `GAP_STEPS` median steps away."""
     step = np.diff(t)
-    rows: NDArray[np.int64] = np.flatnonzero(step > GAP_STEPS * np.median(step))
-    return rows
+    return np.flatnonzero(step > GAP_STEPS * np.median(step))
 
 
 def longest_run(same: Mask) -> tuple[int, int]:

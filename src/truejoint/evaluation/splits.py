@@ -30,10 +30,6 @@ def split_by_time(
         Time [s] left out between the two parts, so that no sample of the test has a
         neighbour in training.
 
-    Returns
-    -------
-    train, test : Recording
-
     Raises
     ------
     RecordingError
@@ -111,10 +107,6 @@ def split_by_file(
         Shell patterns, such as ``"3*.TXT"``, for the file names (or the whole source) of the
         recordings that go to the test.
 
-    Returns
-    -------
-    train, test : list of Recording
-
     Raises
     ------
     RecordingError
@@ -132,30 +124,28 @@ def split_by_file(
     for pattern in patterns:
         if not any(_matches(source, pattern) for source in sources):
             raise RecordingError(f"no recording matches {pattern!r}; there are {_listed(sources)}")
-    is_test = [any(_matches(source, pattern) for pattern in patterns) for source in sources]
-    train = [r for r, test in zip(recordings, is_test, strict=True) if not test]
-    test = [r for r, test in zip(recordings, is_test, strict=True) if test]
+    train: list[Recording] = []
+    test: list[Recording] = []
+    for recording, source in zip(recordings, sources, strict=True):
+        held = any(_matches(source, pattern) for pattern in patterns)
+        (test if held else train).append(recording)
     if not train or not test:
         raise RecordingError(
             f"holding out {', '.join(patterns) or 'nothing'} leaves {len(train)} recordings for "
             f"training and {len(test)} for the test; both need at least 1"
         )
-    same = _hashes(train) & _hashes(test)
-    if same:
-        twice = next(r for r in test if r.provenance.sha256 in same)
-        raise RecordingError(
-            f"{twice.provenance.source}: the same content stands in training and test under two "
-            "names; remove one of them"
-        )
+    hashes = {r.provenance.sha256 for r in train} - {""}
+    for recording in test:
+        if recording.provenance.sha256 in hashes:
+            raise RecordingError(
+                f"{recording.provenance.source}: the same content stands in training and test "
+                "under two names; remove one of them"
+            )
     return train, test
 
 
 def _matches(source: str, pattern: str) -> bool:
     return fnmatch(source, pattern) or fnmatch(PurePath(source).name, pattern)
-
-
-def _hashes(recordings: Sequence[Recording]) -> set[str]:
-    return {r.provenance.sha256 for r in recordings if r.provenance.sha256}
 
 
 def _listed(names: Sequence[str], limit: int = 8) -> str:

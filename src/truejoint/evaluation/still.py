@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from truejoint.evaluation.report.plot import COLOURS
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
+from truejoint.evaluation.report.plot import COLOURS, GRID, colour_of
+from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
 from truejoint.extras import require
-from truejoint.units import display_unit
 
 
 def plot_corrected(
@@ -25,10 +24,6 @@ def plot_corrected(
     seconds : float
         How much of it to show [s].
 
-    Returns
-    -------
-    Path
-
     Examples
     --------
     >>> plot_corrected(evaluation, "jaw.png").name
@@ -36,36 +31,26 @@ def plot_corrected(
     """
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds
-    count = len(evaluation.joints)
+    t, count = trace.t[rows], len(evaluation.joints)
     drawing = require("matplotlib.figure", "plots", "a figure")
     figure = drawing.Figure(figsize=(4.2 * count, 4.4), layout="constrained")
-    axes = figure.subplots(
-        2, count, sharex="col", squeeze=False, gridspec_kw={"height_ratios": [1.6, 1.0]}
-    )
-    shown = dict.fromkeys((OFFSET, evaluation.chosen))
-    for column, (joint, si) in enumerate(zip(evaluation.joints, evaluation.units, strict=True)):
-        unit = display_unit(si)
-        t, truth = trace.t[rows], unit.scale * trace.truth[rows, column]
-        upper, lower = axes[0, column], axes[1, column]
+    axes = figure.subplots(2, count, sharex="col", squeeze=False, height_ratios=[1.6, 1.0])
+    for column, joint, unit in shown_joints(evaluation):
+        truth = unit.scale * trace.truth[rows, column]
+        upper, lower = axes[:, column]
         upper.plot(t, truth, color=COLOURS["truth"], lw=1.6, ls=":", label="True")
-        for name in shown:
-            colour = COLOURS["chosen" if name == evaluation.chosen else OFFSET]
+        for name in dict.fromkeys((OFFSET, evaluation.chosen)):
+            colour = colour_of(name, evaluation)
             values = unit.scale * trace.estimates[name][rows, column]
             upper.plot(t, values, color=colour, lw=1.0, label=estimator_title(name))
             lower.plot(t, values - truth, color=colour, lw=0.9)
         upper.set_title(joint, fontsize=10, loc="left")
-        upper.set_ylabel(f"position [{unit.name}]")
-        lower.set_ylabel(f"error [{unit.name}]")
         lower.set_xlabel("time [s]")
-        for panel in (upper, lower):
+        for panel, what in ((upper, "position"), (lower, "error")):
+            panel.set_ylabel(f"{what} [{unit.name}]")
             panel.spines[["top", "right"]].set_visible(False)
-            panel.grid(color="#e6e8eb", lw=0.7)
-    figure.legend(
-        *axes[0, 0].get_legend_handles_labels(),
-        loc="outside upper right",
-        ncols=3,
-        frameon=False,
-        fontsize=9,
-    )
+            panel.grid(color=GRID, lw=0.7)
+    legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
     figure.savefig(path, dpi=150)
     return Path(path)

@@ -2,23 +2,15 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
+from itertools import groupby
 
 from rich import box
 from rich.table import Table
 from rich.text import Text
 
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, spread_text
-from truejoint.evaluation.results import (
-    CartesianScore,
-    Evaluation,
-    IntervalScore,
-    Score,
-    estimator_title,
-)
-from truejoint.units import display_unit
+from truejoint.evaluation.results import Evaluation, estimator_title
+from truejoint.evaluation.view import interval_rows, main_rows
 
 _LEVEL_STYLE = {"fail": "bold red", "warn": "yellow", "info": "dim"}
 
@@ -37,34 +29,19 @@ def score_table(evaluation: Evaluation) -> Table:
     table = Table(title=title, box=box.SIMPLE_HEAD)
     table.add_column("joint")
     for name in evaluation.estimators:
-        table.add_column(
-            estimator_title(name),
-            justify="right",
-            style="cyan" if name == evaluation.chosen else "",
-        )
-    for joint, unit in zip(evaluation.joints, evaluation.units, strict=True):
-        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
-        shown_unit = display_unit(unit)
-        label = Text(f"{joint} [{shown_unit.name}]")
-        table.add_row(label, *_cells(scores, shown_unit.scale))
-    if evaluation.cartesian:
-        table.add_section()
-        table.add_row(Text("tool [mm]"), *_cells(evaluation.cartesian, 1e3))
+        style = "cyan" if name == evaluation.chosen else ""
+        table.add_column(estimator_title(name), justify="right", style=style)
+    for row in main_rows(evaluation):
+        if row.name == "tool position":
+            table.add_section()
+        cells = []
+        for cell in row.cells:
+            text = Text(cell["rmse"], style="bold" if cell["best"] else "")
+            for small in filter(None, (cell["spread"], f"{cell['percent']:>6}")):
+                text.append(f" {small}", style="not bold dim")
+            cells.append(text)
+        table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)
     return table
-
-
-def _cells(scores: Sequence[Score] | Sequence[CartesianScore], scale: float) -> list[Text]:
-    rows = [(score.rmse, score.spread, score.percent_of_offset) for score in scores]
-    values = [scale * row[0] for row in rows]
-    decimals = decimals_for(values)
-    cells = []
-    for value, (_, spread, percent) in zip(values, rows, strict=True):
-        text = Text(fixed(value, decimals), style="bold" if value == min(values) else "")
-        if math.isfinite(spread):
-            text.append(f" {spread_text(scale * spread, decimals)}", style="not bold dim")
-        text.append(f" {percent_text(percent):>6}", style="not bold dim")
-        cells.append(text)
-    return cells
 
 
 def interval_table(evaluation: Evaluation) -> Table:
@@ -82,33 +59,17 @@ def interval_table(evaluation: Evaluation) -> Table:
     for name in ("stated", "found inside", "half-width", "fixed offset's"):
         table.add_column(name, justify="right")
     table.add_column("")
-    for joint in evaluation.joints:
-        rows = [score for score in evaluation.intervals if score.joint == joint]
-        unit = display_unit(rows[0].unit)
-        for score, widths in zip(rows, half_width_texts(rows), strict=True):
+    for joint, rows in groupby(interval_rows(evaluation), key=lambda row: row["joint"]):
+        for place, row in enumerate(rows):
             table.add_row(
-                Text(f"{joint} [{unit.name}]" if score is rows[0] else ""),
-                f"{100 * score.level:g} %",
-                coverage_text(score),
-                *widths,
-                Text(score.agreement, style="yellow" if score.agreement != "agrees" else "dim"),
-                end_section=score is rows[-1],
+                Text("" if place else f"{joint} [{row['unit']}]"),
+                row["level"],
+                row["coverage"],
+                *row["widths"],
+                Text(row["agreement"], style="yellow" if row["agreement"] != "agrees" else "dim"),
             )
+        table.add_section()
     return table
-
-
-def half_width_texts(scores: Sequence[IntervalScore]) -> list[list[str]]:
-    """Half-widths of a joint's levels, the model's and the fixed offset's, with like decimals."""
-    scale = display_unit(scores[0].unit).scale
-    pairs = [(scale * score.half_width, scale * score.offset_half_width) for score in scores]
-    decimals = decimals_for(value for pair in pairs for value in pair)
-    return [[fixed(value, decimals) for value in pair] for pair in pairs]
-
-
-def coverage_text(score: IntervalScore) -> str:
-    """Coverage with its sampling error, such as ``"91.3 ± 1.2 %"``."""
-    error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
-    return f"{100 * score.coverage:.1f}{error} %"
 
 
 def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
@@ -122,12 +83,7 @@ def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
     table = Table(title=title)
     for name in ("level", "found", "where", "what to do"):
         table.add_column(name, overflow="fold")
-    for finding in check.findings:
-        style = _LEVEL_STYLE[finding.level]
-        table.add_row(
-            Text(finding.level, style=style),
-            Text(finding.what),
-            Text(finding.where),
-            Text(finding.advice),
-        )
+    for found in check.findings:
+        texts = map(Text, (found.what, found.where, found.advice))
+        table.add_row(Text(found.level, style=_LEVEL_STYLE[found.level]), *texts)
     return table

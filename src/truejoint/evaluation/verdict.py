@@ -5,7 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from numbers import Real
+from pathlib import PurePath
+from typing import Any
 
+from truejoint.calibration.conformal import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.digits import shown
 from truejoint.evaluation.results import (
@@ -15,6 +18,7 @@ from truejoint.evaluation.results import (
     Verdict,
     estimator_phrase,
 )
+from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 
 
@@ -36,10 +40,8 @@ def judge(
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint. A joint without one must beat
         the fixed offset.
-    objections : sequence of str
-        Reasons not to believe the test; any of them fails the verdict.
-    remarks : sequence of str
-        What else a reader should know.
+    objections, remarks : sequence of str
+        Reasons not to believe the test, of which any fails the verdict, and what else is to know.
 
     Raises
     ------
@@ -61,14 +63,13 @@ def judge(
         limit = limits[joint] if stated else rows[OFFSET, joint].rmse
         passed = row.rmse <= limit if stated else row.rmse < limit
         verdicts.append(JointVerdict(joint, row.unit, row.rmse, limit, stated, passed))
-    passed = all(v.passed for v in verdicts) and not objections
     return Verdict(
-        passed=passed,
+        passed=all(v.passed for v in verdicts) and not objections,
         text=_text(chosen, verdicts, objections),
         rule=_rule(verdicts),
         joints=tuple(verdicts),
         objections=tuple(objections),
-        remarks=(*remarks, *_better_models(scores, chosen)),
+        remarks=(*remarks, *_better_models(scores, verdicts)),
     )
 
 
@@ -103,7 +104,8 @@ def _rule(verdicts: Sequence[JointVerdict]) -> str:
 def _text(chosen: str, verdicts: Sequence[JointVerdict], objections: Sequence[str]) -> str:
     if objections:
         return f"This test cannot be believed: {objections[0]}."
-    title = _capital(estimator_phrase(chosen))
+    title = estimator_phrase(chosen)
+    title = title[:1].upper() + title[1:]
     bad = [v for v in verdicts if not v.passed]
     if bad:
         parts = [_beside(v) for v in bad]
@@ -124,26 +126,56 @@ def _beside(verdict: JointVerdict) -> str:
     return f"{verdict.joint} {value} {unit.name} against a {against} of {limit} {unit.name}"
 
 
-def _better_models(scores: Sequence[Score], chosen: str) -> tuple[str, ...]:
+def _better_models(scores: Sequence[Score], verdicts: Sequence[JointVerdict]) -> tuple[str, ...]:
     """Say where another estimator of the table beats the chosen one."""
     better = []
-    for joint in dict.fromkeys(row.joint for row in scores):
-        rows = [row for row in scores if row.joint == joint]
-        own = next(row for row in rows if row.estimator == chosen)
-        best = min(rows, key=lambda row: row.rmse)
+    for own in verdicts:
+        best = min((row for row in scores if row.joint == own.joint), key=lambda row: row.rmse)
         if best.rmse < own.rmse:
             unit = display_unit(own.unit)
             value, ours = shown([best.rmse * unit.scale, own.rmse * unit.scale])
-            better.append(
-                f"{estimator_phrase(best.estimator)} in {joint} ({value} against {ours} "
-                f"{unit.name})"
-            )
+            name = estimator_phrase(best.estimator)
+            better.append(f"{name} in {own.joint} ({value} against {ours} {unit.name})")
     return (f"Smaller RMSE: {_and(better)}.",) if better else ()
-
-
-def _capital(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _and(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
+
+
+def seen_in_training(
+    metadata: Mapping[str, Any], recordings: Sequence[Recording]
+) -> tuple[str, ...]:
+    """Object to each test recording whose rows were in the training (`trained_on`)."""
+    seen = [_name(r) or "a recording" for r in recordings if trained_on(metadata, r)]
+    return tuple(f"the model was trained on rows of {n}, which it is tested on" for n in seen)
+
+
+def other_homings(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Tell when the test was recorded after another homing than the ``homing_ids`` of training."""
+    known = set(metadata.get("homing_ids", ()))
+    other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
+    if not known or not other:
+        return ()
+    return (
+        f"The test has homings that training has not seen ({', '.join(other[:4])}); positions of "
+        "two homings differ by an offset that no model knows.",
+    )
+
+
+def rezeroed_on(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Tell when the offset was taken from a recording of the test: see ``rezeroed``."""
+    since = metadata.get("rezeroed") or {}
+    key = (since.get("source"), since.get("homing_id"))
+    for recording in recordings:
+        origin = recording.provenance
+        if origin.source and key == (origin.source, origin.homing_id):
+            return (
+                f"The model was re-zeroed on truth of {_name(recording)}, which it is tested on; "
+                "what is left of the offset shows only in other recordings.",
+            )
+    return ()
+
+
+def _name(recording: Recording) -> str:
+    return PurePath(recording.provenance.source).name

@@ -6,35 +6,23 @@ import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.resources import files
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
 
 from truejoint.errors import CalibrationError, RecordingError
+from truejoint.evaluation import view
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.report import curves, residuals, space, uncertainty, view
-from truejoint.evaluation.report.plot import Figure
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
+from truejoint.evaluation.report import curves, residuals, space, uncertainty
+from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
 from truejoint.extras import require
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.recording import Recording
-from truejoint.units import display_unit
 
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas", "plotly")
-
-
-@dataclass(frozen=True)
-class Section:
-    """A numbered part of the page with figures."""
-
-    key: str
-    title: str
-    lead: str
-    figures: Sequence[Figure]
 
 
 def write_report(
@@ -64,11 +52,6 @@ def write_report(
     overwrite : bool
         Whether a file at `path` may be replaced.
 
-    Returns
-    -------
-    Path
-        Where it was written.
-
     Raises
     ------
     CalibrationError
@@ -88,12 +71,8 @@ def write_report(
     target = Path(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
     page = render_report(evaluation, training=training, checks=checks, command=command)
-    write_atomically(
-        target,
-        lambda part: part.write_text(page, encoding="utf-8"),
-        overwrite=overwrite,
-        error=RecordingError,
-    )
+    write = partial(Path.write_text, data=page, encoding="utf-8")
+    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
     return target
 
 
@@ -111,47 +90,39 @@ def render_report(
     >>> render_report(evaluation).startswith("<!doctype html>")
     True
     """
-    sections = _sections(evaluation, training)
-    interval_figures = uncertainty.stated_interval(evaluation)
-    figures = [figure for section in sections.values() for figure in section.figures]
-    figures += interval_figures
+    drawn = {
+        "worst": curves.worst_stretches(evaluation),
+        "paths": [space.trajectories(evaluation, training), *space.tool_paths(evaluation)],
+        "time": curves.over_time(evaluation),
+        "residuals": residuals.residuals(evaluation),
+        "loops": [curves.loops(evaluation)],
+        "histograms": [curves.histograms(evaluation)],
+        "tool": curves.cartesian_errors(evaluation),
+        "intervals": uncertainty.stated_interval(evaluation),
+    }
+    figures = [figure for part in drawn.values() for figure in part]
+    recordings = view.recording_rows(evaluation)
+    used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
+    origins = [trace.provenance for trace in evaluation.traces]
+    tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
     return render_page(
         "report.html.j2",
         evaluation=evaluation,
         title_of=estimator_title,
-        joint_units=[
-            (joint, display_unit(unit).name)
-            for joint, unit in zip(evaluation.joints, evaluation.units, strict=True)
-        ],
-        spread_shown=any(score.seeds > 1 for score in evaluation.scores),
-        any_session=any(trace.provenance.get("session") for trace in evaluation.traces),
-        any_homing=any(trace.provenance.get("homing_id") for trace in evaluation.traces),
-        any_load=any(trace.provenance.get("load") is not None for trace in evaluation.traces),
-        chosen_title=estimator_title(evaluation.chosen),
         chosen_phrase=estimator_phrase(evaluation.chosen),
-        baseline_is_chosen=evaluation.chosen == OFFSET,
-        sections=sections,
+        drawn=drawn,
         menu=[evaluation.traces[i].name for i in curves.menu_order(evaluation)],
-        main_rows=view.main_rows(evaluation),
-        headlines=view.headlines(evaluation),
-        all_scores=view.bias_rows(evaluation),
-        recording_rows=view.recording_rows(evaluation),
-        interval_rows=view.interval_rows(evaluation),
-        interval_figures=interval_figures,
-        load_rows=view.load_rows(evaluation),
-        direction_rows=view.direction_rows(evaluation),
-        cartesian_rows=view.cartesian_rows(evaluation),
-        checks={
-            name: (check.findings, view.coverage_rows(check.coverage))
-            for name, check in (checks or {}).items()
-        },
+        view=view,
+        recording_rows=recordings,
+        told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
+        checks=checks or {},
         facts=_facts(evaluation),
-        training_facts=view.flattened(evaluation.training),
-        sources=_sources(evaluation, training),
+        sources=used + tested,
         command=command,
-        script=_asset("report.js"),
         plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
-        figures=script_json([_figure_values(f) for f in figures]),
+        figures=script_json(
+            [{"key": f.key, "variants": f.variants, "flat": f.flat} for f in figures]
+        ),
     )
 
 
@@ -162,8 +133,7 @@ def render_page(template: str, *, package: str = __package__, **values: Any) -> 
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         loader=jinja2.ChoiceLoader(loaders),
     )  # fmt: skip
-    page = environment.get_template(template)
-    return page.render(**values, versions=versions(), style=_asset("report.css"))
+    return environment.get_template(template).render(**values, versions=versions())
 
 
 def script_json(value: Any) -> str:
@@ -172,47 +142,6 @@ def script_json(value: Any) -> str:
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text
-
-
-def _sections(evaluation: Evaluation, training: Sequence[Recording]) -> dict[str, Section]:
-    chosen = estimator_phrase(evaluation.chosen)
-    paths = [space.trajectories(evaluation, training), space.tool_paths(evaluation)]
-    tool = curves.cartesian_errors(evaluation)
-    parts = [
-        Section(
-            "worst",
-            "Worst stretches",
-            f"The windows of at most {evaluation.window:g} s in which {chosen} is furthest from "
-            "the truth, worst first." + _band_text(evaluation),
-            curves.worst_stretches(evaluation),
-        ),
-        Section("paths", "Trajectories", "", [figure for figure in paths if figure]),
-        Section(
-            "time",
-            "Corrected against true position",
-            "Click a name in a legend to show or hide it; the raw position is hidden at first. "
-            "Long curves are thinned in a way that keeps every peak." + _band_text(evaluation),
-            curves.over_time(evaluation),
-        ),
-        Section("residuals", "Residuals", "", residuals.residuals(evaluation)),
-        Section("loops", "Hysteresis", "", [curves.loops(evaluation)]),
-        Section("histograms", "Distribution", "", [curves.histograms(evaluation)]),
-        Section("tool", "Tool position", "", [tool] if tool else []),
-    ]
-    return {section.key: section for section in parts}
-
-
-def _band_text(evaluation: Evaluation) -> str:
-    if all(trace.lower is None for trace in evaluation.traces):
-        return ""
-    return (
-        f" The band is the stated {100 * evaluation.interval_level:g} % interval: above, where the "
-        "true position should be; below, errors that it allows."
-    )
-
-
-def _figure_values(figure: Figure) -> dict[str, Any]:
-    return {"key": figure.key, "variants": list(figure.variants), "flat": figure.flat}
 
 
 def _facts(evaluation: Evaluation) -> list[str]:
@@ -230,16 +159,6 @@ def _facts(evaluation: Evaluation) -> list[str]:
     ]
 
 
-def _sources(evaluation: Evaluation, training: Sequence[Recording]) -> list[tuple[str, str, str]]:
-    """(part, file, hash) of everything that went in."""
-    used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
-    tested = [
-        ("test", str(t.provenance.get("source", "")), str(t.provenance.get("sha256", "")))
-        for t in evaluation.traces
-    ]
-    return used + tested
-
-
 def versions() -> list[tuple[str, str]]:
     """Versions of Python and of the packages that a result depends on."""
     found = [(name, _version(name)) for name in _PACKAGES]
@@ -251,7 +170,3 @@ def _version(package: str) -> str:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
         return "not installed"
-
-
-def _asset(name: str) -> str:
-    return files("truejoint.evaluation.report").joinpath("assets", name).read_text("utf-8")

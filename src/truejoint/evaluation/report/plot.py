@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.evaluation.results import OFFSET, RAW
+from truejoint.evaluation.results import OFFSET, RAW, Evaluation
 from truejoint.evaluation.signals import gaps
+from truejoint.recordings.recording import Array
 
-Array = NDArray[np.float64]
 Spec = dict[str, Any]
 
 # Okabe and Ito's palette, which stays distinct under every common colour blindness; the orange
@@ -36,33 +36,22 @@ FONT: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', A
 
 @dataclass(frozen=True)
 class Figure:
-    """One figure of the page.
+    """One figure of the page: Plotly specifications, between which a menu switches.
 
-    Attributes
-    ----------
-    key : str
-        Identifier in the page.
-    label : str
-        Short name for readers who cannot see the figure.
-    caption : str
-        What it shows, with units.
-    variants : sequence of dict
-        Plotly specifications (``data`` and ``layout``); a menu switches between several.
-    height : int
-        Height [px].
-    wide : bool
-        Whether it takes the whole width of the page.
-    flat : dict or None
-        Two-dimensional figure that stands in where a browser has no WebGL.
+    `label` is for readers who cannot see it; `flat` stands in where a browser has no WebGL.
     """
 
     key: str
     label: str
     caption: str
     variants: Sequence[Spec]
-    height: int = 320
     wide: bool = True
-    flat: Spec | None = field(default=None, repr=False)
+    flat: Spec | None = None
+
+
+def colour_of(estimator: str, evaluation: Evaluation) -> str:
+    """Colour of the raw position, the fixed offset or the chosen estimator."""
+    return COLOURS["chosen" if estimator == evaluation.chosen else estimator]
 
 
 def packed(values: Array | NDArray[np.float32]) -> Spec:
@@ -76,23 +65,17 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False)
 
 
-def curve(x: Array, y: Array, name: str, colour: str, **options: Any) -> Spec:
-    """Draw a line through (n,) points, values in the units of the axes."""
-    line = {"color": colour, "width": options.pop("width", 1.3)}
-    if "dash" in options:
-        line["dash"] = options.pop("dash")
-    if "shape" in options:
-        line["shape"] = options.pop("shape")
-    return {
-        "type": "scatter",
-        "mode": "lines",
-        "x": packed(x),
-        "y": packed(y),
-        "name": plain(name),
-        "legendgroup": plain(name),
-        "line": line,
-        **options,
-    }
+def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
+    """Draw ``"lines"`` or ``"markers"`` at (n,) points, values in the units of the axes."""
+    places = {"x": packed(x), "y": packed(y)}
+    return {"type": "scatter", "mode": mode, **places, "name": plain(name), **options}
+
+
+def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec:
+    """Draw a line, which its name in the legend shows and hides with all others of that name."""
+    keys = [key for key in ("width", "dash") if key in options]
+    line = {"color": colour, "width": 1.3} | {key: options.pop(key) for key in keys}
+    return scatter("lines", x, y, name, **{"legendgroup": plain(name), "line": line, **options})
 
 
 def axis(title: str = "", **options: Any) -> Spec:
@@ -112,9 +95,19 @@ def axis(title: str = "", **options: Any) -> Spec:
     }
 
 
-def layout(height: int, **options: Any) -> Spec:
-    """Layout shared by all figures."""
+def panel(index: int, x: Spec, y: Spec) -> tuple[Spec, Spec]:
+    """Axes of a panel as the layout wants them, and what puts a curve on them."""
+    number = str(index + 1) if index else ""
+    names = {"xaxis": f"x{number}", "yaxis": f"y{number}"}
     return {
+        f"xaxis{number}": axis(**x, anchor=names["yaxis"]),
+        f"yaxis{number}": axis(**y, anchor=names["xaxis"]),
+    }, names
+
+
+def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
+    """Curves, and the layout that all figures share with their own axes."""
+    layout = {
         "height": height,
         "margin": {"l": 56, "r": 12, "t": 36, "b": 44},
         "font": {"family": FONT, "size": 12, "color": INK},
@@ -133,6 +126,7 @@ def layout(height: int, **options: Any) -> Spec:
         },
         **options,
     }
+    return {"data": data, "layout": layout}
 
 
 def columns(count: int, gap: float) -> list[list[float]]:
@@ -142,19 +136,9 @@ def columns(count: int, gap: float) -> list[list[float]]:
 
 
 def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:
-    """Curve with at most two points a bucket, which keeps every peak; broken at gaps.
+    """Stamps and values (m,) of a curve (n,) that keeps every peak; NaN breaks it at gaps.
 
-    Parameters
-    ----------
-    t, values : ndarray, shape (n,)
-        Stamps [s] and values in any unit.
-    buckets : int
-        Parts of the rows in which the smallest and the largest value are kept.
-
-    Returns
-    -------
-    t, values : ndarray, shape (m,)
-        m is at most ``2 * buckets`` and a NaN for each gap.
+    m is at most ``2 * buckets`` and one for each gap.
     """
     keep = extreme_rows(values, buckets)
     piece = np.searchsorted(gaps(t), keep, side="left") if len(t) > 1 else np.zeros(len(keep))
@@ -163,26 +147,24 @@ def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:
 
 
 def outline(t: Array, low: Array, high: Array, pieces: NDArray[np.int64]) -> tuple[Array, Array]:
-    """Return the closed outline of a band between two curves, one for each piece, NaN between them.
+    """Draw the closed outline (m,), (m,) of a band between curves (n,), NaN after each piece.
 
-    Parameters
-    ----------
-    t, low, high : ndarray, shape (n,)
-        Stamps [s], and the edges of the band in any unit.
-    pieces : ndarray of int, shape (n,)
-        Rows of one piece share a number; numbers ascend.
-
-    Returns
-    -------
-    t, edge : ndarray, shape (m,)
+    Rows of one piece share a number in `pieces` (n,), which ascends.
     """
-    x: list[Array] = []
-    y: list[Array] = []
-    end = np.array([np.nan])
-    for rows in np.split(np.arange(len(t)), np.flatnonzero(np.diff(pieces)) + 1):
-        x += [t[rows], t[rows][::-1], end]
-        y += [high[rows], low[rows][::-1], end]
-    return np.concatenate(x), np.concatenate(y)
+    rows = np.split(np.arange(len(t)), np.flatnonzero(np.diff(pieces)) + 1)
+    x = broken(np.concatenate((t[piece], t[piece][::-1])) for piece in rows)
+    return x, broken(np.concatenate((high[piece], low[piece][::-1])) for piece in rows)
+
+
+def broken(parts: Iterable[Array]) -> Array:
+    """Curves (n,) or (n, k) one after another, with a NaN row after each."""
+    return np.concatenate([p for part in parts for p in (part, np.full_like(part[:1], np.nan))])
+
+
+def joined(parts: Sequence[Array], most: int) -> Array:
+    """Curves (n, k) broken one from the other, evenly thinned to about `most` rows."""
+    most = max(2, most // len(parts))
+    return broken(part[every(len(part), most)] for part in parts)
 
 
 def extreme_rows(values: Array, buckets: int) -> NDArray[np.int64]:

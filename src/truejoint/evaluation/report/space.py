@@ -6,140 +6,91 @@ from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.evaluation.report.plot import (
-    BLUE,
-    GREY,
-    INK,
-    ORANGE,
-    Figure,
-    Spec,
-    axis,
-    columns,
-    curve,
-    every,
-    layout,
-    packed,
-    plain,
-)
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
+from truejoint.evaluation.report import plot
+from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
+from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
 from truejoint.evaluation.signals import velocity
-from truejoint.recordings.recording import Recording
-from truejoint.units import display_unit
+from truejoint.recordings.recording import Array, Recording
 
-Array = NDArray[np.float64]
+# Curves (n, k) with title and colour.
+_Groups = Sequence[tuple[str, str, Sequence[Array]]]
 
 _POINTS: Final = 5000  # points of a 3-D curve; more are not seen at this size
-_HEIGHT_3D: Final = 560
 
 
 def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figure:
     """Measured joint positions in training and test: in 3-D, a plane, or against speed."""
-    units = [display_unit(unit) for unit in evaluation.units]
+    units = [unit for _, _, unit in shown_joints(evaluation)]
     scale = np.array([unit.scale for unit in units])
-    train = [r.columns("measured", evaluation.joints) * scale for r in training]
-    test = [trace.measured * scale for trace in evaluation.traces]
-    names = [f"{j} [{u.name}]" for j, u in zip(evaluation.joints, units, strict=True)]
+    train = [recording.columns("measured", evaluation.joints) for recording in training]
+    test = [trace.measured for trace in evaluation.traces]
+    names = [f"{joint} [{unit.name}]" for _, joint, unit in shown_joints(evaluation)]
+    title, what = "Trajectories in joint space", "Measured joint positions"
     if len(names) == 1:
-        return _phase_plane(evaluation, training, names[0])
-    groups = [("training", GREY, _joined(train)), ("test", BLUE, _joined(test))]
+        # One joint has no path in space; position against speed shows what was covered.
+        train = [np.hstack((x, velocity(r.t, x))) for r, x in zip(training, train, strict=True)]
+        test = [np.hstack((trace.measured, trace.velocity)) for trace in evaluation.traces]
+        names.append(f"speed [{units[0].name}/s]")
+        title = "Position and speed covered"
+        what = f"Measured position of {evaluation.joints[0]} against its speed"
+    groups = [
+        ("training", GREY, [scale * path for path in train]),
+        ("test", BLUE, [scale * path for path in test]),
+    ]
     caption = (
-        "Measured joint positions while training (grey) and in the test (blue). A calibration is "
-        "to be trusted where the two overlap."
+        f"{what} while training (grey) and in the test (blue). A calibration is to be trusted "
+        "where the two overlap."
     )
     if len(names) == 2:
-        spec = _planes(groups, names, [(0, 1)], 420)
-        return Figure("trajectories", "Trajectories in joint space", caption, [spec], 420)
+        spec = _planes(groups, names, 400 if len(units) == 1 else 420)
+        return Figure("trajectories", title, caption, [spec])
     if len(names) > 3:
         caption += f" The first three of {len(names)} calibrated joints are shown."
-    return Figure(
-        "trajectories",
-        "Trajectories in joint space",
-        caption,
-        [_space(groups, names[:3], aspect="cube")],
-        _HEIGHT_3D,
-        flat=_planes(groups, names[:3], [(0, 1), (0, 2), (1, 2)], 340),
-    )
+    return _space("trajectories", title, caption, groups, names[:3], "cube")
 
 
-def tool_paths(evaluation: Evaluation) -> Figure | None:
-    """Tool path in the base frame, true and estimated; None without kinematics."""
+def tool_paths(evaluation: Evaluation) -> list[Figure]:
+    """Tool path in the base frame, true and estimated; nothing without kinematics."""
     if not evaluation.cartesian:
-        return None
-    chosen = estimator_title(evaluation.chosen)
+        return []
     groups = [
-        (title, colour, 1e3 * _joined([trace.tool[key] for trace in evaluation.traces]))
+        (title, colour, [1e3 * trace.tool[key] for trace in evaluation.traces])
         for title, colour, key in (
             ("true", INK, "truth"),
             ("fixed offset", ORANGE, OFFSET),
-            (chosen, BLUE, evaluation.chosen),
+            (estimator_title(evaluation.chosen), BLUE, evaluation.chosen),
         )
     ]
-    names = ["x [mm]", "y [mm]", "z [mm]"]
-    return Figure(
-        "tool-paths",
-        "Tool path",
+    caption = (
         "Tool position in the base frame, through the same forward kinematics for the true, the "
-        "fixed-offset and the calibrated joint positions. Click a name in the legend to hide it.",
-        [_space(groups, names, aspect="data")],
-        _HEIGHT_3D,
-        flat=_planes(groups, names, [(0, 1), (0, 2), (1, 2)], 340),
+        "fixed-offset and the calibrated joint positions. Click a name in the legend to hide it."
     )
+    names = ["x [mm]", "y [mm]", "z [mm]"]
+    return [_space("tool-paths", "Tool path", caption, groups, names, "data")]
 
 
-def _phase_plane(evaluation: Evaluation, training: Sequence[Recording], name: str) -> Figure:
-    """One joint has no path in space; position against speed shows what was covered."""
-    joint, unit = evaluation.joints[0], display_unit(evaluation.units[0])
-    train = [
-        np.column_stack((x, velocity(r.t, x)))
-        for r, x in ((r, r.column(f"measured/{joint}")) for r in training)
-    ]
-    test = [np.column_stack((t.measured[:, 0], t.velocity[:, 0])) for t in evaluation.traces]
-    groups = [
-        ("training", GREY, unit.scale * _joined(train)),
-        ("test", BLUE, unit.scale * _joined(test)),
-    ]
-    spec = _planes(groups, [name, f"speed [{unit.name}/s]"], [(0, 1)], 400)
-    return Figure(
-        "trajectories",
-        "Position and speed covered",
-        f"Measured position of {joint} against its speed while training (grey) and in the test "
-        "(blue). A calibration is to be trusted where the two overlap.",
-        [spec],
-        400,
-    )
-
-
-def _joined(parts: Sequence[Array]) -> Array:
-    """Curves one after another, thinned, with a NaN row between; (0, 3) when there is none."""
-    if not parts:
-        return np.empty((0, 3))
-    most = max(2, _POINTS // len(parts))
-    pieces = []
-    for part in parts:
-        pieces += [part[every(len(part), most)], np.full((1, part.shape[1]), np.nan)]
-    return np.concatenate(pieces)
-
-
-def _space(groups: Sequence[tuple[str, str, Array]], names: Sequence[str], aspect: str) -> Spec:
-    data = [
-        {
-            "type": "scatter3d",
-            "mode": "lines",
-            "x": packed(points[:, 0]),
-            "y": packed(points[:, 1]),
-            "z": packed(points[:, 2]),
-            "name": plain(title),
-            "line": {"color": colour, "width": 2.5},
-            "opacity": 0.6,
-        }
-        for title, colour, points in groups
-        if len(points)
-    ]
+def _space(
+    key: str, title: str, caption: str, groups: _Groups, names: Sequence[str], aspect: str
+) -> Figure:
+    """Curves in 3-D, and their projections where a browser cannot draw that."""
+    data = []
+    for name, colour, paths in groups:
+        if paths:
+            points = plot.joined(paths, _POINTS)
+            data.append(
+                {
+                    "type": "scatter3d",
+                    "mode": "lines",
+                    **{letter: plot.packed(points[:, i]) for i, letter in enumerate("xyz")},
+                    "name": plot.plain(name),
+                    "line": {"color": colour, "width": 2.5},
+                    "opacity": 0.6,
+                }
+            )
     scene: Spec = {
         f"{letter}axis": {
-            "title": {"text": plain(name), "font": {"size": 12}},
+            "title": {"text": plot.plain(name), "font": {"size": 12}},
             "gridcolor": "#d5d8dc",
             "backgroundcolor": "#fafbfc",
             "showbackground": True,
@@ -153,35 +104,19 @@ def _space(groups: Sequence[tuple[str, str, Array]], names: Sequence[str], aspec
         "aspectmode": aspect,
         "camera": {"eye": {"x": 1.62, "y": 1.46, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.1}},
     }
-    options = {"scene": scene, "margin": {"l": 0, "r": 0, "t": 28, "b": 0}}
-    return {"data": data, "layout": layout(_HEIGHT_3D, **options)}
+    spec = plot.drawing(data, 560, scene=scene, margin={"l": 0, "r": 0, "t": 28, "b": 0})
+    return Figure(key, title, caption, [spec], flat=_planes(groups, names, 340))
 
 
-def _planes(
-    groups: Sequence[tuple[str, str, Array]],
-    names: Sequence[str],
-    pairs: Sequence[tuple[int, int]],
-    height: int,
-) -> Spec:
-    data, axes = [], {}
-    for panel, ((a, b), domain) in enumerate(zip(pairs, columns(len(pairs), 0.09), strict=True)):
-        suffix = str(panel + 1) if panel else ""
-        axes[f"xaxis{suffix}"] = axis(names[a], domain=domain, anchor=f"y{suffix}")
-        axes[f"yaxis{suffix}"] = axis(names[b], anchor=f"x{suffix}")
-        data += [
-            curve(
-                points[:, a],
-                points[:, b],
-                title,
-                colour,
-                width=1.0,
-                opacity=0.7,
-                xaxis=f"x{suffix}",
-                yaxis=f"y{suffix}",
-                showlegend=not panel,
-                hoverinfo="skip",
-            )
-            for title, colour, points in groups
-            if len(points)
-        ]
-    return {"data": data, "layout": layout(height, **axes)}
+def _planes(groups: _Groups, names: Sequence[str], height: int) -> Spec:
+    """Curves projected on the plane of each pair of axes."""
+    pairs = [(0, 1), (0, 2), (1, 2)][: 1 if len(names) == 2 else 3]
+    drawn = [(name, colour, plot.joined(paths, _POINTS)) for name, colour, paths in groups if paths]
+    data: list[Spec] = []
+    axes: Spec = {}
+    for i, ((a, b), domain) in enumerate(zip(pairs, plot.columns(len(pairs), 0.09), strict=True)):
+        own, place = plot.panel(i, {"title": names[a], "domain": domain}, {"title": names[b]})
+        axes |= own
+        style = {"width": 1.0, "opacity": 0.7, "showlegend": not i, "hoverinfo": "skip", **place}
+        data += [plot.curve(path[:, a], path[:, b], *who, **style) for *who, path in drawn]
+    return plot.drawing(data, height, **axes)

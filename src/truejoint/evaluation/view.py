@@ -1,0 +1,286 @@
+"""Rows of the tables, for the page and the terminal: text, in deg and mm, with sensible digits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from truejoint.evaluation.checks import JointCoverage
+from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
+from truejoint.evaluation.results import (
+    OFFSET,
+    RAW,
+    Evaluation,
+    Trace,
+    estimator_title,
+    hung_masses,
+    pooled_error,
+    shown_joints,
+)
+from truejoint.evaluation.signals import Mask
+from truejoint.units import DisplayUnit, display_unit
+
+DASH = "\N{EN DASH}"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A row: its name, its cells, the unit for a person, and whether it is picked out."""
+
+    name: str
+    cells: Sequence[Any]
+    unit: str = ""
+    chosen: bool = False
+
+
+def _judged(evaluation: Evaluation) -> list[tuple[str, DisplayUnit, Sequence[Any]]]:
+    """Joints, then the tool's distance, with the scores of all estimators."""
+    found: list[tuple[str, DisplayUnit, Sequence[Any]]] = [
+        (joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators])
+        for _, joint, unit in shown_joints(evaluation)
+    ]
+    if evaluation.cartesian:
+        found.append(("tool position", display_unit("m"), evaluation.cartesian))
+    return found
+
+
+def main_rows(evaluation: Evaluation) -> list[Row]:
+    """Joints and the tool by estimator: RMSE, spread, largest, percent."""
+    rows = []
+    for name, unit, scores in _judged(evaluation):
+        values = [unit.scale * score.rmse for score in scores]
+        decimals = decimals_for(values)
+        cells = [
+            {
+                "rmse": fixed(value, decimals),
+                "spread": spread_text(unit.scale * s.spread, decimals),
+                "largest": fixed(unit.scale * s.max_abs, max(decimals - 1, 1)),
+                "percent": percent_text(s.percent_of_offset),
+                "chosen": s.estimator == evaluation.chosen,
+                "best": value == min(values),
+            }
+            for value, s in zip(values, scores, strict=True)
+        ]
+        rows.append(Row(name, cells, unit.name))
+    return rows
+
+
+def headlines(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """Return the chosen model's RMSE of each joint, and of the tool, for the first screen."""
+    verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
+    found = []
+    for name, unit, scores in _judged(evaluation):
+        rows = {score.estimator: score for score in scores}
+        own, verdict = rows[evaluation.chosen], verdicts.get(name)
+        limit = verdict.limit if verdict else rows[OFFSET].rmse
+        value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
+        against = "tolerance" if verdict and verdict.stated else "fixed offset"
+        found.append(
+            {
+                "name": name,
+                "value": value,
+                "unit": unit.name,
+                "percent": percent_text(own.percent_of_offset),
+                "limit": f"{against} {beside} {unit.name}",
+                "interval": _interval_line(evaluation, name),
+                "passed": verdict.passed if verdict else None,
+            }
+        )
+    return found
+
+
+def _interval_line(evaluation: Evaluation, joint: str) -> str:
+    """Half-width of the band's level and its coverage; empty where none was judged."""
+    for score in evaluation.intervals:
+        if score.joint == joint and score.level == evaluation.interval_level:
+            unit = display_unit(score.unit)
+            (width,) = shown([unit.scale * score.half_width])
+            return (
+                f"± {width} {unit.name} stated at {100 * score.level:g} %; "
+                f"{100 * score.coverage:.1f} % found inside"
+            )
+    return ""
+
+
+def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """One row a joint and stated level: coverage, and half-widths beside the fixed offset's."""
+    rows = []
+    for _, joint, unit in shown_joints(evaluation):
+        scores = [score for score in evaluation.intervals if score.joint == joint]
+        pairs = [(unit.scale * s.half_width, unit.scale * s.offset_half_width) for s in scores]
+        decimals = decimals_for(value for pair in pairs for value in pair)
+        for score, widths in zip(scores, pairs, strict=True):
+            offset = score.offset_half_width
+            error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
+            worst = int(np.argmin(score.shares))
+            rows.append(
+                {
+                    "joint": joint,
+                    "unit": unit.name,
+                    "level": f"{100 * score.level:g} %",
+                    "coverage": f"{100 * score.coverage:.1f}{error} %",
+                    "agreement": score.agreement,
+                    "worst": f"{100 * score.shares[worst]:.1f} %",
+                    "worst_name": evaluation.interval_trajectories[worst],
+                    "widths": [fixed(width, decimals) for width in widths],
+                    "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
+                    "chosen": score.level == evaluation.interval_level,
+                }
+            )
+    return rows
+
+
+def load_rows(evaluation: Evaluation) -> list[Row]:
+    """RMSE before and after by hung mass; empty unless the test has several known masses."""
+    rows = []
+    for mass in hung_masses(evaluation.traces):
+        traces = [trace for trace in evaluation.traces if trace.provenance.get("load") == mass]
+        for column, joint, unit in shown_joints(evaluation):
+            numbers = _before_after(evaluation, traces, column)
+            rows.append(Row(f"{1e3 * mass:.0f} g", [joint, len(traces), *numbers], unit.name))
+    return rows
+
+
+def direction_rows(evaluation: Evaluation) -> list[Row]:
+    """Bias and RMSE of the chosen model by joint and direction of motion."""
+    rows = []
+    for column, joint, unit in shown_joints(evaluation):
+        moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
+        for title, way in (("up", 1), ("down", -1), ("standing", 0)):
+            mask = moves == way
+            if mask.any():
+                numbers = _before_after(evaluation, evaluation.traces, column, mask)
+                rows.append(Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name))
+    return rows
+
+
+def _before_after(
+    evaluation: Evaluation, traces: Sequence[Trace], column: int, rows: Mask | slice = slice(None)
+) -> list[str]:
+    """Mean error and RMSE of the fixed offset and of the chosen model in some rows."""
+    unit = display_unit(evaluation.units[column])
+    numbers: list[float] = []
+    for name in (OFFSET, evaluation.chosen):
+        error = unit.scale * pooled_error(traces, name, column)[rows]
+        numbers += [error.mean(), np.sqrt(np.mean(error**2))]
+    decimals = decimals_for(numbers[1::2])
+    return [fixed(value, decimals) for value in numbers]
+
+
+def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+    """One row a test recording, worst first: provenance and RMSE before and after, by joint."""
+    scores = {(r.recording, r.estimator, r.joint): r for r in evaluation.recording_scores}
+    limits = {v.joint: v.limit for v in evaluation.verdict.joints}
+    chosen, rows = evaluation.chosen, []
+    digits = {
+        joint: decimals_for(
+            unit.scale * scores[t.name, chosen, joint].rmse for t in evaluation.traces
+        )
+        for _, joint, unit in shown_joints(evaluation)
+    }
+    for trace in evaluation.traces:
+        cells, ratio = [], 0.0
+        for _, joint, unit in shown_joints(evaluation):
+            before, after = (scores[trace.name, name, joint] for name in (OFFSET, chosen))
+            ratio = max(ratio, after.rmse / limits[joint] if limits[joint] > 0 else 0.0)
+            values = (before.rmse, after.rmse, after.max_abs)
+            cells.append([fixed(unit.scale * value, min(digits[joint], 3)) for value in values])
+        load = trace.provenance.get("load")
+        rows.append(
+            {
+                "name": trace.name,
+                "session": trace.provenance.get("session") or "",
+                "homing": trace.provenance.get("homing_id") or "",
+                "load": "" if load is None else f"{1e3 * load:.0f} g",
+                "rows": f"{len(trace.t):,}",
+                "duration": duration(float(trace.t[-1] - trace.t[0])),
+                "cells": cells,
+                "ratio": ratio,
+            }
+        )
+    return sorted(rows, key=lambda row: -row["ratio"])
+
+
+def cartesian_rows(evaluation: Evaluation) -> list[Row]:
+    """Tool position errors [mm] by estimator: x, y, z, distance, largest, percent."""
+    every = [1e3 * v for r in evaluation.cartesian if r.estimator != RAW for v in (r.x, r.y, r.z)]
+    decimals = decimals_for(every)
+    rows = []
+    for row in evaluation.cartesian:
+        numbers = (row.x, row.y, row.z, row.rmse, row.max_abs)
+        cells = [fixed(1e3 * v, decimals) for v in numbers] + [percent_text(row.percent_of_offset)]
+        name = estimator_title(row.estimator)
+        rows.append(Row(name, cells, chosen=row.estimator == evaluation.chosen))
+    return rows
+
+
+def bias_rows(evaluation: Evaluation) -> list[Row]:
+    """Every score in full: RMSE, spread, largest, bias and percent by joint and estimator."""
+    rows = []
+    for _, joint, unit in shown_joints(evaluation):
+        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
+        decimals = decimals_for(unit.scale * score.rmse for score in scores)
+        for score in scores:
+            numbers = (score.rmse, score.spread, score.max_abs, score.mean)
+            cells = [
+                estimator_title(score.estimator),
+                *(fixed(unit.scale * value, decimals) for value in numbers),
+                percent_text(score.percent_of_offset),
+                score.seeds if score.estimator != RAW else DASH,
+            ]
+            rows.append(Row(joint, cells, unit.name, score.estimator == evaluation.chosen))
+    return rows
+
+
+def coverage_rows(coverage: Sequence[JointCoverage]) -> list[Row]:
+    """Coverage of each joint as text: range, travel, filled, directions, speed, effort, truth."""
+    rows = []
+    for row in coverage:
+        unit, effort = display_unit(row.unit), display_unit(row.effort_unit)
+        low, high = shown([unit.scale * row.lowest, unit.scale * row.highest], most=2)
+        speed = shown([unit.scale * row.speed_median, unit.scale * row.speed_high])
+        force = shown([effort.scale * row.effort_low, effort.scale * row.effort_high])
+        effort_unit = "" if effort.name == "1" else f" {effort.name}"
+        cells = [
+            f"{low} to {high} {unit.name}",
+            percent_text(100 * row.share_of_limits),
+            percent_text(100 * row.filled),
+            " / ".join(f"{100 * share:.0f}" for share in (row.up, row.down, row.standing)),
+            f"{speed[0]} / {speed[1]} {unit.name}/s",
+            f"{force[0]} to {force[1]}{effort_unit}" if math.isfinite(row.effort_low) else DASH,
+            percent_text(100 * row.truth_missing),
+            f"{row.rows:,}",
+            duration(row.duration),
+        ]
+        rows.append(Row(row.joint, cells))
+    return rows
+
+
+def duration(seconds: float) -> str:
+    """Length of time for a person, such as ``"20 min 4 s"``."""
+    if seconds < 60:
+        return f"{seconds:.1f} s"
+    minutes, rest = divmod(round(seconds), 60)
+    if minutes < 60:
+        return f"{minutes} min {rest} s"
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min"
+
+
+def flattened(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+    """Nested JSON values as (name, text) pairs; long lists are cut short and say so."""
+    pairs: list[tuple[str, str]] = []
+    for key, value in values.items():
+        name = f"{prefix}{key}"
+        if isinstance(value, Mapping):
+            pairs += flattened(value, f"{name}.")
+        elif isinstance(value, list | tuple):
+            more = f", and {len(value) - 24} more" if len(value) > 24 else ""
+            pairs.append((name, ", ".join(str(item) for item in value[:24]) + more))
+        elif value is not None and value != "":
+            pairs.append((name, f"{value:.6g}" if isinstance(value, float) else str(value)))
+    return pairs
