@@ -406,7 +406,8 @@ def _kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Ki
         if folder is None or not all(isinstance(value, str) for value in values.values()):
             raise RobotError("kinematics: urdf, base and tip are texts, and stand in a robot file")
         path = folder / values["urdf"]
-        return read_urdf(path, joints, values.get("base", ""), values.get("tip", ""))
+        kinds = {joint.name: joint.kind for joint in joints}
+        return read_urdf(path, kinds, values.get("base", ""), values.get("tip", ""))
     return _chain(values, joints)
 
 

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,6 @@ from truejoint.extras import require
 from truejoint.robots.chain import Axis, SerialChain
 from truejoint.toml_file import read_small
 
-if TYPE_CHECKING:
-    from truejoint.robots.robot import Joint
-
 Array = NDArray[np.float64]
 
 MAX_BYTES: Final = 1 << 24
@@ -25,11 +22,11 @@ _KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": 
 _PARALLEL: Final = 1e-9
 
 
-def read_urdf(path: Path, joints: Sequence[Joint], base: str = "", tip: str = "") -> SerialChain:
+def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "") -> SerialChain:
     """Kinematics of the chain from link `base` to link `tip` of a URDF; its first and last link.
 
-    `joints` are the robot's, by the names that they have in the URDF; those after the tip move
-    nothing. Raises RobotError if the file is no URDF, has no such chain, or moves others on it.
+    `kinds` are those of the robot's joints, by the names that they have in the URDF; joints after
+    the tip move nothing. Raises RobotError if the file is no URDF, has no such chain, or moves others on it.
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
     data = read_small(path, RobotError, MAX_BYTES, "a URDF")
@@ -39,7 +36,7 @@ def read_urdf(path: Path, joints: Sequence[Joint], base: str = "", tip: str = ""
         reason = " ".join(str(error).split())[:120]
         raise RobotError(f"{path}: cannot be read as a URDF ({reason})") from None
     try:
-        return _chain(_path(found, base, tip), joints)
+        return _chain(_path(found, base, tip), kinds)
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
 
@@ -62,8 +59,8 @@ def _path(found: Sequence[Any], base: str, tip: str) -> list[Any]:
     return chain
 
 
-def _chain(found: Sequence[Any], joints: Sequence[Joint]) -> SerialChain:
-    names = [joint.name for joint in joints]
+def _chain(found: Sequence[Any], kinds: Mapping[str, str]) -> SerialChain:
+    names = list(kinds)
     axes = [Axis(0.0, 0.0, 0.0, 0.0)]
     rows = [np.zeros(len(names))]
     fixed = np.eye(4)
@@ -77,7 +74,7 @@ def _chain(found: Sequence[Any], joints: Sequence[Joint]) -> SerialChain:
                 f"joint {name!r} is not among the robot's joints {', '.join(names)}; "
                 "add it to the robot file, or choose another tip"
             )
-        if joints[names.index(name)].kind != kind:
+        if kinds[name] != kind:
             raise RobotError(f"joint {name!r} is {kind} there, but not in the robot file")
         turn = _turn_to(np.asarray(joint.joint_axis, dtype=float), name)
         _append(axes, fixed @ turn, kind)
