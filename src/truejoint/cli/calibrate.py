@@ -176,6 +176,10 @@ def _value(text: str, default: Any, setting: str) -> Any:
     """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``."""
     if isinstance(default, str):
         return text
+    if isinstance(default, bool):
+        if text.lower() not in {"true", "false"}:
+            raise CalibrationError(f"--set {setting!r}: {text!r} is neither true nor false")
+        return text.lower() == "true"
     several = isinstance(default, tuple)
     with suppress(ValueError):
         kind = type(default[0] if several else default)

@@ -26,7 +26,8 @@ def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "
     """Kinematics of the chain from link `base` to link `tip` of a URDF; its first and last link.
 
     `kinds` are those of the robot's joints, by the names that they have in the URDF; joints after
-    the tip move nothing. Raises RobotError if the file is no URDF, has no such chain, or moves others on it.
+    the tip move nothing. Raises RobotError if the file is no URDF, has no such chain, or moves
+    others on it.
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
     data = read_small(path, RobotError, MAX_BYTES, "a URDF")
