@@ -438,10 +438,7 @@ class Evaluation(Summarised):
 
 
 def json_values(value: Any) -> Any:
-    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists.
-
-    Dataclasses become mappings.
-    """
+    """Give what JSON can hold: None for NaN and infinity, lists for tuples, objects for values."""
     if is_dataclass(value):
         value = vars(value)
     if isinstance(value, Mapping):
