@@ -164,13 +164,12 @@ def _checked_models(
     if chosen not in calibrations:
         raise CalibrationError(f"the verdict: {unknown('calibration', chosen, calibrations)}")
     joints = tuple(calibrations[chosen][0].joints)
-    for name, seeds in calibrations.items():
-        for seed in seeds:
-            if tuple(seed.joints) != joints:
-                raise CalibrationError(
-                    f"{name} corrects {', '.join(seed.joints)} but {chosen} corrects "
-                    f"{', '.join(joints)}; compare calibrations of the same joints"
-                )
+    for name, seed in ((name, seed) for name, seeds in calibrations.items() for seed in seeds):
+        if tuple(seed.joints) != joints:
+            raise CalibrationError(
+                f"{name} corrects {', '.join(seed.joints)} but {chosen} corrects "
+                f"{', '.join(joints)}; compare calibrations of the same joints"
+            )
     return chosen, joints
 
 

@@ -50,15 +50,7 @@ def judge_interval(
     of intervals, by attribute, and the traces with the bounds where the interval holds.
     """
     if not isinstance(calibration, Calibration) or calibration.interval is None:
-        return {
-            "intervals": (),
-            "interval_trajectories": (),
-            "interval_level": math.nan,
-            "interval_note": "The model states no interval: it was not given recordings to make "
-            "one of.",
-            "interval_objections": (),
-            "traces": tuple(traces),
-        }
+        return {"traces": tuple(traces)}
     interval = calibration.interval
     stated = [float(level) for level in interval.levels]
     level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
@@ -81,10 +73,10 @@ def judge_interval(
         listed = "; ".join(names[:_NAMED]) + more
         objections += [f"Coverage is not judged on {listed}: {reason}."] if reason else []
     return {
-        "intervals": _scores(calibration, interval, list(units.values())),
+        "intervals": tuple(_scores(calibration, list(units.values()))),
         "interval_trajectories": tuple(units),
         "interval_level": level,
-        "interval_note": _note(calibration, interval, level, judged),
+        "interval_note": _note(calibration, level, judged),
         "interval_objections": tuple(objections),
         "traces": tuple(motion.trace for motion in motions),
     }
@@ -133,21 +125,17 @@ def _own_homings(calibration: Calibration) -> set[str]:
     return {str(session.get("homing_id", "")) for session in sessions} - {""}
 
 
-def _scores(
-    calibration: Calibration, interval: Interval, units: Sequence[Sequence[_Motion]]
-) -> tuple[IntervalScore, ...]:
+def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> list[IntervalScore]:
     """Score every level and joint on trajectories, each of one or several recordings."""
+    interval = calibration.required_interval()
     errors = [np.concatenate([m.error[m.scored] for m in unit]) for unit in units]
     widenings = [np.concatenate([m.widening[m.scored] for m in unit]) for unit in units]
     scores: list[IntervalScore] = []
     for row, level in enumerate(interval.levels if units else ()):
         base = interval.half_widths[row]
-        shares = np.array(
-            [
-                (np.abs(error) <= widening[:, None] * base).mean(axis=0)
-                for error, widening in zip(errors, widenings, strict=True)
-            ]
-        )
+        allowed = [widening[:, None] * base for widening in widenings]
+        inside = [np.abs(e) <= most for e, most in zip(errors, allowed, strict=True)]
+        shares = np.array([rows.mean(axis=0) for rows in inside])
         sampling = spread(shares) / math.sqrt(len(units))
         half_width = base * np.mean([widening.mean() for widening in widenings])
         scores += [
@@ -163,12 +151,11 @@ def _scores(
             )
             for k, joint in enumerate(calibration.joints)
         ]
-    return tuple(scores)
+    return scores
 
 
-def _note(
-    calibration: Calibration, interval: Interval, level: float, judged: Sequence[_Motion]
-) -> str:
+def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> str:
+    interval = calibration.required_interval()
     note = f"Stated {interval.meaning}."
     if judged:
         n = interval.trajectories

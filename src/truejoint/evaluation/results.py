@@ -381,13 +381,13 @@ class Evaluation(Summarised):
     worst: tuple[Stretch, ...]
     window: float
     verdict: Verdict
-    intervals: tuple[IntervalScore, ...]
-    interval_trajectories: tuple[str, ...]
-    interval_level: float
-    interval_note: str
-    interval_objections: tuple[str, ...]
     training: Mapping[str, Any]
     traces: tuple[Trace, ...]
+    intervals: tuple[IntervalScore, ...] = ()
+    interval_trajectories: tuple[str, ...] = ()
+    interval_level: float = math.nan
+    interval_note: str = "The model states no interval: it was not given recordings to make one of."
+    interval_objections: tuple[str, ...] = ()
 
     def summary(self) -> dict[str, str]:
         """Verdict, and the accuracy beside that of the fixed offset, by label."""
@@ -432,10 +432,7 @@ class Evaluation(Summarised):
 
 
 def json_values(value: Any) -> Any:
-    """`value` with what JSON cannot hold replaced: NaN and infinity by None, tuples by lists.
-
-    Dataclasses become mappings.
-    """
+    """Give what JSON can hold: None for NaN and infinity, lists for tuples, objects for values."""
     if is_dataclass(value):
         value = vars(value)
     if isinstance(value, Mapping):

@@ -123,7 +123,10 @@ def split_by_file(
     sources = [recording.provenance.source for recording in recordings]
     for pattern in patterns:
         if not any(_matches(source, pattern) for source in sources):
-            raise RecordingError(f"no recording matches {pattern!r}; there are {_listed(sources)}")
+            names = [PurePath(source).name or "(unnamed)" for source in sources]
+            more = f" and {len(names) - 8} more" if len(names) > 8 else ""
+            shown = ", ".join(names[:8]) + more
+            raise RecordingError(f"no recording matches {pattern!r}; there are {shown}")
     train: list[Recording] = []
     test: list[Recording] = []
     for recording, source in zip(recordings, sources, strict=True):
@@ -146,8 +149,3 @@ def split_by_file(
 
 def _matches(source: str, pattern: str) -> bool:
     return fnmatch(source, pattern) or fnmatch(PurePath(source).name, pattern)
-
-
-def _listed(names: Sequence[str], limit: int = 8) -> str:
-    shown = ", ".join(PurePath(name).name or "(unnamed)" for name in names[:limit])
-    return shown + (f" and {len(names) - limit} more" if len(names) > limit else "")

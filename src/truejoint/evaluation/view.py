@@ -24,8 +24,6 @@ from truejoint.evaluation.results import (
 from truejoint.evaluation.signals import Mask
 from truejoint.units import DisplayUnit, display_unit
 
-DASH = "\N{EN DASH}"
-
 
 @dataclass(frozen=True)
 class Row:
@@ -230,7 +228,7 @@ def bias_rows(evaluation: Evaluation) -> list[Row]:
                 estimator_title(score.estimator),
                 *(fixed(unit.scale * value, decimals) for value in numbers),
                 percent_text(score.percent_of_offset),
-                score.seeds if score.estimator != RAW else DASH,
+                score.seeds if score.estimator != RAW else "\N{EN DASH}",
             ]
             rows.append(Row(joint, cells, unit.name, score.estimator == evaluation.chosen))
     return rows
@@ -251,7 +249,9 @@ def coverage_rows(coverage: Sequence[JointCoverage]) -> list[Row]:
             percent_text(100 * row.filled),
             " / ".join(f"{100 * share:.0f}" for share in (row.up, row.down, row.standing)),
             f"{speed[0]} / {speed[1]} {unit.name}/s",
-            f"{force[0]} to {force[1]}{effort_unit}" if math.isfinite(row.effort_low) else DASH,
+            f"{force[0]} to {force[1]}{effort_unit}"
+            if math.isfinite(row.effort_low)
+            else "\N{EN DASH}",
             percent_text(100 * row.truth_missing),
             f"{row.rows:,}",
             duration(row.duration),

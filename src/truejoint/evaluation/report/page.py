@@ -16,7 +16,7 @@ import jinja2
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import view
 from truejoint.evaluation.checks import DataCheck
-from truejoint.evaluation.report import curves, residuals, space, uncertainty
+from truejoint.evaluation.report import curves, residuals, space
 from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
 from truejoint.extras import require
 from truejoint.files import check_target, write_atomically
@@ -98,7 +98,7 @@ def render_report(
         "loops": [curves.loops(evaluation)],
         "histograms": [curves.histograms(evaluation)],
         "tool": curves.cartesian_errors(evaluation),
-        "intervals": uncertainty.stated_interval(evaluation),
+        "intervals": residuals.stated_interval(evaluation),
     }
     figures = [figure for part in drawn.values() for figure in part]
     recordings = view.recording_rows(evaluation)
