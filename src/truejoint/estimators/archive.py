@@ -37,13 +37,7 @@ _ADVICE: Final = {
 
 
 def to_words(parts: Sequence[object]) -> tuple[Array, int]:
-    """Archive of regressors: its bytes, four to a number, and how many bytes it has.
-
-    Raises
-    ------
-    CalibrationError
-        If skops is not installed, a part cannot be saved, or the archive would be too large.
-    """
+    """Archive of regressors: its bytes, four to a number, and how many; raises CalibrationError."""
     data = _dumped(list(parts))
     if isinstance(data, str):
         for part in parts:

@@ -288,10 +288,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
 
 def standardisation(X: Array) -> tuple[Array, Array]:
-    """Mean and inverse standard deviation (k,) of the columns of `X` (n, k).
-
-    The inverse is 0 for a column that is constant: whatever it is later, it then has no weight.
-    """
+    """Mean and inverse standard deviation (k,) of the columns of `X` (n, k), 0 for constants."""
     mean = X.mean(axis=0)
     deviation = X.std(axis=0)
     inverse = np.zeros_like(mean)

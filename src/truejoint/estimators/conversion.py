@@ -38,21 +38,10 @@ def convert(
 ) -> EstimatorData | None:
     """Give data of a family of ours that computes what regressors do; None if there is none.
 
-    Whoever calls compares what both predict: a class that inherits from one of scikit-learn's may
-    predict in a way of its own.
-
-    Parameters
-    ----------
-    parts : sequence of object
-        One for all outputs, or one for each.
-    n_features : int
-    target_mean, target_scale : ndarray, shape (n_outputs,)
-        The parts predict targets less the mean, over the scale.
-
-    Raises
-    ------
-    CalibrationError
-        If it is a sum of trees, too large for a model file.
+    `parts` are one for all outputs, or one for each, and predict targets less `target_mean`, over
+    `target_scale` (n_outputs,). Whoever calls compares what both predict: a class that inherits
+    from one of scikit-learn's may predict in a way of its own. Raises CalibrationError for too
+    large trees.
     """
     scaled = [_scaled(one, n_features) for part in parts for one in _separate(part)]
     found = [one for one in scaled if one is not None]

@@ -35,23 +35,12 @@ _FILTER_INTERVAL: Final = 0.02  # [s] between the rows that the fit filters
 
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
-    """What the filter knows after each row.
+    """What the filter knows after each row."""
 
-    Attributes
-    ----------
-    outputs : ndarray, shape (n, n_outputs)
-        The jaw's angle [rad], and its torque [Nm] if it was fitted to that as well.
-    deviations : ndarray, shape (n, n_outputs)
-        Their standard deviations: of the state, and of what the joint's model misses.
-    load, load_deviation : ndarray, shape (n,)
-        Torque that the driver would need to hold the load in the middle of its range if there were
-        no friction, in the unit of the torque [Nm], and its standard deviation.
-    """
-
-    outputs: Array
-    deviations: Array
-    load: Array
-    load_deviation: Array
+    outputs: Array  # (n, n_outputs), jaw's angle [rad] and, if fitted to that as well, torque [Nm]
+    deviations: Array  # (n, n_outputs), of the state, and of what the joint's model misses
+    load: Array  # (n,), torque that would hold it in the middle without friction [Nm]
+    load_deviation: Array  # (n,)
 
 
 class ElasticJointFilter(JointRegressor):
@@ -94,7 +83,7 @@ class ElasticJointFilter(JointRegressor):
         self.load_drift = load_drift
         self.torque_noise = torque_noise
 
-    def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # whatever they are
+    def minimum_rows(self, n_features: int) -> int:
         """Four hundred rows."""
         return MIN_ROWS
 
@@ -187,20 +176,9 @@ class ElasticJointFilter(JointRegressor):
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
     ) -> JointEstimate:
-        """Angle, torque and load with their standard deviations.
+        """Angle, torque and load, with their deviations, of rows `X` (n, 2) in the order of time.
 
-        Parameters
-        ----------
-        X : ndarray, shape (n, 2)
-            Driver angle [rad] and torque [Nm], in the order of time.
-        dt : array_like, shape (n,), optional
-            Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
-        smoothed : bool
-            Use later rows as well, which no controller can.
-
-        Returns
-        -------
-        JointEstimate
+        `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
         """
         times = self.time_steps(dt, len(X))
         arrays = self.arrays_

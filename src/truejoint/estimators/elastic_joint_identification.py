@@ -30,19 +30,11 @@ _ROUNDS: Final = 8  # of loads and torque response in turn
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Rows of one or more histories, in units of the calibration.
+    """Rows of one or more histories, in units of the calibration."""
 
-    Attributes
-    ----------
-    angle, torque : ndarray, shape (n,)
-        Of the driver.
-    steps : ndarray, shape (n,)
-        Time since the row before [s], 0 where a history starts.
-    """
-
-    angle: Array
+    angle: Array  # (n,), of the driver, as is the torque
     torque: Array
-    steps: Array
+    steps: Array  # (n,), time since the row before [s], 0 where a history starts
 
     @property
     def history(self) -> Integers:
@@ -173,29 +165,11 @@ def identify(
     load_drift: float,
     noise_density: float,
 ) -> ElasticJoint:
-    """Identify widths, torque response and noise of a joint.
+    """Identify widths, torque response and noise of a joint; each history has one load.
 
-    Each history has one load. The loads and the torque's response are found by turns, the elements'
-    widths by variable projection on torque and jaw angle together.
-
-    Parameters
-    ----------
-    motion : Motion
-        All rows.
-    rows : ndarray of int, shape (k,)
-        Rows to fit to, in order: those after friction has `SETTLED`.
-    known : ndarray of bool, shape (k,)
-        Which of them have truth.
-    jaw : ndarray, shape (known,)
-        The jaw's angle in those.
-    elements, load_drift
-        As `ElasticJointFilter` explains them.
-    noise_density : float
-        As in `ElasticJoint`.
-
-    Returns
-    -------
-    ElasticJoint
+    Of all rows, it fits to `rows` (k,), after friction has `SETTLED`; `known` (k,) tells which of
+    them have truth, `jaw` (known,) the jaw's angle there. Loads and the torque's response are found
+    by turns, the elements' widths by variable projection on torque and jaw angle together.
     """
     static = _Static(motion, rows, known, jaw)
     widths = static.find_widths(elements)
@@ -227,23 +201,9 @@ def _memory(left: Array, travel: Array) -> float:
 def run(
     joint: ElasticJoint, motion: Motion, *, smoothed: bool = False, interval: float | None = None
 ) -> tuple[Array, Array]:
-    """Filter each history from the prior on.
+    """States (n, m + 2) and covariances (n, m + 2, m + 2) by filter or smoother, in each history.
 
-    Parameters
-    ----------
-    joint : ElasticJoint
-    motion : Motion
-    smoothed : bool
-        Give states by the smoother, which uses later rows as well.
-    interval : float, optional
-        Time between rows [s] that the torque's noise is reckoned with; their mean by default.
-
-    Returns
-    -------
-    ndarray, shape (n, m + 2)
-        States.
-    ndarray, shape (n, m + 2, m + 2)
-        Their covariances.
+    The torque's noise is reckoned with rows `interval` [s] apart; their mean by default.
     """
     if interval is None:
         interval = mean_interval(motion.steps)

@@ -34,21 +34,12 @@ _PENALTY: Final = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class JawStates:
-    """Everything that the filter says about a record.
+    """What the filter says about each row of a record."""
 
-    Attributes
-    ----------
-    angle, angle_deviation : ndarray, shape (n,)
-        Jaw angle [rad], and its standard deviation: of the state, and of what the model misses.
-    load, load_deviation : ndarray, shape (n,)
-        Torque from outside [Nm], positive where it opens the jaw, and its standard deviation as
-        the filter has it; friction at the jaw that did not turn round is not in it.
-    """
-
-    angle: Array
-    angle_deviation: Array
-    load: Array
-    load_deviation: Array
+    angle: Array  # (n,) [rad]
+    angle_deviation: Array  # of the state, and of what the model misses
+    load: Array  # torque from outside (n,) [Nm], positive where it opens the jaw
+    load_deviation: Array  # as the filter has it; friction that did not turn round is not in it
 
 
 class FrictionFilter(JawEstimator):
@@ -102,15 +93,10 @@ class FrictionFilter(JawEstimator):
         self.jaw_radius = jaw_radius
 
     def states(self, X: Array, dt: Array, *, smoothed: bool = False) -> JawStates:
-        """Angle and load in every row, each from the rows up to it.
+        """Angle and load in every row of `X` (n, 2), `dt` (n,) [s] after that before.
 
-        Parameters
-        ----------
-        X : ndarray, shape (n, 2)
-        dt : ndarray, shape (n,)
-            Time since the row before [s], 0 where a history starts.
-        smoothed : bool
-            Use later rows as well, which no controller can.
+        Each is from the rows up to it or, `smoothed`, which no controller can, from later ones as
+        well.
         """
         unscented = friction_filter.friction_filter(self.model_params(), self.arrays_)
         drive, reset = X[:, :1] * (self.wheel_radius / self.gear_ratio), X[:, 1]

@@ -29,7 +29,7 @@ class JawEstimator(JointRegressor):
 
     needs_reversal: ClassVar[bool] = True
 
-    def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # whatever they are
+    def minimum_rows(self, n_features: int) -> int:
         """Four hundred rows."""
         return MIN_ROWS
 
@@ -118,19 +118,8 @@ def has_jump(column: Array) -> bool:
 def longest_standstill(column: Array, X: Array, own: int | None) -> float:
     """Longest stretch in which `column` (n,) repeats one value while the others move, of the rows.
 
-    Parameters
-    ----------
-    column : ndarray, shape (n,)
-    X : ndarray, shape (n, k)
-        All signals.
-    own : int or None
-        Which column of `X` it is itself.
-
-    Returns
-    -------
-    float
-        Share of all rows, 0 to 1; a stretch counts if another signal moves by a fifth of its
-        range within it.
+    It counts if another signal of `X` (n, k) than its `own` moves by a fifth of its range within
+    it.
     """
     changes = np.flatnonzero(np.diff(column)) + 1
     edges = np.concatenate([[0], changes, [len(column)]])

@@ -21,18 +21,10 @@ _SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
 
 @dataclass(frozen=True)
 class Zero:
-    """Zero of the reset encoder in this session.
+    """Zero of the reset encoder in this session."""
 
-    Attributes
-    ----------
-    shift : float
-        By how much ``x2`` reads too much, compared with the calibration [m].
-    deviation : float
-        Standard deviation of the misfit that is left, which bounds what the shift can mean [m].
-    """
-
-    shift: float
-    deviation: float
+    shift: float  # by how much ``x2`` reads too much, compared with the calibration [m]
+    deviation: float  # of the misfit that is left, which bounds what the shift can mean [m]
 
     def applied(self, X: ArrayLike) -> Array:
         """Rows (n, 2) of motor angle [rad] and ``x2`` [m], the latter without the shift."""
@@ -46,23 +38,11 @@ def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
 
     Unloaded, motor and reset cable move together as in calibration. The motor keeps its zero, at
     the limit switch of the drive side, so what they differ by on average is the reset side's. The
-    motion should consist of whole cycles about zero, as the calibration did: half a cycle more one
-    way leaves half of the friction in the average.
-
-    Parameters
-    ----------
-    load : JawLoad
-        Fitted to the calibration.
-    X : array_like, shape (n, 2)
-        Motor angle [rad] and ``x2`` [m] of a short unloaded motion, whole cycles there and back.
-    dt : array_like, shape (n,), optional
-        As in `JawLoad.fit`.
-
-    Raises
-    ------
-    CalibrationError
-        If the motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm
-        explains it.
+    motion, rows `X` (n, 2) of motor angle [rad] and ``x2`` [m], should consist of whole cycles
+    about zero, as the calibration did: half a cycle more one way leaves half of the friction in the
+    average. `load` is fitted to the calibration, `dt` as in `JawLoad.fit`. Raises CalibrationError
+    if the motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm
+    explains it.
     """
     rows = np.array(X, dtype=np.float64)
     span = np.ptp(rows[:, 1]) * float(load.drive_.scale_[0])

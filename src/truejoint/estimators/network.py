@@ -85,13 +85,7 @@ class NeuralNetwork(JointRegressor):
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
 
-    def _learn(
-        self,
-        X: Array,
-        y: Array,
-        dt: Array,  # noqa: ARG002  # rows are alone
-        progress: Progress,
-    ) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         mean, inverse_scale = standardisation(X)
         target_mean, inverse = standardisation(y)
         target_scale = np.where(inverse > 0, y.std(axis=0), 1.0)

@@ -25,17 +25,11 @@ class FixedOffset(JointRegressor):
 
     family: ClassVar[Family] = offset.FAMILY
 
-    def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # one mean, whatever they are
+    def minimum_rows(self, n_features: int) -> int:
         """Ten rows."""
         return 10
 
-    def _learn(
-        self,
-        X: Array,  # noqa: ARG002  # y alone
-        y: Array,
-        dt: Array,  # noqa: ARG002
-        progress: Progress,
-    ) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         progress(1.0)
         return {"offset": y.mean(axis=0)}
 

@@ -52,13 +52,7 @@ class PolynomialRegressor(JointRegressor):
         n_terms = polynomial.count_terms(n_features, int(self.degree))
         return ROWS_PER_COEFFICIENT * (n_terms + 1)
 
-    def _learn(
-        self,
-        X: Array,
-        y: Array,
-        dt: Array,  # noqa: ARG002  # rows are alone
-        progress: Progress,
-    ) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         mean, inverse_scale = standardisation(X)
         factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
         scaled = (X - mean) * inverse_scale
@@ -97,22 +91,12 @@ def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
 
 
 def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Coefficients and intercept that minimise the squared error over blocks of rows.
+    """Coefficients (m, n_outputs) and intercept (n_outputs,) of least squares over blocks of rows.
 
-    The rows are folded into one triangular factor block by block, so memory does not grow with
-    their number. With a column of ones in front, the factor below its first row is that of the
-    centred columns. Columns are scaled to unit length, and directions below 1e-10 of the
-    strongest are left out (minimum norm).
-
-    Parameters
-    ----------
-    blocks : iterator of (ndarray (n, m), ndarray (n, n_outputs))
-        Terms and targets.
-
-    Returns
-    -------
-    coef : ndarray, shape (m, n_outputs)
-    intercept : ndarray, shape (n_outputs,)
+    Each block is of terms (n, m) and targets (n, n_outputs). They are folded into one triangular
+    factor one by one, so memory does not grow with their number. With a column of ones in front,
+    the factor below its first row is that of the centred columns. Columns are scaled to unit
+    length, and directions below 1e-10 of the strongest are left out (minimum norm).
     """
     factor: Array | None = None
     n_rows, m = 0, 0

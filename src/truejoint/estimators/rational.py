@@ -27,19 +27,10 @@ _STARTS: Final = np.vstack([np.zeros(5), np.random.default_rng(0).uniform(-1.0, 
 
 @dataclass(frozen=True, eq=False)
 class RationalModel:
-    """Fitted (25): an error [rad] as a function of motor angle and slider displacement.
+    """Fitted (25): an error [rad] as a function of motor angle and slider displacement."""
 
-    Attributes
-    ----------
-    scale : ndarray, shape (2,)
-        Inverse of the largest motor angle [1/rad] and displacement [1/m] of the data; the
-        coefficients apply to the two variables times these.
-    coefficients : ndarray, shape (11,)
-        ``p_1`` to ``p_11``.
-    """
-
-    scale: Array
-    coefficients: Array
+    scale: Array  # (2,), inverse largest motor angle [1/rad] and displacement [1/m] of the data
+    coefficients: Array  # (11,), p_1 to p_11, for the two variables times these
 
     def __call__(self, motor: Array, reset: Array) -> Array:
         """Error (n,) [rad] at motor angles (n,) [rad] and displacements (n,) [m]."""
@@ -56,29 +47,14 @@ class RationalModel:
 def fit_rational(
     motor: Array, reset: Array, error: Array, method: str = "projection"
 ) -> RationalModel:
-    """Fit (25) to the error of an estimate.
+    """Fit (25) to the error (n,) [rad] of an estimate at motor angles [rad] and displacements [m].
 
     ``projection``: given the denominator the numerator is a linear least-squares problem, so only
-    five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps
-    the denominator above `SMALLEST_DENOMINATOR` on a tube round the data; the best of five starts.
-    ``global``: the same
-    problem by differential evolution. ``quasi_newton``: all eleven by BFGS from zero in the units
-    of the data, unconstrained, as the paper says it did.
-
-    Parameters
-    ----------
-    motor, reset, error : ndarray, shape (n,)
-        Motor angle [rad], displacement [m] and error [rad], finite.
-    method : {"projection", "quasi_newton", "global"}
-
-    Returns
-    -------
-    RationalModel
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer than 110 rows, a variable does not vary, or the method is unknown.
+    five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps the
+    denominator above `SMALLEST_DENOMINATOR` on a tube round the data; the best of five starts.
+    ``global``: the same problem by differential evolution. ``quasi_newton``: all eleven by BFGS
+    from zero in the units of the data, unconstrained, as the paper says it did. Raises
+    CalibrationError for fewer than 110 rows, a variable that does not vary, or an unknown method.
     """
     if method not in FIT_METHODS:
         raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(FIT_METHODS)}")

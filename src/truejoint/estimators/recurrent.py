@@ -167,27 +167,13 @@ class RecurrentNetwork(JointRegressor):
 def loss_and_gradient(
     weights: Mapping[str, Floats], batch: list[Floats], state: Floats, decay: float
 ) -> tuple[float, dict[str, Floats], Floats]:
-    """Loss of a batch of windows, its gradient, and the states that it passes.
+    """Loss of a batch of windows, its gradient, and the states before each step.
 
     The loss is the mean over outputs of ``log(mean((y - f(X))**2) + FLOOR)``, but for a constant
     the likelihood of noise of unknown size, plus `decay` times the sum of the squared weights.
-
-    Parameters
-    ----------
-    weights : mapping of str to ndarray
-    batch : list of ndarray, shape (window, batch, columns)
-        Features; targets, NaN where unknown; 1 where a history goes on, else 0; 1 where the state
-        is updated, else 0.
-    state : ndarray, shape (batch, units)
-        Before the first step.
-    decay : float
-
-    Returns
-    -------
-    loss : float
-    gradient : dict of str to ndarray
-    states : ndarray, shape (window, batch, units)
-        Before each step.
+    `batch` has arrays (window, batch, columns): features; targets, NaN where unknown; whether a
+    history goes on; whether the state is updated. `state` (batch, units) is that before the first
+    step.
     """
     X, y, goes_on, updates = batch
     units = state.shape[1]

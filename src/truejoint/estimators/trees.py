@@ -31,24 +31,12 @@ _FORESTS: Final = (RandomForestRegressor, ExtraTreesRegressor)
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """One tree, its nodes in the order in which a walk to the left first meets them.
+    """One tree, its nodes in the order in which a walk to the left first meets them."""
 
-    Attributes
-    ----------
-    feature : ndarray of int, shape (n_nodes,)
-        -1 for a leaf.
-    threshold : ndarray, shape (n_nodes,)
-        Up to which a row goes to the next node.
-    right : ndarray of int, shape (n_nodes,)
-        Node that other rows go to; 0 for a leaf.
-    value : ndarray, shape (n_nodes, n_outputs)
-        Of which those of the leaves count.
-    """
-
-    feature: Integers
-    threshold: Array
-    right: Integers
-    value: Array
+    feature: Integers  # (n_nodes,), -1 for a leaf
+    threshold: Array  # up to which a row goes to the next node
+    right: Integers  # node that other rows go to; 0 for a leaf
+    value: Array  # (n_nodes, n_outputs), of which those of the leaves count
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +71,7 @@ def tree_sum(regressor: object) -> TreeSum | None:
 def trees_data(sums: Sequence[TreeSum], mean: Array, scale: Array) -> EstimatorData:
     """One sum for all outputs, or one for each, on features less `mean` over `scale` (k,).
 
-    Raises
-    ------
-    CalibrationError
-        If the trees are too many for a model file.
+    Raises CalibrationError if the trees are too many for a model file.
     """
     trees = [tree for part in sums for tree in part.trees]
     n_nodes = sum(len(tree.feature) for tree in trees)

@@ -106,13 +106,7 @@ class WrappedRegressor(JointRegressor):
         """Take any number of either: which family runs it is known once it is fitted."""
 
     def evaluate(self, X: Array, dt: Array | None = None) -> Array:
-        """Predict (n, n_outputs) for finite rows `X` (n, k).
-
-        Raises
-        ------
-        CalibrationError
-            If the regressor does not predict a finite number for each.
-        """
+        """Predict (n, n_outputs) for finite rows `X` (n, k); CalibrationError if it cannot."""
         if self.family.row is not None:
             return super().evaluate(X, dt)
         return self.arrays_["target_mean"] + self.arrays_["target_scale"] * self._predict(X)
@@ -142,13 +136,7 @@ class WrappedRegressor(JointRegressor):
             )
         return estimator
 
-    def _learn(
-        self,
-        X: Array,
-        y: Array,
-        dt: Array,  # noqa: ARG002  # rows are alone
-        progress: Progress,
-    ) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
         mean, inverse = standardisation(y)
         scale = np.where(inverse > 0, y.std(axis=0), 1.0)
         scaled = (y - mean) / scale

@@ -281,13 +281,7 @@ def _reacquire(numbers: Integers, memory: Array, limit: float) -> int:
 
 @compiled
 def correct(numbers: Integers, memory: Array) -> int:
-    """Correct the prediction by the measurement in Z, as far as it can be used, (18)-(23).
-
-    Returns
-    -------
-    int
-        Status bits; innovation, NIS, log-likelihood and inflation stand in the memory.
-    """
+    """Correct the prediction by what is usable of the measurement in Z, (18)-(23); status bits."""
     status = _choose_measurements(numbers, memory)
     if status & _MISSING:
         _keep_prediction(numbers, memory)

@@ -10,13 +10,7 @@ from truejoint.filters.prediction import predict
 
 @compiled
 def step(numbers: Integers, memory: Array) -> int:
-    """Advance the state in the memory by DT and correct it by the measurement in Z.
-
-    Returns
-    -------
-    int
-        Status bits, see `FilterStatus`.
-    """
+    """Advance the state in the memory by DT, correct it by the measurement in Z; status bits."""
     lent_numbers, lent_memory = borrow(numbers), borrow(memory)
     status = predict(lent_numbers, lent_memory)
     status |= correct(lent_numbers, lent_memory)
@@ -41,16 +35,8 @@ def run(
 ) -> None:
     """Take one step for each row of a record; single steps give the same bits.
 
-    Parameters
-    ----------
-    numbers, memory : arrays
-        The filter's memory, left as it is after the last row.
-    z, u, dt : (N, m), (N, inputs), (N,) array
-        Measurements, control inputs and time steps [s].
-    states, covariances, innovations : (N, n), (N, n * n), (N, m) array
-        Filled.
-    nis, loglik, inflation, statuses : (N,) array
-        Filled.
+    Of measurements `z` (N, m), inputs `u` (N, inputs) and time steps `dt` (N,) [s]; the other
+    arrays, a row for each of them, are filled.
     """
     n, m, inputs = numbers[at.N], numbers[at.M], numbers[at.INPUTS]
     row_z = vector(memory, numbers[at.Z], m)

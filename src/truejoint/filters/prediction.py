@@ -120,15 +120,10 @@ def _check_inputs(numbers: Integers, memory: Array) -> bool:
 
 @compiled
 def predict(numbers: Integers, memory: Array) -> int:
-    """Mean and covariance of the predicted state, (15)-(17), into X_MEAN, P_MEAN and S_MEAN.
+    """Mean and covariance of the predicted state, (15)-(17); status bits.
 
     With dt = 0 no time passes: the prediction is the state. Where the inputs or the transition
     cannot be used the state is held and the process noise still added.
-
-    Returns
-    -------
-    int
-        Status bits.
     """
     n = numbers[at.N]
     x = vector(memory, numbers[at.X], n)

@@ -155,16 +155,9 @@ def smooth(
 ) -> None:
     """Smooth a filtered record backwards, in place (Saerkkae, IEEE TAC 53(3), 2008).
 
-    Parameters
-    ----------
-    numbers, memory : arrays
-        A filter's memory, used as scratch space.
-    u, dt, inflation, status : (N, inputs), (N,), (N,), (N,) array
-        What the filter was given, and what it reported, for each row.
-    x0, P0 : (n,), (n, n) array
-        Prior; replaced by its smoothed self.
-    x, P : (N, n), (N, n, n) array
-        Filtered states and covariances; replaced by smoothed ones.
+    A filter's memory serves as scratch space; `inflation` and `status` (N,) are what it reported
+    for `u` (N, inputs) and `dt` (N,). Replaced by their smoothed selves: the prior `x0` (n,), `P0`
+    (n, n), and the filtered `x` (N, n), `P` (N, n, n).
     """
     row_u = vector(memory, numbers[at.U], numbers[at.INPUTS])
     for k in range(x.shape[0] - 2, -2, -1):

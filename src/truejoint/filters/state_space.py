@@ -24,26 +24,9 @@ _UNWRITTEN: Final = 1.2345678e-67
 
 
 def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
-    """Covariance matrix, checked.
+    """Covariance (size, size), exactly symmetric; zero is allowed.
 
-    Parameters
-    ----------
-    value : array_like, (n, n)
-        Symmetric and positive semidefinite within rounding; zero is allowed.
-    size : int
-        Wanted n.
-    what : str
-        What the matrix is called in a message.
-
-    Returns
-    -------
-    (n, n) array
-        The matrix, exactly symmetric.
-
-    Raises
-    ------
-    FilterError
-        If it is no covariance of that size.
+    Raises FilterError if `what` is not that, symmetric and positive semidefinite within rounding.
     """
     try:
         matrix = np.array(value, dtype=np.float64)
@@ -68,18 +51,7 @@ def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
 
 
 def covariance_factor(covariance: Array) -> Array:
-    """Lower factor of a checked covariance.
-
-    Parameters
-    ----------
-    covariance : (n, n) array
-        Positive semidefinite.
-
-    Returns
-    -------
-    (n, n) array
-        L with L L' = covariance.
-    """
+    """Lower factor L of a checked covariance, L L'."""
     factor = np.zeros_like(covariance)
     semidefinite_cholesky(covariance, len(covariance), factor)
     return factor
@@ -198,7 +170,7 @@ def _compile(
 
 
 @compiled
-def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:  # noqa: ARG001 - a transition's arguments
+def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
     """Next state A x + B u, with A and B row by row at the head of the parameters."""
     n, p = len(x), len(u)
     A, B = matrix(parameters, 0, n, n), matrix(parameters, n * n, n, p)

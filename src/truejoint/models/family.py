@@ -1,4 +1,3 @@
-# ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
 """What runs of an estimator: its rules, its fitted arrays, and one compiled row.
 
 A `Family` needs numpy and numba alone, so a control loop gets by without what learns. Whatever an
@@ -111,21 +110,11 @@ def random_state() -> Rule:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorData:
-    """A fitted estimator as data.
+    """A fitted estimator as data: what a model file holds."""
 
-    Attributes
-    ----------
-    family : str
-        A name that `find_family` knows.
-    params : mapping
-        Parameters by name, as JSON values or tuples of them.
-    arrays : mapping of str to ndarray
-        What was learnt, float64, by name.
-    """
-
-    family: str
-    params: Params
-    arrays: Mapping[str, Array]
+    family: str  # a name that `find_family` knows
+    params: Params  # as JSON values or tuples of them
+    arrays: Mapping[str, Array]  # what was learnt, float64
 
 
 @dataclass(frozen=True)
@@ -208,13 +197,7 @@ class Family:
         check_arrays(self.name, data.arrays, self.shapes(data.params, n_features, n_outputs))
 
     def memory(self, data: EstimatorData, n_features: int, n_outputs: int) -> Memory:
-        """Memory of the row of a fitted estimator, before its first row.
-
-        Raises
-        ------
-        CalibrationError
-            If it only works offline, or its numbers make no model.
-        """
+        """Memory of the row of a fitted estimator; CalibrationError if its numbers make none."""
         if self.pack is None:
             raise CalibrationError(
                 f"estimator {self.name!r} {self.offline} and cannot run in a loop; it corrects "

@@ -148,17 +148,10 @@ class Feature:
 
 @dataclass
 class FeatureState:
-    """What features remember between samples; made by `FeatureSet.start`.
-
-    Attributes
-    ----------
-    memory : ndarray, shape (n_memory,)
-    clock : ndarray, shape (2,)
-        Whether a sample was seen (0 or 1), and its time stamp [s].
-    """
+    """What features remember between samples; made by `FeatureSet.start`."""
 
     memory: Array
-    clock: Array
+    clock: Array  # (2,), whether a sample was seen, and its time stamp [s]
 
 
 @dataclass(frozen=True)
@@ -234,22 +227,9 @@ class FeatureSet:
     ) -> bool:
         """Features of one sample, into `out` (k,); the same bits as `compute` gives.
 
-        Parameters
-        ----------
-        state : FeatureState
-            Changed in place.
-        t : float
-            Time stamp [s].
-        sample : ndarray, shape (n_signals,)
-            Values of `signals`, in their order.
-        gap_limit : float
-            Time without a sample [s] after which the history starts anew.
-        out : ndarray, shape (k,)
-
-        Returns
-        -------
-        bool
-            Whether the history starts at this sample.
+        Returns whether their history starts here. `state` is changed in place; `sample`
+        (n_signals,) holds the values of `signals` at `t` [s]; after `gap_limit` [s] without a
+        sample the history starts anew.
         """
         return kernels.feature_row(
             *self.program, gap_limit, t, sample, state.memory, state.clock, out
@@ -300,14 +280,7 @@ def sample_interval(recordings: Sequence[Recording]) -> float:
 
 
 def check_sample_interval(recording: Recording, trained: float) -> None:
-    """Refuse, with CalibrationError, a recording at another rate where features count samples.
-
-    Parameters
-    ----------
-    recording : Recording
-    trained : float
-        Median time between the rows of the training recordings [s].
-    """
+    """Refuse, with CalibrationError, a recording whose rows are not about `trained` [s] apart."""
     interval = sample_interval([recording])
     if max(trained, interval) > MAX_RATE_RATIO * min(trained, interval):
         raise CalibrationError(

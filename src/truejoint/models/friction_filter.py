@@ -77,13 +77,7 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
 
 
 def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
-    """Build the filter of a fitted `FrictionFilter`, of its parameters and arrays.
-
-    Raises
-    ------
-    CalibrationError, FilterError
-        If an array makes no sense.
-    """
+    """Build the filter of a fitted `FrictionFilter`; raises CalibrationError or FilterError."""
     for name in ("scale", "misfit", "interval"):
         if not all(is_number(value, 1.0 / _LARGEST, _LARGEST) for value in arrays[name]):
             raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
@@ -115,10 +109,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
 
 
 def friction_prior(elements: int) -> tuple[Array, Array]:
-    """Mean (n + 1,) and covariance (n + 1, n + 1) before the first row.
-
-    At rest and unloaded, with friction anywhere within half of what it can hold.
-    """
+    """Mean (n + 1,) and covariance (n + 1, n + 1) at first: unloaded, elements about half bent."""
     return np.zeros(elements + 1), np.diag([*([0.25] * elements), 1e-8])
 
 

@@ -22,12 +22,7 @@ _SIDES: Final = {"reset": ("reset",), "both": ("reset", "motor")}
 
 @compiled
 def gated_play_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the reset cable, corrected by both sides as far as the two agree."""
     fresh = dt == 0.0

@@ -44,12 +44,7 @@ FIRST_BIAS: Final = LAYOUT.integers("first_bias", "of each layer")
 
 @compiled
 def network_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by layers of logistic units and a linear output, between standardised values."""
     k, n, n_layers, widest = x.shape[0], out.shape[0], numbers[N_LAYERS], numbers[WIDEST]

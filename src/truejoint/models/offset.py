@@ -15,12 +15,7 @@ OFFSET: Final = LAYOUT.array("offset", "what is predicted")
 
 @compiled
 def offset_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,  # noqa: ARG001
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a fixed offset."""
     offset = vector(memory, numbers[OFFSET], out.shape[0])

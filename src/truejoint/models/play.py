@@ -55,12 +55,7 @@ PAIRS: Final = LAYOUT.integers("pairs", "columns that the first is multiplied by
 
 @compiled
 def play_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by banks of plays."""
     out[0] = weigh_banks(numbers, memory, dt == 0.0, x)
@@ -106,16 +101,9 @@ def raise_powers(value: float, out: Array) -> None:
 
 @compiled
 def follow(fresh: bool, value: float, widths: Array, plays: Array, out: Array) -> None:
-    """How far a value stands in the dead band of each play operator, from -1 to 1.
+    """How far a value [m] stands in the dead band of each play operator (k,), from -1 to 1.
 
-    Parameters
-    ----------
-    fresh : bool
-        Whether the history starts here; every play then is in the middle of its band.
-    value : float
-        Displacement [m].
-    widths, plays, out : ndarray, shape (k,)
-        Half-widths [m], outputs of the plays [m], which change, and where the result goes.
+    Where the history is `fresh`, every play is in the middle of its band. `plays` (k,) change.
     """
     for i in range(widths.shape[0]):
         plays[i] = play(widths[i], fresh, value, plays[i])
@@ -124,19 +112,7 @@ def follow(fresh: bool, value: float, widths: Array, plays: Array, out: Array) -
 
 @compiled
 def bank_columns(dt: Array, values: Array, scale: float, widths: Array, out: Array) -> None:
-    """Powers of displacements (n,) and plays on them, into `out` (n, degree + k).
-
-    Parameters
-    ----------
-    dt : ndarray, shape (n,)
-        Time since the row before [s], 0 where a history starts.
-    values : ndarray, shape (n,)
-        [m]
-    scale : float
-        Inverse of the largest of them [1/m], for the powers.
-    widths : ndarray, shape (k,)
-        Half-widths of the plays [m].
-    """
+    """Powers of displacements (n,) [m] by `scale` and plays on them, into `out` (n, degree + k)."""
     plays = np.zeros(widths.shape[0])
     degree = out.shape[1] - widths.shape[0]
     for i in range(values.shape[0]):

@@ -35,12 +35,7 @@ TOTAL: Final = LAYOUT.array("total", "of one row")
 
 @compiled
 def polynomial_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a polynomial of the scaled features."""
     k, n_terms, columns = x.shape[0], numbers[N_TERMS], numbers[COLUMNS]

@@ -45,12 +45,7 @@ SUMS: Final = LAYOUT.array("sums", "standardised outputs")
 
 @compiled
 def recurrent_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict from the features and the state, which is updated once in a period.
 

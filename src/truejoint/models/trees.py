@@ -34,12 +34,7 @@ VALUE: Final = LAYOUT.array("value", "of the leaves")
 
 @compiled
 def trees_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict an offset and the sum of the leaves that the scaled features lead to."""
     k, n = x.shape[0], out.shape[0]
