@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +17,7 @@ from truejoint.models.family import Family
 Array = NDArray[np.float64]
 
 
+@dataclass(eq=False, repr=False, kw_only=True)
 class CableLeastSquares(JawEstimator):
     """Least squares on both displacements and their derivatives: yan2020, (29) and (30).
 
@@ -37,17 +39,9 @@ class CableLeastSquares(JawEstimator):
     """
 
     family: ClassVar[Family] = cable_least_squares.FAMILY
-
-    def __init__(
-        self,
-        *,
-        intercept: bool = False,
-        compensated: bool = False,
-        fit_method: str = "projection",
-    ) -> None:
-        self.intercept = intercept
-        self.compensated = compensated
-        self.fit_method = fit_method
+    intercept: bool = False
+    compensated: bool = False
+    fit_method: str = "projection"
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress

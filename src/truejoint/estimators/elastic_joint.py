@@ -43,6 +43,7 @@ class JointEstimate:
     load_deviation: Array  # (n,)
 
 
+@dataclass(eq=False, repr=False)
 class ElasticJointFilter(JointRegressor):
     """Unscented filter for a cable-driven jaw whose driver alone is measured: angle and torque.
 
@@ -72,16 +73,9 @@ class ElasticJointFilter(JointRegressor):
     """
 
     family: ClassVar[Family] = model.FAMILY
-
-    def __init__(
-        self,
-        elements: int = 5,
-        load_drift: float = 0.05,
-        torque_noise: float = 7e-3,
-    ) -> None:
-        self.elements = elements
-        self.load_drift = load_drift
-        self.torque_noise = torque_noise
+    elements: int = 5
+    load_drift: float = 0.05
+    torque_noise: float = 7e-3
 
     def minimum_rows(self, n_features: int) -> int:
         """Four hundred rows."""

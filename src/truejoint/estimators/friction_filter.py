@@ -42,6 +42,7 @@ class JawStates:
     load_deviation: Array  # as the filter has it; friction that did not turn round is not in it
 
 
+@dataclass(eq=False, repr=False)
 class FrictionFilter(JawEstimator):
     """Unscented filter with friction and external load in its state; past yan2020.
 
@@ -71,26 +72,14 @@ class FrictionFilter(JawEstimator):
     """
 
     family: ClassVar[Family] = friction_filter.FAMILY
-
-    def __init__(
-        self,
-        drive_stiffness: float = 14e3,
-        load_drift: float = 2e-3,
-        friction_drift: float = 0.02,
-        error_time: float = 0.1,
-        widths: tuple[float, ...] = WIDTHS,
-        gear_ratio: float = TABLE_1.gear_ratio,
-        wheel_radius: float = TABLE_1.wheel_radius,
-        jaw_radius: float = TABLE_1.jaw_radius,
-    ) -> None:
-        self.drive_stiffness = drive_stiffness
-        self.load_drift = load_drift
-        self.friction_drift = friction_drift
-        self.error_time = error_time
-        self.widths = widths
-        self.gear_ratio = gear_ratio
-        self.wheel_radius = wheel_radius
-        self.jaw_radius = jaw_radius
+    drive_stiffness: float = 14e3
+    load_drift: float = 2e-3
+    friction_drift: float = 0.02
+    error_time: float = 0.1
+    widths: tuple[float, ...] = WIDTHS
+    gear_ratio: float = TABLE_1.gear_ratio
+    wheel_radius: float = TABLE_1.wheel_radius
+    jaw_radius: float = TABLE_1.jaw_radius
 
     def states(self, X: Array, dt: Array, *, smoothed: bool = False) -> JawStates:
         """Angle and load in every row of `X` (n, 2), `dt` (n,) [s] after that before.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -17,6 +18,7 @@ from truejoint.robots.forceps_mechanism import TABLE_1
 Array = NDArray[np.float64]
 
 
+@dataclass(eq=False, repr=False)
 class GatedPlay(JawEstimator):
     """`Play` on the reset cable, corrected by `Play` on both sides as far as the two agree.
 
@@ -41,18 +43,10 @@ class GatedPlay(JawEstimator):
     """
 
     family: ClassVar[Family] = gated_play.FAMILY
-
-    def __init__(
-        self,
-        gate: float = 5.0,
-        smallest_gate: float = 9e-4,
-        gear_ratio: float = TABLE_1.gear_ratio,
-        wheel_radius: float = TABLE_1.wheel_radius,
-    ) -> None:
-        self.gate = gate
-        self.smallest_gate = smallest_gate
-        self.gear_ratio = gear_ratio
-        self.wheel_radius = wheel_radius
+    gate: float = 5.0
+    smallest_gate: float = 9e-4
+    gear_ratio: float = TABLE_1.gear_ratio
+    wheel_radius: float = TABLE_1.wheel_radius
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress

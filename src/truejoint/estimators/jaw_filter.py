@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
@@ -21,6 +21,7 @@ Array = NDArray[np.float64]
 _OBSERVED: Final = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+@dataclass(eq=False, repr=False)
 class JawFilter(JawEstimator):
     """Unscented filter on the linear model (12): yan2020, (15)-(26).
 
@@ -54,20 +55,11 @@ class JawFilter(JawEstimator):
     """
 
     family: ClassVar[Family] = jaw_filter.FAMILY
-
-    def __init__(
-        self,
-        compensation: str = "constant",
-        mechanism: ForcepsModel = ForcepsModel(),  # noqa: B008  # frozen
-        noise: FilterNoise = FilterNoise(),  # noqa: B008
-        lambda_: float = -1.0,
-        fit_method: str = "projection",
-    ) -> None:
-        self.compensation = compensation
-        self.mechanism = mechanism
-        self.noise = noise
-        self.lambda_ = lambda_
-        self.fit_method = fit_method
+    compensation: str = "constant"
+    mechanism: ForcepsModel = ForcepsModel()  # noqa: RUF009  # frozen
+    noise: FilterNoise = FilterNoise()  # noqa: RUF009
+    lambda_: float = -1.0
+    fit_method: str = "projection"
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters, those of mechanism and noise by their own names too."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -23,6 +24,7 @@ BATCHES_PER_EPOCH: Final = 8
 SMALLEST_BATCH: Final = 32
 
 
+@dataclass(eq=False, repr=False)
 class NeuralNetwork(JointRegressor):
     """Fully connected network with logistic hidden units and linear outputs: peng2024, IV-B.
 
@@ -64,22 +66,12 @@ class NeuralNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = network.FAMILY
-
-    def __init__(
-        self,
-        hidden_layer_sizes: tuple[int, ...] = (100, 100),
-        weight_decay: float = 5e-4,
-        learning_rate: float = 1e-3,
-        batch_size: int = 1024,
-        epochs: int = 200,
-        random_state: int | np.random.RandomState | None = 0,
-    ) -> None:
-        self.hidden_layer_sizes = hidden_layer_sizes
-        self.weight_decay = weight_decay
-        self.learning_rate = learning_rate
-        self.batch_size = batch_size
-        self.epochs = epochs
-        self.random_state = random_state
+    hidden_layer_sizes: tuple[int, ...] = (100, 100)
+    weight_decay: float = 5e-4
+    learning_rate: float = 1e-3
+    batch_size: int = 1024
+    epochs: int = 200
+    random_state: int | np.random.RandomState | None = 0
 
     def minimum_rows(self, n_features: int) -> int:
         """Count at least 1000 rows, and 50 for each feature."""

@@ -49,6 +49,7 @@ def ridge(columns: Array, y: Array, penalty: float) -> RidgeFit:
     return RidgeFit(mean, inverse, np.asarray(coef, dtype=np.float64), constant)
 
 
+@dataclass(eq=False, repr=False)
 class Play(JawEstimator):
     """Ridge regression on powers of one or two displacements and on plays on them.
 
@@ -77,24 +78,13 @@ class Play(JawEstimator):
     """
 
     family: ClassVar[Family] = play.FAMILY
-
-    def __init__(
-        self,
-        displacements: tuple[str, ...] = ("reset", "motor"),
-        degree: int = play.POWERS,
-        reset_widths: tuple[float, ...] = play.RESET_WIDTHS,
-        drive_widths: tuple[float, ...] = play.DRIVE_WIDTHS,
-        penalty: float = 1e-5,
-        gear_ratio: float = TABLE_1.gear_ratio,
-        wheel_radius: float = TABLE_1.wheel_radius,
-    ) -> None:
-        self.displacements = displacements
-        self.degree = degree
-        self.reset_widths = reset_widths
-        self.drive_widths = drive_widths
-        self.penalty = penalty
-        self.gear_ratio = gear_ratio
-        self.wheel_radius = wheel_radius
+    displacements: tuple[str, ...] = ("reset", "motor")
+    degree: int = play.POWERS
+    reset_widths: tuple[float, ...] = play.RESET_WIDTHS
+    drive_widths: tuple[float, ...] = play.DRIVE_WIDTHS
+    penalty: float = 1e-5
+    gear_ratio: float = TABLE_1.gear_ratio
+    wheel_radius: float = TABLE_1.wheel_radius
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress

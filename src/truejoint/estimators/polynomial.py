@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
@@ -23,6 +24,7 @@ _BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
 _RANK_TOLERANCE: Final = 1e-10
 
 
+@dataclass(eq=False, repr=False)
 class PolynomialRegressor(JointRegressor):
     """Least squares on all products of up to `degree` features: peng2024, II-C, at degree 2.
 
@@ -43,9 +45,7 @@ class PolynomialRegressor(JointRegressor):
     """
 
     family: ClassVar[Family] = polynomial.FAMILY
-
-    def __init__(self, degree: int = 2) -> None:
-        self.degree = degree
+    degree: int = 2
 
     def minimum_rows(self, n_features: int) -> int:
         """Ten rows for each coefficient of a joint."""
@@ -66,6 +66,7 @@ class PolynomialRegressor(JointRegressor):
         }  # fmt: skip
 
 
+@dataclass(eq=False, repr=False)
 class LinearRegressor(PolynomialRegressor):
     """Linear least squares with intercept: peng2024, II-C.
 
@@ -77,8 +78,7 @@ class LinearRegressor(PolynomialRegressor):
     array([7.])
     """
 
-    def __init__(self, degree: int = 1) -> None:
-        super().__init__(degree)
+    degree: int = 1
 
 
 def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
@@ -25,6 +26,7 @@ FLOOR: Final = 1e-6
 """Added to the mean squared error, of targets of variance 1: what needs no closer fit."""
 
 
+@dataclass(eq=False, repr=False)
 class RecurrentNetwork(JointRegressor):
     """Gated recurrent units that learn what a linear regression on the features leaves.
 
@@ -71,26 +73,14 @@ class RecurrentNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = recurrent.FAMILY
-
-    def __init__(
-        self,
-        units: int = 24,
-        period: float = 0.02,
-        weight_decay: float = 50.0,
-        learning_rate: float = 0.01,
-        window: int = 64,
-        batch_size: int = 16,
-        epochs: int = 60,
-        random_state: int | np.random.RandomState | None = 0,
-    ) -> None:
-        self.units = units
-        self.period = period
-        self.weight_decay = weight_decay
-        self.learning_rate = learning_rate
-        self.window = window
-        self.batch_size = batch_size
-        self.epochs = epochs
-        self.random_state = random_state
+    units: int = 24
+    period: float = 0.02
+    weight_decay: float = 50.0
+    learning_rate: float = 0.01
+    window: int = 64
+    batch_size: int = 16
+    epochs: int = 60
+    random_state: int | np.random.RandomState | None = 0
 
     def minimum_rows(self, n_features: int) -> int:
         """Count at least 1000 rows, and 50 for each feature."""

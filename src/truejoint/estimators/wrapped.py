@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, ClassVar, Final, Protocol, Self
 
@@ -34,6 +35,7 @@ class Regressor(Protocol):
         """Predict (n,) or (n, n_outputs) for rows `X` (n, k)."""
 
 
+@dataclass(eq=False, repr=False)
 class WrappedRegressor(JointRegressor):
     """A regressor of scikit-learn, or of another package that keeps to its interface.
 
@@ -68,9 +70,7 @@ class WrappedRegressor(JointRegressor):
     """
 
     family: ClassVar[Family] = scikit_learn.FAMILY
-
-    def __init__(self, regressor: Any = None) -> None:
-        self.regressor = regressor
+    regressor: Any = None
 
     @property
     def name(self) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, wrap
-from truejoint.filters.fields import call_process_noise, call_transition
+from truejoint.filters.fields import call_process_noise, call_transition, move
 from truejoint.filters.status import FilterStatus
 
 LIMIT: Final = 1e100
@@ -104,11 +104,7 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     factor = matrix(memory, numbers[at.S_MEAN], n, n)
     if not within_limit(entries, n * n, LIMIT) or not semidefinite_cholesky(noise, n, factor):
         return False
-    copy(
-        vector(memory, numbers[at.S_MEAN], n * n),
-        vector(memory, numbers[at.Q], n * n),
-        n * n,
-    )
+    move(numbers, memory, at.S_MEAN, at.Q, n * n)
     return True
 
 
@@ -146,10 +142,9 @@ def predict(numbers: Integers, memory: Array) -> int:
     mean = vector(memory, numbers[at.X_MEAN], n)
     covariance = vector(memory, numbers[at.P_MEAN], n * n)
     if not (within_limit(mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
-        factor = vector(memory, numbers[at.S_MEAN], n * n)
         copy(x, mean, n)
-        copy(vector(memory, numbers[at.P], n * n), covariance, n * n)
-        copy(vector(memory, numbers[at.S], n * n), factor, n * n)
+        move(numbers, memory, at.P, at.P_MEAN, n * n)
+        move(numbers, memory, at.S, at.S_MEAN, n * n)
         place_points(numbers, memory, at.S, 1.0)
         copy(x, centre, n)
         fill(vector(memory, numbers[at.SHIFT], n), n, 0.0)
@@ -219,13 +214,7 @@ def finish(
     if correction > 0.0:
         copy(deficit, stack[rows], size)
         rows += 1
-    return combine(
-        stack,
-        rows,
-        size,
-        deficit,
-        correction < 0.0,
-        numbers[at.ROOT] == 1,
-        matrix(memory, numbers[covariance_block], size, size),
-        matrix(memory, numbers[factor_block], size, size),
-    )
+    covariance = matrix(memory, numbers[covariance_block], size, size)
+    factor = matrix(memory, numbers[factor_block], size, size)
+    by_root = numbers[at.ROOT] == 1
+    return combine(stack, rows, size, deficit, correction < 0.0, by_root, covariance, factor)

@@ -124,16 +124,8 @@ def _smooth_one(
     if correction > 0.0:
         copy(deficit, stack[rows], n)
         rows += 1
-    combine(
-        stack,
-        rows,
-        n,
-        deficit,
-        correction < 0.0,
-        numbers[at.ROOT] == 1,
-        scratch,
-        matrix(memory, numbers[at.S_MEAN], n, n),
-    )
+    factor, by_root = matrix(memory, numbers[at.S_MEAN], n, n), numbers[at.ROOT] == 1
+    combine(stack, rows, n, deficit, correction < 0.0, by_root, scratch, factor)
     if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
         copy(vector(memory, numbers[at.POINT], n), x, n)
         for i in range(n):

@@ -93,11 +93,7 @@ class StateSpaceModel:
 
     Examples
     --------
-    >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
-    ... )
-    >>> model.states
+    >>> random_walk.states
     ('x',)
     """
 
@@ -221,6 +217,8 @@ def linear_model(
 ) -> StateSpaceModel:
     """Model x[k] = A x[k-1] + B u[k] + w, z[k] = C x[k] + D u[k] + v, for steps of one length.
 
+    Its functions are compiled once for all linear models.
+
     Parameters
     ----------
     A, B, C, D : (n, n), (n, p), (m, n), (m, p) array_like
@@ -230,11 +228,6 @@ def linear_model(
     states, measurements, inputs, angles : tuple of str
         Names, as in `StateSpaceModel`.
 
-    Returns
-    -------
-    StateSpaceModel
-        Its functions are compiled once for all linear models.
-
     Raises
     ------
     FilterError
@@ -243,8 +236,7 @@ def linear_model(
     Examples
     --------
     >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
+    ...     [[1.0]], [[]], [[1.0]], [[]], [[0.1]], [[1.0]], states=("x",), measurements=("z",)
     ... )
     >>> model.measurements
     ('z',)
@@ -274,6 +266,8 @@ def linear_model(
 def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
     """Exact discretisation of dx/dt = A x + B u with u constant over a step: (13) to (14).
 
+    Returns exp(A dt) (n, n), and the integral of exp(A s) B (n, p) over 0 <= s <= dt.
+
     Parameters
     ----------
     A : (n, n) array_like
@@ -282,11 +276,6 @@ def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Ar
         Input matrix.
     dt : float
         Step [s], not negative.
-
-    Returns
-    -------
-    (n, n) array, (n, p) array
-        exp(A dt), and the integral of exp(A s) B over 0 <= s <= dt.
 
     Raises
     ------
@@ -316,6 +305,9 @@ def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Ar
 def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
     """Exact transition matrix and covariance of white noise acting on dx/dt = A x + w.
 
+    Returns F = exp(A dt), and Q = integral of exp(A s) density exp(A s)' over 0 <= s <= dt, both
+    (n, n).
+
     Van Loan (IEEE Transactions on Automatic Control 23(3), 1978) over a step short enough for
     exp(-A dt) to be harmless, then Q(2h) = Q(h) + F Q(h) F' until the whole step is covered, in
     balanced coordinates: stiff cables and slow sampling cost no digits.
@@ -328,11 +320,6 @@ def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array
         Spectral density of w, its covariance per second.
     dt : float
         Step [s], not negative.
-
-    Returns
-    -------
-    (n, n) array, (n, n) array
-        F = exp(A dt), and Q = integral of exp(A s) density exp(A s)' over 0 <= s <= dt.
 
     Raises
     ------
