@@ -5,8 +5,7 @@ import pytest
 from tests.estimators.conftest import SETTLED, steps, target
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.jaw_load import JawLoad, identify_stiffness
-from truejoint.estimators.jaw_zero import find_zero
+from truejoint.estimators.jaw_load import JawLoad, find_zero, identify_stiffness
 from truejoint.motion.forceps_references import calibration_reference, sine_reference
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension

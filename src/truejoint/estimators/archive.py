@@ -9,13 +9,11 @@ from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.gaussian_process import kernels
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.scikit_learn import MAX_BYTES
-
-Array = NDArray[np.float64]
 
 MAX_UNPACKED: Final = 512 * 2**20
 

@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
@@ -22,7 +23,8 @@ from truejoint.models.family import EstimatorData, Family, Params
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
-Array = NDArray[np.float64]
+Arrays = dict[str, Array]
+Flags = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 _REGULAR: Final = 5e-3  # [s], 200 Hz
@@ -223,7 +225,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
 
     @abstractmethod
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         """Learn from checked rows `X` (n, k), `y` (n, n_outputs) and `dt` (n,)."""
 
     def check_params(self) -> None:
@@ -297,7 +299,19 @@ def standardisation(X: Array) -> tuple[Array, Array]:
     return mean, inverse
 
 
-def constant_columns(X: Array) -> NDArray[np.bool_]:
+def scaling(X: Array, y: Array) -> Arrays:
+    """Give `standardisation` of features and targets, by the names under which models keep it."""
+    mean, inverse_scale = standardisation(X)
+    target_mean, inverse = standardisation(y)
+    return {
+        "mean": mean,
+        "inverse_scale": inverse_scale,
+        "target_mean": target_mean,
+        "target_scale": np.where(inverse > 0, y.std(axis=0), 1.0),
+    }
+
+
+def constant_columns(X: Array) -> Flags:
     """Which columns (k,) of `X` (n, k) are constant but for rounding (1e-9 of their value)."""
     low, high = X.min(axis=0), X.max(axis=0)
     spread = high - low

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.estimators.base import Progress
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.jaw import JawEstimator
 from truejoint.estimators.rational import fit_rational
 from truejoint.models import cable_least_squares
 from truejoint.models.family import Family
-
-Array = NDArray[np.float64]
 
 
 @dataclass(eq=False, repr=False, kw_only=True)
@@ -43,9 +41,7 @@ class CableLeastSquares(JawEstimator):
     compensated: bool = False
     fit_method: str = "projection"
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         drive, reset = X[:, -2], X[:, -1]
         observed = np.empty((len(X), cable_least_squares.OBSERVED))
         cable_least_squares.observe_rows(

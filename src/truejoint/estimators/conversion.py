@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, RobustScaler, StandardScaler
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.trees import tree_sum, trees_data
 from truejoint.models import network, polynomial
 from truejoint.models.family import EstimatorData
-
-Array = NDArray[np.float64]
 
 _SCALERS: Final = {StandardScaler: "mean_", RobustScaler: "center_", MaxAbsScaler: ""}
 """Steps that take away the attribute of this name and divide by ``scale_``."""

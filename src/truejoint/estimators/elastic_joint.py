@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.estimators.elastic_joint_identification import (
     SETTLED,
     Motion,
@@ -23,8 +23,7 @@ from truejoint.estimators.jaw import has_jump, reversals
 from truejoint.models import elastic_joint as model
 from truejoint.models.elastic_joint import DRIVER, NOISE, TORQUE, ElasticJoint, output_terms
 from truejoint.models.family import Family
-
-Array = NDArray[np.float64]
+from truejoint.models.filtered import histories
 
 MIN_ROWS: Final = 400
 """Rows with truth that a fit needs at least."""
@@ -81,7 +80,7 @@ class ElasticJointFilter(JointRegressor):
         """Four hundred rows."""
         return MIN_ROWS
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] > 2:
             raise CalibrationError(
                 f"{self.name}: y has {y.shape[1]} columns; give the jaw's angle, or angle and "
@@ -130,7 +129,7 @@ class ElasticJointFilter(JointRegressor):
             "misfit": np.sqrt(np.maximum(left - by_state.mean(axis=0), 0.1 * left)),
         }
 
-    def _check_motion(self, X: Array, known: NDArray[np.bool_], dt: Array) -> None:
+    def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
         if known.sum() < MIN_ROWS:
             raise CalibrationError(
                 f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
@@ -141,10 +140,9 @@ class ElasticJointFilter(JointRegressor):
                     f"{self.name}: {name} never changes; move the jaw over its range under load, "
                     "and check that the sensor is connected"
                 )
-        edges = [*np.flatnonzero(dt == 0.0).tolist(), len(X)]
         turns = 0
-        for first, last in pairwise(edges):
-            part = X[first:last, 0]
+        for rows in histories(dt):
+            part = X[rows, 0]
             if len(part) < 2 or not np.ptp(part) > 0.0:
                 continue
             if has_jump(part):
@@ -212,7 +210,7 @@ def _variances(angle: Array, states: Array, spread: Array, coefficients: Array) 
     return out
 
 
-def _thinned(dt: Array, known: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _thinned(dt: Array, known: Flags) -> NDArray[np.int64]:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
     stride = max(1, round(_FILTER_INTERVAL / mean_interval(dt)))
     fresh = dt == 0.0

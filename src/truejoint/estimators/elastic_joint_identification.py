@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from truejoint.estimators.base import standardisation
+from truejoint.compiled import Array, Integers
+from truejoint.estimators.base import Flags
+from truejoint.estimators.play import ridge
 from truejoint.filters import UnscentedFilter
 from truejoint.models.elastic_joint import LOAD_TERMS, ElasticJoint, terms
+from truejoint.models.filtered import run_histories
 from truejoint.models.play import bank_columns
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PENALTY: Final = 1e-7  # on standardised terms
 NARROWEST: Final = 0.003
@@ -72,24 +70,16 @@ class Motion:
 
 def regress(columns: Array, y: Array) -> Array:
     """Ridge regression of `y` (n,) on standardised `columns` (n, k), the first constant."""
-    mean, inverse = standardisation(columns)
-    scaled = (columns - mean) * inverse
-    left = scaled.T @ scaled / len(y) + PENALTY * np.eye(scaled.shape[1])
-    centre = float(y.mean())
-    weights = np.linalg.solve(left, scaled.T @ (y - centre) / len(y)) * inverse
-    weights[0] = centre - float(weights @ mean)
-    return np.asarray(weights)
+    weights, constant = ridge(columns, y, PENALTY)
+    weights[0] = constant
+    return weights
 
 
 def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:
     """Torque response (p,) of which the load is a part as it is, and what it leaves over (n,)."""
     free = [i for i in range(columns.shape[1]) if i not in LOAD_TERMS]
-    mean, inverse = standardisation(columns[:, free])
-    scaled = (columns[:, free] - mean) * inverse
-    left = scaled.T @ scaled / len(load) + PENALTY * np.eye(len(free))
-    wanted = torque - load
     found = np.zeros(columns.shape[1])
-    found[free] = np.linalg.solve(left, scaled.T @ (wanted - wanted.mean()) / len(load)) * inverse
+    found[free] = ridge(columns[:, free], torque - load, PENALTY)[0]
     found[LOAD_TERMS[1]] = 1.0
     return found, torque - columns @ found
 
@@ -100,9 +90,7 @@ class _Static:
     The torque's response needs no truth and is fitted to all `rows`; the jaw's to the `known`.
     """
 
-    def __init__(
-        self, motion: Motion, rows: Integers, known: NDArray[np.bool_], jaw: Array
-    ) -> None:
+    def __init__(self, motion: Motion, rows: Integers, known: Flags, jaw: Array) -> None:
         self.motion, self.rows, self.known, self.jaw = motion, rows, known, jaw
         self.angle, self.torque = motion.angle[rows], motion.torque[rows]
         _, self.history = np.unique(motion.history[rows], return_inverse=True)
@@ -158,7 +146,7 @@ class _Static:
 def identify(
     motion: Motion,
     rows: Integers,
-    known: NDArray[np.bool_],
+    known: Flags,
     jaw: Array,
     *,
     elements: int,
@@ -208,19 +196,9 @@ def run(
     if interval is None:
         interval = mean_interval(motion.steps)
     unscented = UnscentedFilter(joint.state_space(interval))
-    mean, covariance = joint.prior()
-    size = len(mean)
-    states, spread = np.empty((len(motion.angle), size)), np.empty((len(motion.angle), size, size))
-    inputs = np.column_stack([motion.angle, motion.moved])
-    edges = [*np.flatnonzero(motion.steps == 0.0).tolist(), len(states)]
-    for first, last in pairwise(edges):
-        part = slice(first, last)
-        result = unscented.run(
-            motion.torque[part], inputs[part], x0=mean, P0=covariance, dt=motion.steps[part]
-        )
-        found = unscented.smooth(result) if smoothed else result
-        states[part], spread[part] = found.x, found.P
-    return states, spread
+    u = np.column_stack([motion.angle, motion.moved])
+    z, dt = motion.torque, motion.steps
+    return run_histories(unscented, joint.prior(), z, u, dt, smoothed=smoothed)
 
 
 def mean_interval(steps: Array) -> float:

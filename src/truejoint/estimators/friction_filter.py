@@ -10,22 +10,21 @@ friction, slow and lasting as a load.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from truejoint.estimators.base import Progress
-from truejoint.estimators.jaw import JawEstimator
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.jaw import JawEstimator, median_interval
 from truejoint.estimators.play import ridge
 from truejoint.models import friction_filter, friction_smoother
 from truejoint.models.family import Family
+from truejoint.models.filtered import run_histories
 from truejoint.models.friction_filter import DEGREE, friction_prior
 from truejoint.models.play import bank_columns
 from truejoint.robots.forceps_mechanism import TABLE_1
-
-Array = NDArray[np.float64]
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)
 """How far each element bends before it slides [m] of the reset cable."""
@@ -89,25 +88,16 @@ class FrictionFilter(JawEstimator):
         """
         unscented = friction_filter.friction_filter(self.model_params(), self.arrays_)
         drive, reset = X[:, :1] * (self.wheel_radius / self.gear_ratio), X[:, 1]
-        mean, covariance = friction_prior(len(self.widths))
-        angle, spread, load, deviation = np.empty((4, len(X)))
-        edges = [*np.flatnonzero(dt == 0.0).tolist(), len(X)]
-        for first, last in pairwise(edges):
-            rows = slice(first, last)
-            control = np.column_stack([np.diff(reset[rows], prepend=reset[first]), reset[rows]])
-            result = unscented.run(drive[rows], control, x0=mean, P0=covariance, dt=dt[rows])
-            found = unscented.smooth(result) if smoothed else result
-            friction_filter.jaw_angles(
-                reset[rows] * self.arrays_["scale"][0], found.x, found.P, self.arrays_["angle"],
-                angle[rows], spread[rows],
-            )  # fmt: skip
-            load[rows] = found.x[:, -1]
-            deviation[rows] = np.sqrt(np.maximum(found.P[:, -1, -1], 0.0))
-        return JawStates(angle, np.sqrt(spread + self.arrays_["misfit"][1] ** 2), load, deviation)
+        moved = np.where(dt > 0.0, np.diff(reset, prepend=reset[:1]), 0.0)
+        control, prior = np.column_stack([moved, reset]), friction_prior(len(self.widths))
+        x, P = run_histories(unscented, prior, drive, control, dt, smoothed=smoothed)
+        angle, spread = np.empty((2, len(X)))
+        places = reset * self.arrays_["scale"][0]
+        friction_filter.jaw_angles(places, x, P, self.arrays_["angle"], angle, spread)
+        deviation = np.sqrt(spread + self.arrays_["misfit"][1] ** 2)
+        return JawStates(angle, deviation, x[:, -1], np.sqrt(np.maximum(P[:, -1, -1], 0.0)))
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         reset = np.ascontiguousarray(X[:, 1])
         drive = X[:, 0] * (self.wheel_radius / self.gear_ratio)
         scale = 1.0 / np.abs(reset).max()
@@ -117,20 +107,19 @@ class FrictionFilter(JawEstimator):
         progress(0.7)
         left = [side - (w[0] + columns @ w[1:]) for side, w in sides]
         angle, drive_misfit = (float(np.sqrt(np.mean(e[known] ** 2))) for e in left)
-        moved = dt[dt > 0.0]
         arrays = {
             "angle": sides[0][1],
             "drive": sides[1][1],
             "scale": np.array([scale]),
             "misfit": np.maximum([drive_misfit, angle], 1e-9),
-            "interval": np.array([float(np.median(moved)) if len(moved) else 5e-3]),
+            "interval": np.array([median_interval(dt)]),
         }
         friction_filter.friction_filter(self.model_params(), arrays)
         return arrays
 
 
 def _stacked(columns: Array, y: Array) -> Array:
-    weights, constant = ridge(columns, y, _PENALTY).weights
+    weights, constant = ridge(columns, y, _PENALTY)
     return np.concatenate([[constant], weights])
 
 

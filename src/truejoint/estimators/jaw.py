@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
-
-Array = NDArray[np.float64]
 
 MIN_ROWS: Final = 400
 """Rows that a fit needs at least: two seconds at 200 Hz."""
@@ -26,8 +24,6 @@ class JawEstimator(JointRegressor):
     Calibrated as the paper does, on an unloaded motion with reversals: forward and backward
     motion differ by friction, and one alone cannot show it.
     """
-
-    needs_reversal: ClassVar[bool] = True
 
     def minimum_rows(self, n_features: int) -> int:
         """Four hundred rows."""
@@ -43,7 +39,7 @@ class JawEstimator(JointRegressor):
                     "motor and cables relate without one: record the calibration unloaded"
                 )
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
         known = np.isfinite(y[:, 0])
@@ -57,9 +53,7 @@ class JawEstimator(JointRegressor):
         return arrays
 
     @abstractmethod
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
 
     def _check_motion(self, X: Array, y: Array) -> None:
@@ -82,11 +76,17 @@ class JawEstimator(JointRegressor):
                     f"{self.name}: {name} stands still for {100 * longest:.0f} % of the rows while "
                     "the others move on; its sensor is stuck: record the calibration again"
                 )
-        if self.needs_reversal and reversals(y) < 2:
+        if reversals(y) < 2:
             raise CalibrationError(
                 f"{self.name}: the jaw reverses {reversals(y)} times in the training rows; friction"
                 " shows only where the motion turns: record a motion there and back, twice"
             )
+
+
+def median_interval(dt: Array) -> float:
+    """Median of the time between rows [s] within histories; 5 ms where there is only one row."""
+    moved = dt[dt > 0.0]
+    return float(np.median(moved)) if len(moved) else 5e-3
 
 
 def reversals(y: Array) -> int:

@@ -6,17 +6,15 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.estimators.base import Progress
-from truejoint.estimators.jaw import JawEstimator
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.jaw import JawEstimator, median_interval
 from truejoint.estimators.rational import fit_rational
 from truejoint.models import jaw_filter
 from truejoint.models.family import Family, Params
 from truejoint.models.jaw_dynamics import ForcepsModel, injection_gain, steady_gain
 from truejoint.models.jaw_filter import MECHANISM_NAMES, NOISE_NAMES, FilterNoise
-
-Array = NDArray[np.float64]
 
 _OBSERVED: Final = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
@@ -101,16 +99,13 @@ class JawFilter(JawEstimator):
         bare.n_features_in_, bare.n_outputs_ = 2, 1
         return bare.evaluate(X, dt)[:, 0]
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         error = self.filtered(X, dt)[known] - y[known]
         progress(0.3)
         if self.compensation == "constant":
             return {"constant": np.array([-float(np.mean(error))])}
         model = fit_rational(X[known, 0], X[known, 1], error, self.fit_method)
-        moved = dt[dt > 0.0]
-        gain = self.loop_gain(float(np.median(moved)) if len(moved) else 5e-3)
+        gain = self.loop_gain(median_interval(dt))
         return {
             "scale": model.scale, "error_coef": model.coefficients, "loop_gain": np.array([gain])
         }  # fmt: skip

@@ -6,15 +6,13 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.training import Layers, train
 from truejoint.models import network
 from truejoint.models.family import Family
-
-Array = NDArray[np.float64]
 
 MINIMUM_ROWS: Final = 1000
 """Fewest rows for a network: half a minute at 30 Hz; fewer hold a motion or two."""
@@ -77,18 +75,16 @@ class NeuralNetwork(JointRegressor):
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
-        mean, inverse_scale = standardisation(X)
-        target_mean, inverse = standardisation(y)
-        target_scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        arrays = scaling(X, y)
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         rng = check_random_state(self.random_state)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
         layers = Layers.glorot(sizes, rng)
         self.loss_curve_ = train(
             layers,
-            ((X - mean) * inverse_scale).astype(np.float32),
-            ((y - target_mean) / target_scale).astype(np.float32),
+            ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32),
+            ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32),
             weight_decay=float(self.weight_decay),
             learning_rate=float(self.learning_rate),
             batch_size=self.batch_size_,
@@ -96,12 +92,6 @@ class NeuralNetwork(JointRegressor):
             rng=rng,
             progress=progress,
         )
-        arrays = {
-            "mean": mean,
-            "inverse_scale": inverse_scale,
-            "target_mean": target_mean,
-            "target_scale": target_scale,
-        }
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
             arrays[f"weight_{i}"] = weight.astype(np.float64)
             arrays[f"bias_{i}"] = bias.astype(np.float64)

@@ -1,27 +1,51 @@
-"""Linear and polynomial regression: peng2024, II-C."""
+"""Fixed offset, linear and polynomial regression: peng2024, II-C."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
-from truejoint.models import polynomial
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
+from truejoint.models import offset, polynomial
 from truejoint.models.family import Family
-
-Array = NDArray[np.float64]
 
 ROWS_PER_COEFFICIENT: Final = 10
 """Rows that a fit must have for each coefficient per joint; fewer, and it fits the noise."""
 
 _BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
 _RANK_TOLERANCE: Final = 1e-10
+
+
+class FixedOffset(JointRegressor):
+    """Mean of the target, whatever the features.
+
+    Examples
+    --------
+    >>> FixedOffset().fit([[0.0], [1.0]], [1.0, 2.0]).predict([[5.0]])
+    array([1.5])
+    """
+
+    family: ClassVar[Family] = offset.FAMILY
+
+    def minimum_rows(self, n_features: int) -> int:
+        """Ten rows."""
+        return 10
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        progress(1.0)
+        return {"offset": y.mean(axis=0)}
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True
+        return tags
 
 
 @dataclass(eq=False, repr=False)
@@ -52,7 +76,7 @@ class PolynomialRegressor(JointRegressor):
         n_terms = polynomial.count_terms(n_features, int(self.degree))
         return ROWS_PER_COEFFICIENT * (n_terms + 1)
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         mean, inverse_scale = standardisation(X)
         factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
         scaled = (X - mean) * inverse_scale

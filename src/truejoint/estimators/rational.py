@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution, least_squares, minimize
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST, rational_errors
-
-Array = NDArray[np.float64]
 
 SMALLEST_DENOMINATOR: Final = 0.3
 """Least denominator that fitting allows on the tube; 1 in the middle of the range."""

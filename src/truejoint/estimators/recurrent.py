@@ -11,16 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.compiled import compiled
+from truejoint.compiled import Array, compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.network import BATCHES_PER_EPOCH, MINIMUM_ROWS, ROWS_PER_FEATURE
 from truejoint.estimators.training import Adam, Floats, check_loss
 from truejoint.models import recurrent
 from truejoint.models.family import Family, Shape
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 FLOOR: Final = 1e-6
 """Added to the mean squared error, of targets of variance 1: what needs no closer fit."""
@@ -86,7 +83,7 @@ class RecurrentNetwork(JointRegressor):
         """Count at least 1000 rows, and 50 for each feature."""
         return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         known = np.asarray(np.isfinite(y).all(axis=1))
         rows, updates = step_rows(dt, known, float(self.period))
         longest = int(np.diff([*np.flatnonzero(dt[rows] == 0.0), len(rows)]).max())
@@ -96,11 +93,9 @@ class RecurrentNetwork(JointRegressor):
                 f"{self.period:g} s apart, and a window {self.window}; {known[rows].sum()} have a "
                 "target: record longer without a gap, or choose a smaller window or period"
             )
-        mean, inverse_scale = standardisation(X)
-        target_mean, inverse = standardisation(y[known])
-        target_scale = np.where(inverse > 0, y[known].std(axis=0), 1.0)
-        X, y, known = (X[rows] - mean) * inverse_scale, (y[rows] - target_mean), known[rows]
-        y /= target_scale
+        scales = scaling(X, y[known])
+        X, known = (X[rows] - scales["mean"]) * scales["inverse_scale"], known[rows]
+        y = (y[rows] - scales["target_mean"]) / scales["target_scale"]
         line = np.linalg.lstsq(X[known], y[known], rcond=1e-4)[0]
         steps = X, y - X @ line, dt[rows, None] > 0.0, updates[:, None]
         shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1])
@@ -108,12 +103,7 @@ class RecurrentNetwork(JointRegressor):
         weights = self._train([s.astype(np.float32) for s in steps], shapes, decay, progress)
         arrays = {name: weight.astype(np.float64) for name, weight in weights.items()}
         arrays["output_weights"][int(self.units) :] += line
-        return arrays | {
-            "mean": mean,
-            "inverse_scale": inverse_scale,
-            "target_mean": target_mean,
-            "target_scale": target_scale,
-        }
+        return arrays | scales
 
     def _train(
         self, steps: list[Floats], shapes: Mapping[str, Shape], decay: float, progress: Progress

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.dummy import DummyRegressor
 from sklearn.ensemble import (
     BaggingRegressor,
@@ -19,12 +18,10 @@ from sklearn.ensemble import (
 )
 from sklearn.tree import BaseDecisionTree
 
+from truejoint.compiled import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.models.family import EstimatorData
 from truejoint.models.trees import FAMILY, MAX_NODES
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _FORESTS: Final = (RandomForestRegressor, ExtraTreesRegressor)
 

@@ -8,18 +8,16 @@ from importlib.metadata import version
 from typing import Any, ClassVar, Final, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.neural_network import MLPRegressor
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import archive
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
 from truejoint.estimators.conversion import convert, is_convertible_step
 from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
-
-Array = NDArray[np.float64]
 
 _TRIED: Final = 1000
 """Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
@@ -136,7 +134,7 @@ class WrappedRegressor(JointRegressor):
             )
         return estimator
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         mean, inverse = standardisation(y)
         scale = np.where(inverse > 0, y.std(axis=0), 1.0)
         scaled = (y - mean) / scale

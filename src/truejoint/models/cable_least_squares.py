@@ -15,6 +15,7 @@ from truejoint.models.jaw import (
     DRIVE,
     FIT_METHOD,
     MOTOR,
+    NO_ERROR,
     RESET,
     rational_error,
     weighted,
@@ -87,15 +88,9 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    return LAYOUT.pack(
-        compensated=params["compensated"],
-        constant=arrays["constant"][0],
-        coef=arrays["coef"],
-        scale=arrays.get("scale", np.ones(2)),
-        error_coef=arrays.get("error_coef", np.zeros(COEFFICIENTS)),
-        last=np.zeros(4),
-        columns=np.zeros(OBSERVED),
-    )
+    learnt = {**NO_ERROR, **arrays}
+    empty = {"last": np.zeros(4), "columns": np.zeros(OBSERVED)}
+    return LAYOUT.pack(compensated=params["compensated"], **learnt, **empty)
 
 
 FAMILY: Final = Family(

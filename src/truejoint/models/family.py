@@ -22,7 +22,6 @@ from truejoint.compiled import (
     VECTOR,
     Array,
     Integers,
-    Kernel,
     address,
     call_address,
     compiled,
@@ -284,10 +283,3 @@ def run_rows(
     """Predict every row of `X` (n, k), one after the other, into `out` (n, n_outputs)."""
     for i in range(X.shape[0]):
         call_row(row, numbers, memory, dt[i], X[i], out[i], half_width)
-
-
-__all__ = [
-    "LARGEST", "POSITIVE", "ROW", "TARGETS", "EstimatorData", "Family", "Kernel", "Params", "Rule",
-    "Shape", "Target", "call_row", "check_arrays", "evaluate", "find_family", "integer",
-    "is_integer", "is_number", "number", "numbers", "one_of", "only_joint", "random_state",
-]  # fmt: skip

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.models import feature_kernels as kernels
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
     from truejoint.recordings import Recording
     from truejoint.robots import Robot
 
-Array = NDArray[np.float64]
 Operation = Literal["value", "lag", "lowpass", "rate", "play"]
 
 MAX_FEATURES: Final = 512

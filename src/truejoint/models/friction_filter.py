@@ -206,20 +206,15 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
     )
 
 
-RULES: Final = {
-    **dict.fromkeys(
-        (
-            "drive_stiffness", "load_drift", "friction_drift", "error_time", "gear_ratio",
-            "wheel_radius", "jaw_radius",
-        ),
-        POSITIVE,
-    ),
-    "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
-}  # fmt: skip
-
 FAMILY: Final = Family(
     "friction_filter",
-    rules=RULES,
+    rules={
+        **dict.fromkeys(
+            ("drive_stiffness", "load_drift", "friction_drift", "error_time"), POSITIVE
+        ),
+        **dict.fromkeys(("gear_ratio", "wheel_radius", "jaw_radius"), POSITIVE),
+        "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
+    },
     shapes=shapes,
     pack=_pack,
     row=friction_filter_row,

@@ -6,12 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.filters.state_space import discretise, van_loan
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
 from truejoint.models.filtered import advance
-from truejoint.models.jaw import COEFFICIENTS, FIT_METHOD, MOTOR, RESET, rational_error
+from truejoint.models.jaw import COEFFICIENTS, FIT_METHOD, MOTOR, NO_ERROR, RESET, rational_error
 from truejoint.models.jaw_dynamics import ForcepsModel
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
@@ -261,10 +261,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         drive_tension=model.drive_stiffness * model.wheel_radius / model.gear_ratio,
         reset_stiffness=model.reset_stiffness,
         divisor=(model.drive_stiffness + model.reset_stiffness) * model.jaw_radius,
-        constant=arrays["constant"][0] if "constant" in arrays else 0.0,
-        loop_gain=arrays["loop_gain"][0] if "loop_gain" in arrays else 1.0,
-        scale=arrays.get("scale", np.ones(2)),
-        error_coef=arrays.get("error_coef", np.zeros(COEFFICIENTS)),
+        **{"loop_gain": 1.0, **NO_ERROR, **arrays},
         filter=jaw_filter(params).memory(np.zeros(4), rest_spread(model, noise)),
     )
 

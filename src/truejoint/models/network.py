@@ -100,13 +100,14 @@ def _are_layers(sizes: object) -> bool:
     )
 
 
+def scaling_shapes(n_features: int, n_outputs: int) -> dict[str, Shape]:
+    """Shapes of the arrays by which features and targets are standardised."""
+    features, targets = ("mean", "inverse_scale"), ("target_mean", "target_scale")
+    return {**dict.fromkeys(features, (n_features,)), **dict.fromkeys(targets, (n_outputs,))}
+
+
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    shapes: dict[str, Shape] = {
-        "mean": (n_features,),
-        "inverse_scale": (n_features,),
-        "target_mean": (n_outputs,),
-        "target_scale": (n_outputs,),
-    }
+    shapes: dict[str, Shape] = scaling_shapes(n_features, n_outputs)
     for i, (inputs, units) in enumerate(pairwise(layer_sizes(params, n_features, n_outputs))):
         shapes[f"weight_{i}"] = (inputs, units)
         shapes[f"bias_{i}"] = (units,)

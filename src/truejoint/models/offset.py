@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 from truejoint.compiled import Array, Integers, compiled, vector
-from truejoint.layout import Layout, Memory
-from truejoint.models.family import Family, Params
+from truejoint.layout import Layout
+from truejoint.models.family import Family
 
 LAYOUT: Final = Layout()
 OFFSET: Final = LAYOUT.array("offset", "what is predicted")
@@ -23,15 +22,11 @@ def offset_row(
         out[j] = offset[j]
 
 
-def _pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    return LAYOUT.pack(offset=arrays["offset"])
-
-
 FAMILY: Final = Family(
     "offset",
     rules={},
     shapes=lambda _params, _n_features, n_outputs: {"offset": (n_outputs,)},
-    pack=_pack,
+    pack=lambda _params, arrays, _k, _n: LAYOUT.pack(**arrays),
     row=offset_row,
     targets=("error",),
     moved_by="offset",

@@ -106,17 +106,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
         raise CalibrationError("trees have a node that leads out of its tree, or back")
     if (arrays["scale"] == 0.0).any():
         raise CalibrationError("trees array 'scale' divides by zero")
-    return LAYOUT.pack(
-        n_trees=len(root),
-        n_nodes=n_nodes,
-        n_values=n_values,
-        **{name: arrays[name] for name in ("mean", "scale", "offset", "threshold", "value")},
-        scaled=np.zeros(n_features),
-        root=root,
-        output=output,
-        feature=feature,
-        right=right,
-    )
+    return LAYOUT.pack(**params, **arrays, scaled=np.zeros(n_features))
 
 
 def _whole(name: str, values: Array, low: int, high: int) -> Integers:
