@@ -62,9 +62,7 @@ class Motion:
         steps = np.diff(clock[rows], prepend=clock[rows[:1]])
         fresh = np.diff(self.history[rows], prepend=-1) > 0
         return Motion(
-            np.ascontiguousarray(self.angle[rows]),
-            self.torque[rows],
-            np.where(fresh, 0.0, steps),
+            np.ascontiguousarray(self.angle[rows]), self.torque[rows], np.where(fresh, 0.0, steps)
         )
 
 

@@ -13,16 +13,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from truejoint.compiled import (
-    MATRIX,
-    VECTOR,
-    Array,
-    Integers,
-    call_address,
-    copy,
-    inlined,
-    vector,
-)
+from truejoint.compiled import MATRIX, VECTOR, Array, Integers, call_address, copy, inlined, vector
 from truejoint.layout import Layout, Memory
 
 TRANSITION: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, VECTOR)

@@ -17,15 +17,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from truejoint.compiled import (
-    INTEGERS,
-    VECTOR,
-    Array,
-    Integers,
-    address,
-    call_address,
-    compiled,
-)
+from truejoint.compiled import INTEGERS, VECTOR, Array, Integers, address, call_address, compiled
 from truejoint.errors import CalibrationError
 from truejoint.layout import Memory
 from truejoint.plugins import load_plugin, plugins
@@ -78,8 +70,7 @@ def one_of(*choices: object) -> Rule:
     """Rule of one value among a few."""
     texts = ", ".join(str(choice) for choice in choices)
     return Rule(
-        lambda value: any(type(value) is type(c) and value == c for c in choices),
-        f"one of {texts}",
+        lambda value: any(type(value) is type(c) and value == c for c in choices), f"one of {texts}"
     )
 
 

@@ -18,15 +18,7 @@ from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
-from truejoint.models.family import (
-    POSITIVE,
-    Family,
-    Params,
-    Shape,
-    is_number,
-    numbers,
-    only_joint,
-)
+from truejoint.models.family import POSITIVE, Family, Params, Shape, is_number, numbers, only_joint
 from truejoint.models.filtered import advance
 from truejoint.models.jaw import MOTOR, RESET
 
