@@ -111,21 +111,13 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with threadpool_limits(1, user_api="blas"):
             times = self.time_steps(dt, len(inputs))
-            self.arrays_ = self._learn(inputs, targets, times, progress or _no_progress)
+            self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """Predict for rows.
+        """Predict (n, n_outputs) for rows `X` (n, k), or (n,) if it was fitted to a 1-D target.
 
-        Parameters
-        ----------
-        X : array_like, shape (n, k)
-        dt : array_like, shape (n,), optional
-            As for `fit`.
-
-        Returns
-        -------
-        ndarray, shape (n, n_outputs), or (n,) if it was fitted to a 1-D target
+        `dt` (n,) is as for `fit`.
         """
         check_is_fitted(self)
         if self.family.remembers:
@@ -146,20 +138,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return RowState(self.memory(), np.empty(n), np.full(n, np.inf))
 
     def step(self, state: RowState, dt: float, row: Array) -> Array:
-        """Predict one row; the same bits as `evaluate` gives for all rows together.
+        """Predict one finite row (k,), `dt` [s] after the one before; 0 starts a history.
 
-        Parameters
-        ----------
-        state : RowState
-            From `start`; changed in place.
-        dt : float
-            Time since the row before [s], 0 where the history starts.
-        row : ndarray, shape (k,)
-            Finite.
-
-        Returns
-        -------
-        ndarray, shape (n_outputs,)
+        `state` is from `start` and changed in place. The same bits as `evaluate` gives for all
+        rows.
         """
         memory = state.memory
         self.family.row(memory.numbers, memory.memory, dt, row, state.out, state.half_width)
@@ -187,10 +169,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
         """Fitted estimator of its data; predicts bit for bit as the one it came from.
 
-        Raises
-        ------
-        CalibrationError
-            If a parameter or an array is unknown, missing, or breaks a rule.
+        Raises CalibrationError if a parameter or an array is unknown, missing, or breaks a rule.
         """
         cls.family.check(data, n_features, n_outputs)
         estimator = cls.from_params(data.params)
@@ -205,10 +184,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def shifted(self, offset: Array) -> Self:
         """Fitted estimator that gives `offset` (n_outputs,) more than this one.
 
-        Raises
-        ------
-        CalibrationError
-            If it finds its own zero.
+        Raises CalibrationError if it finds its own zero.
         """
         moved = self.family.moved_by
         if not moved or moved not in self.arrays_:
@@ -317,7 +293,3 @@ def constant_columns(X: Array) -> Flags:
     spread = high - low
     varies = (spread > 1e-9 * np.maximum(np.abs(low), np.abs(high))) & (spread > 1e-150)
     return np.asarray(~varies)
-
-
-def _no_progress(_fraction: float) -> None:
-    """Nobody watches."""

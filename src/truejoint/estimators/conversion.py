@@ -41,7 +41,10 @@ def convert(
     from one of scikit-learn's may predict in a way of its own. Raises CalibrationError for too
     large trees.
     """
-    scaled = [_scaled(one, n_features) for part in parts for one in _separate(part)]
+    separate = [
+        p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts
+    ]  # one by one, where they are fitted so
+    scaled = [_scaled(one, n_features) for ones in separate for one in ones]
     found = [one for one in scaled if one is not None]
     if len(found) != len(scaled) or len(found) not in (1, len(target_mean)):
         return None
@@ -62,14 +65,6 @@ def convert(
 def is_convertible_step(step: object) -> bool:
     """Whether a step of a pipeline before its last can become a part of arrays of ours."""
     return step is None or step == "passthrough" or type(step) in _SCALERS
-
-
-def _separate(regressor: Any) -> Sequence[object]:
-    """Regressors of the outputs one by one, where they are fitted so."""
-    if isinstance(regressor, MultiOutputRegressor):
-        separate: Sequence[object] = regressor.estimators_
-        return separate
-    return [regressor]
 
 
 def _scaled(regressor: Any, n_features: int) -> _Scaled | None:

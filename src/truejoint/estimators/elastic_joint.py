@@ -118,7 +118,9 @@ class ElasticJointFilter(JointRegressor):
         columns = output_terms(motion.angle[rows], states[rows])
         outputs = np.array([regress(columns, target) for target in targets[rows].T])
         left = np.mean((targets[rows] - columns @ outputs.T) ** 2, axis=0)
-        by_state = _variances(motion.angle[rows], states[rows], spread[rows], outputs)
+        given = motion.angle[rows], states[rows], spread[rows], outputs
+        found, by_state = np.empty((2, len(rows), len(outputs)))
+        model.output_rows(*given, found, by_state)
         progress(1.0)
         return {
             "scales": scales,
@@ -181,11 +183,9 @@ class ElasticJointFilter(JointRegressor):
             smoothed=smoothed,
             interval=float(arrays["scales"][3]),
         )
-        outputs = np.empty((len(X), len(arrays["outputs"])))
-        elements = int(self.elements)
-        model.outputs(motion.angle, states, elements, arrays["outputs"], outputs)
-        variance = _variances(motion.angle, states, spread, arrays["outputs"])
-        scale = float(arrays["scales"][2])
+        outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
+        model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
+        elements, scale = int(self.elements), float(arrays["scales"][2])
         return JointEstimate(
             outputs=outputs,
             deviations=np.sqrt(variance + arrays["misfit"] ** 2),
@@ -201,13 +201,6 @@ def _motion(X: Array, scales: Array, dt: Array) -> Motion:
         np.ascontiguousarray(X[:, 1] / torque),
         dt,
     )
-
-
-def _variances(angle: Array, states: Array, spread: Array, coefficients: Array) -> Array:
-    """Variance (n, k) of the outputs for states (n, m + 2) with covariances `spread`."""
-    out = np.empty((len(states), len(coefficients)))
-    model.output_variances(angle, states, spread, coefficients, out)
-    return out
 
 
 def _thinned(dt: Array, known: Flags) -> NDArray[np.int64]:

@@ -103,24 +103,22 @@ class FrictionFilter(JawEstimator):
         scale = 1.0 / np.abs(reset).max()
         columns = np.empty((len(X), DEGREE + len(self.widths)))
         bank_columns(dt, reset, scale, np.array(self.widths, dtype=np.float64), columns)
-        sides = [(side, _stacked(columns[known], side[known])) for side in (y, drive)]
+        fits, misfit = [], []
+        for side in (y, drive):
+            weights, constant = ridge(columns[known], side[known], _PENALTY)
+            left = side - (constant + columns @ weights)
+            fits.append(np.append(constant, weights))
+            misfit.append(float(np.sqrt(np.mean(left[known] ** 2))))
         progress(0.7)
-        left = [side - (w[0] + columns @ w[1:]) for side, w in sides]
-        angle, drive_misfit = (float(np.sqrt(np.mean(e[known] ** 2))) for e in left)
         arrays = {
-            "angle": sides[0][1],
-            "drive": sides[1][1],
+            "angle": fits[0],
+            "drive": fits[1],
             "scale": np.array([scale]),
-            "misfit": np.maximum([drive_misfit, angle], 1e-9),
+            "misfit": np.maximum(misfit[::-1], 1e-9),
             "interval": np.array([median_interval(dt)]),
         }
         friction_filter.friction_filter(self.model_params(), arrays)
         return arrays
-
-
-def _stacked(columns: Array, y: Array) -> Array:
-    weights, constant = ridge(columns, y, _PENALTY)
-    return np.concatenate([[constant], weights])
 
 
 class FrictionSmoother(FrictionFilter):

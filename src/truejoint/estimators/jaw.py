@@ -21,8 +21,8 @@ _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as 
 class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
-    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward
-    motion differ by friction, and one alone cannot show it.
+    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward motion
+    differ by friction, and one alone cannot show it.
     """
 
     def minimum_rows(self, n_features: int) -> int:

@@ -87,19 +87,10 @@ class JawLoad:
     def fit(self, X: ArrayLike, y: ArrayLike, dt: ArrayLike | None = None) -> Self:
         """Learn how both sides move together without a load.
 
-        Parameters
-        ----------
-        X : array_like, shape (n, 2)
-            Motor angle [rad] and ``x2`` [m] of an unloaded motion with reversals.
-        y : array_like, shape (n,)
-            Jaw angle [rad], NaN where unknown; it tells the jaw's friction from the slider's.
-        dt : array_like, shape (n,), optional
-            Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
-
-        Raises
-        ------
-        CalibrationError
-            If the rows cannot tell it: see `JawEstimator`.
+        `X` (n, 2) are motor angle [rad] and ``x2`` [m] of an unloaded motion with reversals, `y`
+        (n,) the jaw angle [rad], NaN where unknown, which tells the jaw's friction from the
+        slider's, and `dt` (n,) the time since the row before [s], 0 where a history starts; rows 5
+        ms apart by default. Raises CalibrationError if the rows cannot tell it: see `JawEstimator`.
         """
         rows = self._rows(X)
         angle = np.asarray(y, dtype=np.float64)
@@ -116,7 +107,10 @@ class JawLoad:
         each way, and the angle by the slider's alone, ``F_s / (K_r r)``.
         """
         r = self.mechanism.jaw_radius
-        drive, angle = (_turning(model) for model in (self.drive_, self.angle_))
+        drive, angle = (
+            float(model.weights_[model.degree : model.degree + len(model.reset_widths)].sum())
+            for model in (self.drive_, self.angle_)
+        )  # half of what turning round adds to each hysteresis
         slider = angle * r * (1.0 + self.reset_stiffness / self.drive_stiffness)
         return max((drive - slider) * self.drive_stiffness * r, 0.0)
 
@@ -278,13 +272,6 @@ def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
     shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
     stretch = load.drive_stiffness * load.mechanism.jaw_radius
     return Zero(shift, float(np.std(misfit(shift))) / stretch)
-
-
-def _turning(model: Play) -> float:
-    """Half of what turning round adds to a fitted hysteresis, in its unit."""
-    widths = len(model.reset_widths)
-    plays = model.weights_[int(model.degree) : int(model.degree) + widths]
-    return float(plays.sum())
 
 
 def _check_positive(**values: float) -> None:

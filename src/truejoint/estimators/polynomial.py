@@ -80,11 +80,14 @@ class PolynomialRegressor(JointRegressor):
         mean, inverse_scale = standardisation(X)
         factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
         scaled = (X - mean) * inverse_scale
-        blocks = (
-            (polynomial_design(scaled[rows], factors), y[rows])
-            for rows in _blocks(len(X), progress)
-        )
-        coef, intercept = least_squares(blocks)
+
+        def blocks() -> Iterator[tuple[Array, Array]]:
+            for start in range(0, len(X), _BLOCK):
+                rows = slice(start, start + _BLOCK)
+                yield polynomial_design(scaled[rows], factors), y[rows]
+                progress(min(start + _BLOCK, len(X)) / len(X))
+
+        coef, intercept = least_squares(blocks())
         return {
             "mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept
         }  # fmt: skip
@@ -145,9 +148,3 @@ def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
         coef = np.asarray(solution[0]) * inverse[:, None]
     intercept = (factor[0, m + 1 :] - factor[0, 1 : m + 1] @ coef) / factor[0, 0]
     return np.ascontiguousarray(coef), intercept
-
-
-def _blocks(n: int, progress: Progress) -> Iterator[slice]:
-    for start in range(0, n, _BLOCK):
-        yield slice(start, start + _BLOCK)
-        progress(min(start + _BLOCK, n) / n)

@@ -82,14 +82,9 @@ def _global_search(problem: _Projection) -> Array:
     def cost(d: Array) -> float:
         return float(np.sum(problem.residuals(d) ** 2))
 
+    bounds = Bounds(np.full(5, -_BOUND), np.full(5, _BOUND))
     found = differential_evolution(
-        cost,
-        Bounds(np.full(5, -_BOUND), np.full(5, _BOUND)),
-        seed=0,
-        tol=1e-8,
-        popsize=10,
-        maxiter=300,
-        polish=False,
+        cost, bounds, seed=0, tol=1e-8, popsize=10, maxiter=300, polish=False
     )
     return np.array([found.x])
 
@@ -163,13 +158,9 @@ def _quasi_newton(motor: Array, reset: Array, error: Array, scale: Array) -> Arr
         return float(left @ left), gradient
 
     found = minimize(cost, np.zeros(COEFFICIENTS), jac=True, method="BFGS")
-    return np.asarray(found.x) * _unit_change(scale)
-
-
-def _unit_change(scale: Array) -> Array:
-    """Factor (11,) from coefficients in rad and m to those of the scaled variables."""
-    u, v = 1.0 / scale
-    return np.array([1.0, u, u, v, v, u * u, u * u, v * v, v * v, u * u * v, u * v])
+    u, v = 1.0 / scale  # from coefficients in rad and m to those of the scaled variables
+    change = [1.0, u, u, v, v, u * u, u * u, v * v, v * v, u * u * v, u * v]
+    return np.asarray(found.x * np.array(change))
 
 
 def _numerator_terms(u: Array, v: Array) -> Array:

@@ -149,7 +149,8 @@ def train(
     `X` (n, n_inputs) and `y` (n, n_outputs) are standardised, and of the type of `layers`. Raises
     CalibrationError if the loss grows out of bounds.
     """
-    gradient = Layers.zeros(_sizes(layers), layers.flat.dtype)
+    sizes = len(layers.weights[0]), *map(len, layers.biases)
+    gradient = Layers.zeros(sizes, layers.flat.dtype)
     adam = Adam(layers.flat, learning_rate)
     history = []
     for epoch in range(epochs):
@@ -175,7 +176,3 @@ def check_loss(history: list[float], epochs: int, learning_rate: float) -> None:
             f"training diverged in epoch {len(history)} of {epochs} at learning rate "
             f"{learning_rate:g}; lower the learning rate"
         )
-
-
-def _sizes(layers: Layers) -> tuple[int, ...]:
-    return (layers.weights[0].shape[0], *(bias.shape[0] for bias in layers.biases))

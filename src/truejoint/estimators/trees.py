@@ -133,17 +133,14 @@ def _averaged(regressor: Any) -> TreeSum | None:
     scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
     if isinstance(regressor, BaggingRegressor):  # of which each sees some features
         seen = zip(scaled, regressor.estimators_features_, strict=True)
-        scaled = [_of_columns(one, np.asarray(columns)) for one, columns in seen]
-    offset = np.sum([one.offset for one in scaled], axis=0)
-    return TreeSum([tree for one in scaled for tree in one.trees], offset)
-
-
-def _of_columns(trees: TreeSum, columns: Integers) -> TreeSum:
-    """Trees that ask for the same features by their numbers among all."""
-    moved = [
-        replace(t, feature=np.where(t.feature < 0, -1, columns[t.feature])) for t in trees.trees
-    ]
-    return TreeSum(moved, trees.offset)
+        trees = [
+            replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
+            for one, columns in seen
+            for t in one.trees
+        ]
+    else:
+        trees = [tree for one in scaled for tree in one.trees]
+    return TreeSum(trees, np.sum([one.offset for one in scaled], axis=0))
 
 
 def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:

@@ -205,17 +205,9 @@ class UnscentedFilter:
     def initial_state(self, x0: npt.ArrayLike, P0: npt.ArrayLike) -> FilterState:
         """Filter at rest, ready to step; the step is compiled when this returns.
 
-        Parameters
-        ----------
-        x0 : (n,) array_like
-            State before the first step.
-        P0 : (n, n) array_like
-            Its covariance; zero, or singular, where the state is known.
-
-        Raises
-        ------
-        FilterError
-            If a shape is wrong, a number not finite or P0 no covariance.
+        Its state before the first step is `x0` (n,), of covariance `P0` (n, n): zero, or singular,
+        where the state is known. Raises FilterError if a shape is wrong, a number not finite or P0
+        no covariance.
         """
         model = self.model
         n = len(model.states)
@@ -263,21 +255,10 @@ class UnscentedFilter:
     def step(self, state: FilterState, z: npt.ArrayLike, u: npt.ArrayLike | None, dt: float) -> int:
         """Advance a state by one sample, in place and allocating nothing; bits of `FilterStatus`.
 
-        Parameters
-        ----------
-        state : FilterState
-            From this filter's `initial_state`.
-        z : (m,) sequence of float
-            Measurement, NaN where missing.
-        u : (inputs,) sequence of float or None
-            Control input over the step; None for a model without.
-        dt : float
-            Time since the last step [s]; 0 only corrects.
-
-        Raises
-        ------
-        FilterError
-            If the state is another filter's or a length is wrong; never for what numbers hold.
+        `state` is from this filter's `initial_state`, `z` (m,) the measurement, NaN where missing,
+        `u` (inputs,) the control input over the step, None for a model without, and `dt` the time
+        since the last step [s]; 0 only corrects. Raises FilterError if the state is another
+        filter's or a length is wrong; never for what numbers hold.
         """
         if state.owner is not self:
             raise FilterError("state: belongs to another filter; use this one's initial_state")

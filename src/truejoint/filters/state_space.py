@@ -166,29 +166,27 @@ def _compile(
 
 
 @compiled
+def _add_product(A: Array, x: Array, out: Array) -> None:
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[i] += A[i, j] * x[j]
+
+
+@compiled
 def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
     """Next state A x + B u, with A and B row by row at the head of the parameters."""
     n, p = len(x), len(u)
-    A, B = matrix(parameters, 0, n, n), matrix(parameters, n * n, n, p)
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total += A[i, j] * x[j]
-        for j in range(p):
-            total += B[i, j] * u[j]
-        out[i] = total
+    out[:] = 0.0
+    _add_product(matrix(parameters, 0, n, n), x, out)
+    _add_product(matrix(parameters, n * n, n, p), u, out)
 
 
 @compiled
 def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     """Measurement C x, with C after A and B in the parameters."""
-    n, m = len(x), len(out)
-    C = matrix(parameters, n * (n + len(u)), m, n)
-    for i in range(m):
-        total = 0.0
-        for j in range(n):
-            total += C[i, j] * x[j]
-        out[i] = total
+    n = len(x)
+    out[:] = 0.0
+    _add_product(matrix(parameters, n * (n + len(u)), len(out), n), x, out)
 
 
 @compiled
@@ -196,10 +194,7 @@ def linear_measurement_with_input(x: Array, u: Array, parameters: Array, out: Ar
     """Measurement C x + D u, with C and D after A and B in the parameters."""
     n, p, m = len(x), len(u), len(out)
     linear_measurement(x, u, parameters, out)
-    D = matrix(parameters, n * (n + p) + m * n, m, p)
-    for i in range(m):
-        for j in range(p):
-            out[i] += D[i, j] * u[j]
+    _add_product(matrix(parameters, n * (n + p) + m * n, m, p), u, out)
 
 
 def linear_model(

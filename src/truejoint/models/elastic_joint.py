@@ -100,14 +100,6 @@ def output(angle: float, x: Array, elements: int, coefficients: Array) -> float:
     return response(angle, x[elements], x, elements, coefficients) + rest
 
 
-@compiled
-def outputs(angles: Array, states: Array, elements: int, coefficients: Array, out: Array) -> None:
-    """`output` of every row for each row of `coefficients` (k, ...), into `out` (n, k)."""
-    for i in range(states.shape[0]):
-        for j in range(coefficients.shape[0]):
-            out[i, j] = output(angles[i], states[i], elements, coefficients[j])
-
-
 def output_terms(angle: Array, states: Array) -> Array:
     """Terms (n, count_terms + 2) that `output` weighs, for ``d`` (n,) and states (n, m + 2)."""
     elements = states.shape[1] - 2
@@ -280,16 +272,17 @@ def output_variance(
 
 
 @compiled
-def output_variances(
-    angles: Array, states: Array, spread: Array, coefficients: Array, out: Array
+def output_rows(
+    angles: Array, states: Array, spread: Array, coefficients: Array, out: Array, variance: Array
 ) -> None:
-    """`output_variance` of every row for each row of `coefficients` (k, ...), into `out` (n, k)."""
+    """`output` and `output_variance` of every row for each of `coefficients` (k, ...): (n, k)."""
     near, slope = np.empty(states.shape[1]), np.empty(states.shape[1])
     for i in range(states.shape[0]):
+        x, P = states[i], spread[i]
         for j in range(coefficients.shape[0]):
-            out[i, j] = output_variance(
-                angles[i], states[i], spread[i], coefficients[j], near, slope
-            )
+            c = coefficients[j]
+            out[i, j] = output(angles[i], x, len(x) - 2, c)
+            variance[i, j] = output_variance(angles[i], x, P, c, near, slope)
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:

@@ -111,39 +111,17 @@ class EstimatorData:
 class Family:
     """One kind of estimator, as far as it runs.
 
-    Attributes
-    ----------
-    name : str
-        In model files; that of the module in `truejoint.models`, which holds it as ``FAMILY``.
-    rules : mapping of str to Rule
-        What each parameter must be.
-    shapes : callable
-        Name and shape of each learnt array, of parameters, number of features and number of
-        outputs; raises CalibrationError for numbers that the estimator does not take.
-    pack : callable, optional
-        Memory of the row, of parameters, arrays, number of features and number of outputs;
-        raises CalibrationError or FilterError where they make no model.
-    row : compiled function, optional
-        ``row(numbers, memory, dt, x, out, half_width)``. Predicts `out` (n_outputs,) for the
-        features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the
-        row before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the
-        calibration; a model that knows better overwrites it. None for an estimator that only
-        works offline.
-    remembers : bool
-        Whether an output depends on the rows before.
-    counts_samples : bool
-        Whether what was learnt belongs to one sample interval, within half.
-    inputs : callable, optional
-        Features that it takes, in order, of its parameters; any where there is none.
-    targets : tuple of str
-        What it can be fitted to, the usual one first.
-    moved_by : str
-        Array that is added to the output as it is, which re-zeroing moves; "" where there is none.
-    states_deviation : callable, optional
-        Whether, of its parameters, the row states a deviation of its own: its layout then has a
-        scalar ``deviations``, by which the row multiplies it.
-    offline : str
-        Why there is no row, where there is none.
+    Its `name`, which stands in model files, is that of the module in `truejoint.models` that holds
+    it as ``FAMILY``. `rules` say what each parameter must be; `shapes` gives name and shape of each
+    learnt array, of parameters, number of features and number of outputs, and `pack` the memory of
+    the row, of parameters, arrays and both numbers; they raise CalibrationError (`pack` FilterError
+    too) for what the estimator does not take or makes no model.
+
+    ``row(numbers, memory, dt, x, out, half_width)``, compiled, predicts `out` (n_outputs,) for the
+    features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the row
+    before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the calibration; a
+    model that knows better overwrites it: its layout then has a scalar ``deviations``, by which the
+    row multiplies its own. Without row and `pack`, it only works offline.
     """
 
     name: str
@@ -151,13 +129,13 @@ class Family:
     shapes: Callable[[Params, int, int], dict[str, Shape]]
     pack: Callable[[Params, Mapping[str, Array], int, int], Memory] | None = None
     row: Any = None
-    remembers: bool = False
-    counts_samples: bool = False
-    inputs: Callable[[Params], tuple[str, ...]] | None = None
-    targets: tuple[Target, ...] = TARGETS
-    moved_by: str = ""
-    states_deviation: Callable[[Params], bool] | None = None
-    offline: str = "uses later rows"
+    remembers: bool = False  # whether an output depends on the rows before
+    counts_samples: bool = False  # whether what was learnt belongs to one sample interval
+    inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
+    targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
+    moved_by: str = ""  # array that is added to the output, which re-zeroing moves; "": none
+    states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
+    offline: str = "uses later rows"  # why there is no row, where there is none
 
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""

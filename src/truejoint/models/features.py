@@ -114,12 +114,9 @@ class Feature:
 
     @classmethod
     def parse(cls, text: str) -> Feature:
-        """Feature of its text, for instance ``"lag(measured/jaw, 3)"``; the inverse of `str`.
+        """Feature of its text, for instance ``"lag(measured/jaw, 3)"``, the inverse of `str`.
 
-        Raises
-        ------
-        CalibrationError
-            If the text is none of the known forms.
+        Raises CalibrationError if the text is none of the known forms.
         """
         text = text.strip()
         call = _CALL.fullmatch(text)
@@ -236,26 +233,11 @@ class FeatureSet:
         )
 
     def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
-        """Features of every row of a recording.
+        """Features (n, k) of every row of a recording, in the units that `units` states.
 
-        The history starts at the first row and after every gap in time.
-
-        Parameters
-        ----------
-        recording : Recording
-        gap_limit : float, optional
-            Time without a sample [s] after which the history starts anew; `default_gap_limit` of
-            the recording when not given.
-
-        Returns
-        -------
-        ndarray, shape (n, k)
-            In the units that `units` states.
-
-        Raises
-        ------
-        RecordingError
-            If the recording lacks a signal; the message names the columns that it has.
+        The history starts at the first row and after each gap of more than `gap_limit` [s], by
+        default that of `default_gap_limit`. Raises RecordingError, naming the columns, if a signal
+        is missing.
         """
         if gap_limit is None:
             gap_limit = default_gap_limit([recording])
