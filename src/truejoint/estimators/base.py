@@ -60,6 +60,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     family: ClassVar[Family]
     """What runs it."""
+    least_rows: ClassVar[int] = 10
+    rows_per_feature: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -196,9 +198,9 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         data = EstimatorData(self.family.name, self.model_params(), arrays)
         return type(self).from_data(data, int(self.n_features_in_), len(offset))
 
-    @abstractmethod
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
+        return max(self.least_rows, self.rows_per_feature * n_features)
 
     @abstractmethod
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
@@ -229,6 +231,16 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             )
         times[:1] = 0.0
         return times
+
+    def _known(self, y: Array) -> Flags:
+        """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""
+        known = np.asarray(np.isfinite(y).all(axis=1))
+        if known.sum() < self.least_rows:
+            raise CalibrationError(
+                f"{self.name}: {int(known.sum())} rows with a known position; it needs "
+                f"{self.least_rows}"
+            )
+        return known
 
     def _sequence(self, X: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         rows = self._rows(X)

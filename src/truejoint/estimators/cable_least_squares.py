@@ -49,7 +49,11 @@ class CableLeastSquares(JawEstimator):
         )
         rows = observed[known]
         columns = np.column_stack([rows, np.ones(len(rows))]) if self.intercept else rows
-        solution = np.append(_scaled_lstsq(columns, y[known]), 0.0)
+        # Columns from 1e-3 m to 10 m/s2 are brought to one length.
+        length = np.linalg.norm(columns, axis=0)
+        inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+        found = np.linalg.lstsq(columns * inverse, y[known], rcond=1e-12)[0] * inverse
+        solution = np.append(found, 0.0)
         progress(0.5)
         arrays = {"coef": solution[: rows.shape[1]].copy(), "constant": solution[7:8].copy()}
         if self.compensated:
@@ -57,10 +61,3 @@ class CableLeastSquares(JawEstimator):
             model = fit_rational(X[known, 0], reset[known], error, self.fit_method)
             arrays |= {"scale": model.scale, "error_coef": model.coefficients}
         return arrays
-
-
-def _scaled_lstsq(rows: Array, y: Array) -> Array:
-    """Least-squares coefficients; columns from 1e-3 m to 10 m/s2 are brought to one length."""
-    length = np.linalg.norm(rows, axis=0)
-    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-    return np.asarray(np.linalg.lstsq(rows * inverse, y, rcond=1e-12)[0] * inverse)

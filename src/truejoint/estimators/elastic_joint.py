@@ -19,14 +19,12 @@ from truejoint.estimators.elastic_joint_identification import (
     regress,
     run,
 )
-from truejoint.estimators.jaw import has_jump, reversals
+from truejoint.estimators.jaw import MIN_ROWS, has_jump, reversals
 from truejoint.models import elastic_joint as model
 from truejoint.models.elastic_joint import DRIVER, NOISE, TORQUE, ElasticJoint, output_terms
 from truejoint.models.family import Family
 from truejoint.models.filtered import histories
 
-MIN_ROWS: Final = 400
-"""Rows with truth that a fit needs at least."""
 LEAST_LOAD_SPREAD: Final = 0.1
 """Least range of the loads calibrated with, in standard deviations of the driver's torque."""
 _FILTER_INTERVAL: Final = 0.02  # [s] between the rows that the fit filters
@@ -72,13 +70,10 @@ class ElasticJointFilter(JointRegressor):
     """
 
     family: ClassVar[Family] = model.FAMILY
+    least_rows: ClassVar[int] = MIN_ROWS
     elements: int = 5
     load_drift: float = 0.05
     torque_noise: float = 7e-3
-
-    def minimum_rows(self, n_features: int) -> int:
-        """Four hundred rows."""
-        return MIN_ROWS
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] > 2:
@@ -86,7 +81,7 @@ class ElasticJointFilter(JointRegressor):
                 f"{self.name}: y has {y.shape[1]} columns; give the jaw's angle, or angle and "
                 "torque"
             )
-        known = np.asarray(np.isfinite(y).all(axis=1))
+        known = self._known(y)
         self._check_motion(X, known, dt)
         angle, torque = X[:, 0], X[:, 1]
         low, high = float(angle.min()), float(angle.max())
@@ -111,7 +106,12 @@ class ElasticJointFilter(JointRegressor):
             load_drift=float(self.load_drift),
             noise_density=float(self.torque_noise) ** 2,
         )
-        self._check_loads(joint)
+        if joint.load_deviation < LEAST_LOAD_SPREAD:
+            raise CalibrationError(
+                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
+                f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
+                " be told apart: add recordings under other loads"
+            )
         progress(0.8)
         states, spread = run(joint, motion)
         rows = np.flatnonzero(known[kept])
@@ -132,10 +132,6 @@ class ElasticJointFilter(JointRegressor):
         }
 
     def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
-        if known.sum() < MIN_ROWS:
-            raise CalibrationError(
-                f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
-            )
         for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
             if not np.ptp(column[known]) > 0.0:
                 raise CalibrationError(
@@ -157,14 +153,6 @@ class ElasticJointFilter(JointRegressor):
             raise CalibrationError(
                 f"{self.name}: the driver reverses {turns} times in the training rows; friction "
                 "shows only where the motion turns: record a motion there and back, twice"
-            )
-
-    def _check_loads(self, joint: ElasticJoint) -> None:
-        if joint.load_deviation < LEAST_LOAD_SPREAD:
-            raise CalibrationError(
-                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
-                f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
-                " be told apart: add recordings under other loads"
             )
 
     def estimate(

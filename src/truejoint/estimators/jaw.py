@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import Final
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -25,9 +25,7 @@ class JawEstimator(JointRegressor):
     differ by friction, and one alone cannot show it.
     """
 
-    def minimum_rows(self, n_features: int) -> int:
-        """Four hundred rows."""
-        return MIN_ROWS
+    least_rows: ClassVar[int] = MIN_ROWS
 
     def check_recordings(self, recordings: Sequence[Recording]) -> None:
         """Refuse, with CalibrationError, recordings with a load on the jaw."""
@@ -42,11 +40,7 @@ class JawEstimator(JointRegressor):
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
-        known = np.isfinite(y[:, 0])
-        if known.sum() < MIN_ROWS:
-            raise CalibrationError(
-                f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
-            )
+        known = self._known(y)
         self._check_motion(X[known], y[known, 0])
         arrays = self._learn_jaw(X, y[:, 0], dt, known, progress)
         progress(1.0)

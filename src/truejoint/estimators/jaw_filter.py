@@ -94,7 +94,7 @@ class JawFilter(JawEstimator):
 
     def filtered(self, X: Array, dt: Array) -> Array:
         """Angle of the bare filter (n,) [rad]: (23) without any compensation."""
-        bare = replace_compensation(self, "constant")
+        bare = JawFilter.from_params({**self.model_params(), "compensation": "constant"})
         bare.arrays_ = {"constant": np.zeros(1)}
         bare.n_features_in_, bare.n_outputs_ = 2, 1
         return bare.evaluate(X, dt)[:, 0]
@@ -109,8 +109,3 @@ class JawFilter(JawEstimator):
         return {
             "scale": model.scale, "error_coef": model.coefficients, "loop_gain": np.array([gain])
         }  # fmt: skip
-
-
-def replace_compensation(model: JawFilter, compensation: str) -> JawFilter:
-    """Unfitted filter like another, but for what makes up for its error."""
-    return JawFilter.from_params({**model.model_params(), "compensation": compensation})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -50,6 +50,7 @@ class Stiffness:
     deviation: float
 
 
+@dataclass(eq=False, repr=False)
 class JawLoad:
     """External torque on the jaw: what the drive cable stretches beyond what it does unloaded.
 
@@ -71,18 +72,13 @@ class JawLoad:
     array([51.])
     """
 
-    inputs = (MOTOR, RESET)
+    inputs: ClassVar = (MOTOR, RESET)
+    drive_stiffness: float = 14e3
+    reset_stiffness: float = 14e3
+    mechanism: ForcepsMechanism = TABLE_1
 
-    def __init__(
-        self,
-        drive_stiffness: float = 14e3,
-        reset_stiffness: float = 14e3,
-        mechanism: ForcepsMechanism = TABLE_1,
-    ) -> None:
-        _check_positive(drive_stiffness=drive_stiffness, reset_stiffness=reset_stiffness)
-        self.drive_stiffness = drive_stiffness
-        self.reset_stiffness = reset_stiffness
-        self.mechanism = mechanism
+    def __post_init__(self) -> None:
+        _check_positive(drive_stiffness=self.drive_stiffness, reset_stiffness=self.reset_stiffness)
 
     def fit(self, X: ArrayLike, y: ArrayLike, dt: ArrayLike | None = None) -> Self:
         """Learn how both sides move together without a load.

@@ -64,16 +64,14 @@ class NeuralNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = network.FAMILY
+    least_rows: ClassVar[int] = MINIMUM_ROWS
+    rows_per_feature: ClassVar[int] = ROWS_PER_FEATURE
     hidden_layer_sizes: tuple[int, ...] = (100, 100)
     weight_decay: float = 5e-4
     learning_rate: float = 1e-3
     batch_size: int = 1024
     epochs: int = 200
     random_state: int | np.random.RandomState | None = 0
-
-    def minimum_rows(self, n_features: int) -> int:
-        """Count at least 1000 rows, and 50 for each feature."""
-        return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         arrays = scaling(X, y)

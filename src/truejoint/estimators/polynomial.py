@@ -34,10 +34,6 @@ class FixedOffset(JointRegressor):
 
     family: ClassVar[Family] = offset.FAMILY
 
-    def minimum_rows(self, n_features: int) -> int:
-        """Ten rows."""
-        return 10
-
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         progress(1.0)
         return {"offset": y.mean(axis=0)}

@@ -70,6 +70,8 @@ class RecurrentNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = recurrent.FAMILY
+    least_rows: ClassVar[int] = MINIMUM_ROWS
+    rows_per_feature: ClassVar[int] = ROWS_PER_FEATURE
     units: int = 24
     period: float = 0.02
     weight_decay: float = 50.0
@@ -78,10 +80,6 @@ class RecurrentNetwork(JointRegressor):
     batch_size: int = 16
     epochs: int = 60
     random_state: int | np.random.RandomState | None = 0
-
-    def minimum_rows(self, n_features: int) -> int:
-        """Count at least 1000 rows, and 50 for each feature."""
-        return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         known = np.asarray(np.isfinite(y).all(axis=1))

@@ -118,7 +118,15 @@ def _histogram_boosted(regressor: Any) -> TreeSum | None:
     stages = [stage[0].nodes for stage in regressor._predictors]
     if any(nodes["is_categorical"].any() for nodes in stages):
         return None
-    return _sum_of([_boosted(nodes) for nodes in stages], regressor._baseline_prediction.item())
+    trees = []
+    for nodes in stages:  # which compare features as they are
+        leaf = nodes["is_leaf"].astype(bool)
+        feature = np.where(leaf, -1, nodes["feature_idx"])
+        threshold = np.where(leaf, 0.0, nodes["num_threshold"])
+        left, right = (nodes[side].astype(np.int64) for side in ("left", "right"))
+        value = nodes["value"][:, None].copy()
+        trees.append(_in_order(feature, threshold, left, right, value))
+    return _sum_of(trees, regressor._baseline_prediction.item())
 
 
 def _averaged(regressor: Any) -> TreeSum | None:
@@ -154,15 +162,6 @@ def _grown(regressor: Any, factor: float) -> Tree:
     threshold = np.where(feature < 0, 0.0, single_threshold(tree.threshold))
     value = factor * tree.value[:, :, 0]
     return _in_order(feature, threshold, tree.children_left, tree.children_right, value)
-
-
-def _boosted(nodes: Any) -> Tree:
-    """Tree of histogram boosting, which compares features as they are."""
-    leaf = nodes["is_leaf"].astype(bool)
-    feature = np.where(leaf, -1, nodes["feature_idx"])
-    threshold = np.where(leaf, 0.0, nodes["num_threshold"])
-    left, right = (nodes[side].astype(np.int64) for side in ("left", "right"))
-    return _in_order(feature, threshold, left, right, nodes["value"][:, None].copy())
 
 
 def _in_order(

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from truejoint.compiled import Array, compiled, inlined
+from truejoint.compiled import Array, compiled, copy, inlined
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
 _PIVOT = 64.0 * 2.220446049250313e-16
@@ -201,13 +201,11 @@ def combine(
 @compiled
 def _downdate_or_keep(factor: Array, size: int, vector: Array, backup: Array) -> bool:
     for i in range(size):
-        for j in range(size):
-            backup[i, j] = factor[i, j]
+        copy(factor[i], backup[i], size)
     if downdate(factor, size, vector):
         return True
     for i in range(size):
-        for j in range(size):
-            factor[i, j] = backup[i, j]
+        copy(backup[i], factor[i], size)
     return False
 
 

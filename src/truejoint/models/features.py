@@ -89,9 +89,6 @@ class Feature:
             raise CalibrationError(
                 f"no feature operation {self.operation!r}; write one of {_FORMS}"
             )
-        self._check_parameter()
-
-    def _check_parameter(self) -> None:
         p = self.parameter
         rules: dict[Operation, tuple[bool, str]] = {
             "value": (p == 0, "takes no parameter"),

@@ -26,12 +26,10 @@ def gated_play_row(
 ) -> None:
     """Predict by the reset cable, corrected by both sides as far as the two agree."""
     fresh = dt == 0.0
-    reset = play.weigh_banks(
-        part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART), fresh, x
-    )
-    both = play.weigh_banks(
-        part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART), fresh, x
-    )
+    own, state = part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART)
+    reset = play.weigh_banks(own, state, fresh, x)
+    own, state = part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART)
+    both = play.weigh_banks(own, state, fresh, x)
     out[0] = reset + redescending(both - reset, memory[GATE]) + memory[CONSTANT]
 
 

@@ -36,7 +36,6 @@ the drive cable, and ``x2`` by an encoder on the reset cable."""
 LAYOUT: Final = Layout()
 N_BANKS: Final = LAYOUT.integer("n_banks", "displacements")
 DEGREE: Final = LAYOUT.integer("degree", "highest power of a displacement")
-N_PLAYS: Final = LAYOUT.integer("n_plays", "of all banks")
 N_PRODUCTS: Final = LAYOUT.integer("n_products", "of plays with the first displacement")
 N_COLUMNS: Final = LAYOUT.integer("n_columns", "powers, plays and products")
 CONSTANT: Final = LAYOUT.scalar("constant", "of the sum [rad]")
@@ -174,7 +173,6 @@ def pack_banks(params: Params, arrays: Mapping[str, Array], features: Mapping[st
     return LAYOUT.pack(
         n_banks=len(widths),
         degree=degree,
-        n_plays=sum(counts),
         n_products=len(pairs),
         n_columns=n_columns,
         **arrays,
