@@ -21,7 +21,7 @@ from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.family import Family, Params, Shape, integer, number
-from truejoint.models.filtered import advance
+from truejoint.models.filtered import advance, quadratic
 
 DRIVER: Final = "driver/jaw"
 TORQUE: Final = "effort/jaw"
@@ -264,11 +264,7 @@ def output_variance(
         near[i] = x[i] - width
         slope[i] = (ahead - output(angle, near, elements, coefficients)) / (2.0 * width)
         near[i] = x[i]
-    variance = 0.0
-    for i in range(n):
-        for j in range(n):
-            variance += slope[i] * spread[i, j] * slope[j]
-    return max(variance, 0.0)
+    return float(quadratic(slope, spread, n))
 
 
 @compiled

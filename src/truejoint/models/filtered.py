@@ -30,6 +30,16 @@ def advance(numbers: Integers, memory: Array, dt: float) -> bool:
     return (step(numbers, memory) & FAULTS) == 0
 
 
+@compiled
+def quadratic(weights: Array, spread: Array, n: int) -> float:
+    """Variance of the weighted sum of the first n numbers of a covariance, not negative."""
+    variance = 0.0
+    for i in range(n):
+        for j in range(n):
+            variance += weights[i] * spread[i, j] * weights[j]
+    return max(variance, 0.0)
+
+
 def histories(dt: Array) -> list[slice]:
     """Rows of each history, of the time (n,) since the row before, 0 where one starts."""
     return [slice(*ends) for ends in pairwise([*np.flatnonzero(dt == 0.0).tolist(), len(dt)])]
