@@ -14,7 +14,7 @@ import numpy as np
 from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import solve_rows, wrap
-from truejoint.filters.fields import call_measurement, move
+from truejoint.filters.fields import call_measurement
 from truejoint.filters.prediction import LIMIT, finish, place_points, within_limit
 from truejoint.filters.status import FilterStatus
 
@@ -159,7 +159,7 @@ def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
     """Draw sigma points again from the predicted mean and covariance, (18)."""
     n = numbers[at.N]
     place_points(numbers, memory, at.S_MEAN, scale)
-    move(numbers, memory, at.X_MEAN, at.CENTRE, n)
+    copy(vector(memory, numbers[at.X_MEAN], n), vector(memory, numbers[at.CENTRE], n), n)
     fill(vector(memory, numbers[at.SHIFT], n), n, 0.0)
 
 
@@ -238,9 +238,10 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
 def _keep_prediction(numbers: Integers, memory: Array) -> None:
     """Take the prediction for the state."""
     n = numbers[at.N]
-    move(numbers, memory, at.X_MEAN, at.X, n)
-    move(numbers, memory, at.P_MEAN, at.P, n * n)
-    move(numbers, memory, at.S_MEAN, at.S, n * n)
+    size = n * n
+    copy(vector(memory, numbers[at.X_MEAN], n), vector(memory, numbers[at.X], n), n)
+    copy(vector(memory, numbers[at.P_MEAN], size), vector(memory, numbers[at.P], size), size)
+    copy(vector(memory, numbers[at.S_MEAN], size), vector(memory, numbers[at.S], size), size)
 
 
 @compiled

@@ -32,7 +32,7 @@ def wrap(angle: float) -> float:
 
 @compiled
 def semidefinite_cholesky(covariance: Array, size: int, factor: Array) -> bool:
-    """Lower factor L of a positive semidefinite matrix of `size`, L L' = covariance.
+    """Lower factor L of a positive semidefinite matrix, L L' = covariance.
 
     Only the lower triangle is read. A direction without variance becomes a zero column, and nothing
     is added to the diagonal. False if the matrix is indefinite beyond rounding, so that it is not L
@@ -79,7 +79,7 @@ def _drop_column(covariance: Array, size: int, factor: Array, column: int, pivot
 
 @compiled
 def outer_sum(stack: Array, rows: int, size: int, covariance: Array) -> None:
-    """Sum of the outer products of the first rows of a stack, exactly symmetric."""
+    """Sum of the outer products of the rows of a stack, exactly symmetric."""
     for i in range(size):
         for j in range(i + 1):
             total = 0.0

@@ -13,7 +13,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from truejoint.compiled import MATRIX, VECTOR, Array, Integers, call_address, copy, inlined, vector
+from truejoint.compiled import MATRIX, VECTOR, call_address
 from truejoint.layout import Layout, Memory
 
 TRANSITION: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, VECTOR)
@@ -99,12 +99,6 @@ def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, A
         "n_parameters": len(given["theta"]),
     }  # fmt: skip
     return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **empty, **given})
-
-
-@inlined
-def move(numbers: Integers, memory: Array, source: int, target: int, count: int) -> None:
-    """Copy one array of the memory into another."""
-    copy(vector(memory, numbers[source], count), vector(memory, numbers[target], count), count)
 
 
 @intrinsic

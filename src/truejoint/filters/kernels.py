@@ -5,7 +5,6 @@ from __future__ import annotations
 from truejoint.compiled import Array, Integers, borrow, compiled, copy, fill, vector
 from truejoint.filters import fields as at
 from truejoint.filters.correction import correct
-from truejoint.filters.fields import move
 from truejoint.filters.prediction import predict
 
 
@@ -62,9 +61,10 @@ def run(
 def restart(numbers: Integers, memory: Array) -> None:
     """Put the filter back to where it stood before its first step."""
     n = numbers[at.N]
-    move(numbers, memory, at.X_PRIOR, at.X, n)
-    move(numbers, memory, at.P_PRIOR, at.P, n * n)
-    move(numbers, memory, at.S_PRIOR, at.S, n * n)
+    size = n * n
+    copy(vector(memory, numbers[at.X_PRIOR], n), vector(memory, numbers[at.X], n), n)
+    copy(vector(memory, numbers[at.P_PRIOR], size), vector(memory, numbers[at.P], size), size)
+    copy(vector(memory, numbers[at.S_PRIOR], size), vector(memory, numbers[at.S], size), size)
     if numbers[at.G] != 0:
         fill(vector(memory, numbers[at.Q], n * n), n * n, 0.0)
     numbers[at.REJECTED] = 0

@@ -13,7 +13,7 @@ import numpy as np
 from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, wrap
-from truejoint.filters.fields import call_process_noise, call_transition, move
+from truejoint.filters.fields import call_process_noise, call_transition
 from truejoint.filters.status import FilterStatus
 
 LIMIT: Final = 1e100
@@ -104,7 +104,7 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     factor = matrix(memory, numbers[at.S_MEAN], n, n)
     if not within_limit(entries, n * n, LIMIT) or not semidefinite_cholesky(noise, n, factor):
         return False
-    move(numbers, memory, at.S_MEAN, at.Q, n * n)
+    copy(vector(memory, numbers[at.S_MEAN], n * n), vector(memory, numbers[at.Q], n * n), n * n)
     return True
 
 
@@ -143,8 +143,9 @@ def predict(numbers: Integers, memory: Array) -> int:
     covariance = vector(memory, numbers[at.P_MEAN], n * n)
     if not (within_limit(mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
         copy(x, mean, n)
-        move(numbers, memory, at.P, at.P_MEAN, n * n)
-        move(numbers, memory, at.S, at.S_MEAN, n * n)
+        copy(vector(memory, numbers[at.P], n * n), covariance, n * n)
+        factor = vector(memory, numbers[at.S_MEAN], n * n)
+        copy(vector(memory, numbers[at.S], n * n), factor, n * n)
         place_points(numbers, memory, at.S, 1.0)
         copy(x, centre, n)
         fill(vector(memory, numbers[at.SHIFT], n), n, 0.0)

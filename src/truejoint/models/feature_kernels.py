@@ -74,7 +74,7 @@ def feature_row(
     clock: Array,
     out: Array,
 ) -> bool:
-    """Features `out` (k,) of one sample; returns whether their history starts here.
+    """Features of one sample, into `out` (k,); returns whether their history starts here.
 
     Each applies its `operation` (`VALUE`, `LAG`, ...) with its `parameter` (samples, time constant
     [s] or half-width) to the signal `source` of the `sample`; its state begins at `slot` of
