@@ -88,17 +88,14 @@ def _linear(
     parts: Sequence[_Scaled], target_mean: Array, target_scale: Array
 ) -> EstimatorData | None:
     """Polynomial of degree 1, of whatever has coefficients and an intercept."""
-    coefs: list[Array] = []
-    intercepts: list[Array] = []
-    k = len(parts[0].mean)
-    n_outputs = len(target_mean) // len(parts)
-    for part in parts:
-        try:
-            coefs.append(np.asarray(part.regressor.coef_, np.float64).reshape(n_outputs, k))
-            intercept = np.ravel(part.regressor.intercept_).astype(np.float64)
-            intercepts.append(np.broadcast_to(intercept, n_outputs))
-        except (AttributeError, TypeError, ValueError):
-            return None
+    shape = len(target_mean) // len(parts), len(parts[0].mean)
+    found = [part.regressor for part in parts]
+    try:
+        coefs = [np.asarray(one.coef_, np.float64).reshape(shape) for one in found]
+        each = [np.ravel(one.intercept_).astype(np.float64) for one in found]
+        intercepts = [np.broadcast_to(intercept, shape[0]) for intercept in each]
+    except (AttributeError, TypeError, ValueError):
+        return None
     arrays = {
         "mean": parts[0].mean,
         "inverse_scale": 1.0 / parts[0].scale,

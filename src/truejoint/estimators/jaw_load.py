@@ -228,12 +228,6 @@ class Zero:
     shift: float  # by how much ``x2`` reads too much, compared with the calibration [m]
     deviation: float  # of the misfit that is left, which bounds what the shift can mean [m]
 
-    def applied(self, X: ArrayLike) -> Array:
-        """Rows (n, 2) of motor angle [rad] and ``x2`` [m], the latter without the shift."""
-        rows = np.array(X, dtype=np.float64)
-        rows[:, 1] -= self.shift
-        return rows
-
 
 def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
