@@ -63,7 +63,7 @@ def _motion(seed: int) -> Recording:
 
 @pytest.fixture(scope="session")
 def variables() -> dict[str, Any]:
-    """What the examples may use: recordings, a calibration, how good it is, and an arm."""
+    """What the examples may use: recordings, a calibration and how good it is, an arm, a filter."""
     training = [_motion(seed) for seed in range(2)]
     model = truejoint.calibrate(training, "linear")
     unseen = [_motion(seed) for seed in range(10, 19)]
@@ -80,6 +80,9 @@ def variables() -> dict[str, Any]:
         "model": model,
         "test": test,
         "evaluation": truejoint.evaluate(model, test),
+        "random_walk": truejoint.filters.linear_model(
+            [[1.0]], [[]], [[1.0]], [[]], [[0.1]], [[1.0]], states=("x",), measurements=("z",)
+        ),
     }
 
 

@@ -119,8 +119,8 @@ class Layout:
         functions : mapping of str to numba dispatcher, optional
             What stands at each address.
         **values
-            A number, an array_like of one or two dimensions, or the `Memory` of a part. Every array
-            and part must be given; other fields are 0 where not.
+            A number (or an array of one), an array_like of one or two dimensions, or the `Memory`
+            of a part. Every array and part must be given; other fields are 0 where not.
 
         Returns
         -------
@@ -148,7 +148,7 @@ class Layout:
         for name, value in values.items():
             kind, index = kinds[name], self.fields[name].index
             if kind == "scalar":
-                memory[0][index] = value
+                memory[0][index] = np.asarray(value).item()
             elif kind in ("integer", "address"):
                 numbers[0][index] = value
             elif kind == "part":

@@ -42,10 +42,10 @@ def test_ridge_does_not_penalise_the_constant():
     rng = np.random.default_rng(0)
     columns_ = rng.normal(5.0, 2.0, (400, 3))
     y = 100.0 + columns_ @ [1.0, -2.0, 0.5]
-    weights, constant = ridge(columns_, y, 1e3).weights
+    weights, constant = ridge(columns_, y, 1e3)
     assert np.abs(weights).max() < 0.01
     assert (columns_ @ weights + constant).mean() == pytest.approx(y.mean())
-    weights, constant = ridge(columns_, y, 0.0).weights
+    weights, constant = ridge(columns_, y, 0.0)
     assert np.allclose(weights, [1.0, -2.0, 0.5])
     assert constant == pytest.approx(100.0)
 

@@ -30,8 +30,9 @@ def test_outputs_weigh_their_terms():
     rng = np.random.default_rng(2)
     angle, states = rng.normal(size=50), rng.normal(size=(50, ELEMENTS + 2))
     coefficients = rng.normal(size=(2, model.count_terms(ELEMENTS) + 2))
-    out = np.empty((50, 2))
-    model.outputs(angle, states, ELEMENTS, coefficients, out)
+    out, variance = np.empty((2, 50, 2))
+    spread = np.zeros((50, ELEMENTS + 2, ELEMENTS + 2))
+    model.output_rows(angle, states, spread, coefficients, out, variance)
     wanted = model.output_terms(angle, states) @ coefficients.T
     np.testing.assert_allclose(out, wanted, rtol=1e-12, atol=1e-12)
 

@@ -3,14 +3,14 @@ from .cable_least_squares import CableLeastSquares as CableLeastSquares
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
 from .friction_filter import FrictionSmoother as FrictionSmoother
-from .gated_play import GatedPlay as GatedPlay
 from .jaw_filter import JawFilter as JawFilter
 from .jaw_load import JawLoad as JawLoad
 from .jaw_load import Stiffness as Stiffness
 from .jaw_load import identify_stiffness as identify_stiffness
 from .network import NeuralNetwork as NeuralNetwork
-from .offset import FixedOffset as FixedOffset
+from .play import GatedPlay as GatedPlay
 from .play import Play as Play
+from .polynomial import FixedOffset as FixedOffset
 from .polynomial import LinearRegressor as LinearRegressor
 from .polynomial import PolynomialRegressor as PolynomialRegressor
 from .recurrent import RecurrentNetwork as RecurrentNetwork

@@ -9,13 +9,11 @@ from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.gaussian_process import kernels
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.scikit_learn import MAX_BYTES
-
-Array = NDArray[np.float64]
 
 MAX_UNPACKED: Final = 512 * 2**20
 
@@ -37,13 +35,7 @@ _ADVICE: Final = {
 
 
 def to_words(parts: Sequence[object]) -> tuple[Array, int]:
-    """Archive of regressors: its bytes, four to a number, and how many bytes it has.
-
-    Raises
-    ------
-    CalibrationError
-        If skops is not installed, a part cannot be saved, or the archive would be too large.
-    """
+    """Archive of regressors: its bytes, four to a number, and how many; raises CalibrationError."""
     data = _dumped(list(parts))
     if isinstance(data, str):
         for part in parts:

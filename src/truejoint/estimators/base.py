@@ -13,6 +13,7 @@ from sklearn.base import BaseEstimator, RegressorMixin
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
@@ -22,7 +23,8 @@ from truejoint.models.family import EstimatorData, Family, Params
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
-Array = NDArray[np.float64]
+Arrays = dict[str, Array]
+Flags = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 _REGULAR: Final = 5e-3  # [s], 200 Hz
@@ -58,6 +60,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     family: ClassVar[Family]
     """What runs it."""
+    least_rows: ClassVar[int] = 10
+    rows_per_feature: ClassVar[int] = 0
 
     @property
     def name(self) -> str:
@@ -109,21 +113,13 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with threadpool_limits(1, user_api="blas"):
             times = self.time_steps(dt, len(inputs))
-            self.arrays_ = self._learn(inputs, targets, times, progress or _no_progress)
+            self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """Predict for rows.
+        """Predict (n, n_outputs) for rows `X` (n, k), or (n,) if it was fitted to a 1-D target.
 
-        Parameters
-        ----------
-        X : array_like, shape (n, k)
-        dt : array_like, shape (n,), optional
-            As for `fit`.
-
-        Returns
-        -------
-        ndarray, shape (n, n_outputs), or (n,) if it was fitted to a 1-D target
+        `dt` (n,) is as for `fit`.
         """
         check_is_fitted(self)
         if self.family.remembers:
@@ -144,20 +140,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return RowState(self.memory(), np.empty(n), np.full(n, np.inf))
 
     def step(self, state: RowState, dt: float, row: Array) -> Array:
-        """Predict one row; the same bits as `evaluate` gives for all rows together.
+        """Predict one finite row (k,), `dt` [s] after the one before; 0 starts a history.
 
-        Parameters
-        ----------
-        state : RowState
-            From `start`; changed in place.
-        dt : float
-            Time since the row before [s], 0 where the history starts.
-        row : ndarray, shape (k,)
-            Finite.
-
-        Returns
-        -------
-        ndarray, shape (n_outputs,)
+        `state` is from `start` and changed in place. The same bits as `evaluate` gives for all
+        rows.
         """
         memory = state.memory
         self.family.row(memory.numbers, memory.memory, dt, row, state.out, state.half_width)
@@ -185,10 +171,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
         """Fitted estimator of its data; predicts bit for bit as the one it came from.
 
-        Raises
-        ------
-        CalibrationError
-            If a parameter or an array is unknown, missing, or breaks a rule.
+        Raises CalibrationError if a parameter or an array is unknown, missing, or breaks a rule.
         """
         cls.family.check(data, n_features, n_outputs)
         estimator = cls.from_params(data.params)
@@ -203,10 +186,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def shifted(self, offset: Array) -> Self:
         """Fitted estimator that gives `offset` (n_outputs,) more than this one.
 
-        Raises
-        ------
-        CalibrationError
-            If it finds its own zero.
+        Raises CalibrationError if it finds its own zero.
         """
         moved = self.family.moved_by
         if not moved or moved not in self.arrays_:
@@ -218,12 +198,12 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         data = EstimatorData(self.family.name, self.model_params(), arrays)
         return type(self).from_data(data, int(self.n_features_in_), len(offset))
 
-    @abstractmethod
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
+        return max(self.least_rows, self.rows_per_feature * n_features)
 
     @abstractmethod
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         """Learn from checked rows `X` (n, k), `y` (n, n_outputs) and `dt` (n,)."""
 
     def check_params(self) -> None:
@@ -251,6 +231,16 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             )
         times[:1] = 0.0
         return times
+
+    def _known(self, y: Array) -> Flags:
+        """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""
+        known = np.asarray(np.isfinite(y).all(axis=1))
+        if known.sum() < self.least_rows:
+            raise CalibrationError(
+                f"{self.name}: {int(known.sum())} rows with a known position; it needs "
+                f"{self.least_rows}"
+            )
+        return known
 
     def _sequence(self, X: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         rows = self._rows(X)
@@ -288,10 +278,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
 
 def standardisation(X: Array) -> tuple[Array, Array]:
-    """Mean and inverse standard deviation (k,) of the columns of `X` (n, k).
-
-    The inverse is 0 for a column that is constant: whatever it is later, it then has no weight.
-    """
+    """Mean and inverse standard deviation (k,) of the columns of `X` (n, k), 0 for constants."""
     mean = X.mean(axis=0)
     deviation = X.std(axis=0)
     inverse = np.zeros_like(mean)
@@ -300,13 +287,21 @@ def standardisation(X: Array) -> tuple[Array, Array]:
     return mean, inverse
 
 
-def constant_columns(X: Array) -> NDArray[np.bool_]:
+def scaling(X: Array, y: Array) -> Arrays:
+    """Give `standardisation` of features and targets, by the names under which models keep it."""
+    mean, inverse_scale = standardisation(X)
+    target_mean, inverse = standardisation(y)
+    return {
+        "mean": mean,
+        "inverse_scale": inverse_scale,
+        "target_mean": target_mean,
+        "target_scale": np.where(inverse > 0, y.std(axis=0), 1.0),
+    }
+
+
+def constant_columns(X: Array) -> Flags:
     """Which columns (k,) of `X` (n, k) are constant but for rounding (1e-9 of their value)."""
     low, high = X.min(axis=0), X.max(axis=0)
     spread = high - low
     varies = (spread > 1e-9 * np.maximum(np.abs(low), np.abs(high))) & (spread > 1e-150)
     return np.asarray(~varies)
-
-
-def _no_progress(_fraction: float) -> None:
-    """Nobody watches."""

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.estimators.base import Progress
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.jaw import JawEstimator
 from truejoint.estimators.rational import fit_rational
 from truejoint.models import cable_least_squares
 from truejoint.models.family import Family
 
-Array = NDArray[np.float64]
 
-
+@dataclass(eq=False, repr=False, kw_only=True)
 class CableLeastSquares(JawEstimator):
     """Least squares on both displacements and their derivatives: yan2020, (29) and (30).
 
@@ -37,21 +37,11 @@ class CableLeastSquares(JawEstimator):
     """
 
     family: ClassVar[Family] = cable_least_squares.FAMILY
+    intercept: bool = False
+    compensated: bool = False
+    fit_method: str = "projection"
 
-    def __init__(
-        self,
-        *,
-        intercept: bool = False,
-        compensated: bool = False,
-        fit_method: str = "projection",
-    ) -> None:
-        self.intercept = intercept
-        self.compensated = compensated
-        self.fit_method = fit_method
-
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         drive, reset = X[:, -2], X[:, -1]
         observed = np.empty((len(X), cable_least_squares.OBSERVED))
         cable_least_squares.observe_rows(
@@ -59,7 +49,11 @@ class CableLeastSquares(JawEstimator):
         )
         rows = observed[known]
         columns = np.column_stack([rows, np.ones(len(rows))]) if self.intercept else rows
-        solution = np.append(_scaled_lstsq(columns, y[known]), 0.0)
+        # Columns from 1e-3 m to 10 m/s2 are brought to one length.
+        length = np.linalg.norm(columns, axis=0)
+        inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
+        found = np.linalg.lstsq(columns * inverse, y[known], rcond=1e-12)[0] * inverse
+        solution = np.append(found, 0.0)
         progress(0.5)
         arrays = {"coef": solution[: rows.shape[1]].copy(), "constant": solution[7:8].copy()}
         if self.compensated:
@@ -67,10 +61,3 @@ class CableLeastSquares(JawEstimator):
             model = fit_rational(X[known, 0], reset[known], error, self.fit_method)
             arrays |= {"scale": model.scale, "error_coef": model.coefficients}
         return arrays
-
-
-def _scaled_lstsq(rows: Array, y: Array) -> Array:
-    """Least-squares coefficients; columns from 1e-3 m to 10 m/s2 are brought to one length."""
-    length = np.linalg.norm(rows, axis=0)
-    inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-    return np.asarray(np.linalg.lstsq(rows * inverse, y, rcond=1e-12)[0] * inverse)

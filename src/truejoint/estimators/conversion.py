@@ -7,18 +7,16 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.multioutput import MultiOutputRegressor
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, RobustScaler, StandardScaler
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.trees import tree_sum, trees_data
 from truejoint.models import network, polynomial
 from truejoint.models.family import EstimatorData
-
-Array = NDArray[np.float64]
 
 _SCALERS: Final = {StandardScaler: "mean_", RobustScaler: "center_", MaxAbsScaler: ""}
 """Steps that take away the attribute of this name and divide by ``scale_``."""
@@ -38,23 +36,15 @@ def convert(
 ) -> EstimatorData | None:
     """Give data of a family of ours that computes what regressors do; None if there is none.
 
-    Whoever calls compares what both predict: a class that inherits from one of scikit-learn's may
-    predict in a way of its own.
-
-    Parameters
-    ----------
-    parts : sequence of object
-        One for all outputs, or one for each.
-    n_features : int
-    target_mean, target_scale : ndarray, shape (n_outputs,)
-        The parts predict targets less the mean, over the scale.
-
-    Raises
-    ------
-    CalibrationError
-        If it is a sum of trees, too large for a model file.
+    `parts` are one for all outputs, or one for each, and predict targets less `target_mean`, over
+    `target_scale` (n_outputs,). Whoever calls compares what both predict: a class that inherits
+    from one of scikit-learn's may predict in a way of its own. Raises CalibrationError for too
+    large trees.
     """
-    scaled = [_scaled(one, n_features) for part in parts for one in _separate(part)]
+    separate = [
+        p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts
+    ]  # one by one, where they are fitted so
+    scaled = [_scaled(one, n_features) for ones in separate for one in ones]
     found = [one for one in scaled if one is not None]
     if len(found) != len(scaled) or len(found) not in (1, len(target_mean)):
         return None
@@ -75,14 +65,6 @@ def convert(
 def is_convertible_step(step: object) -> bool:
     """Whether a step of a pipeline before its last can become a part of arrays of ours."""
     return step is None or step == "passthrough" or type(step) in _SCALERS
-
-
-def _separate(regressor: Any) -> Sequence[object]:
-    """Regressors of the outputs one by one, where they are fitted so."""
-    if isinstance(regressor, MultiOutputRegressor):
-        separate: Sequence[object] = regressor.estimators_
-        return separate
-    return [regressor]
 
 
 def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
@@ -106,17 +88,14 @@ def _linear(
     parts: Sequence[_Scaled], target_mean: Array, target_scale: Array
 ) -> EstimatorData | None:
     """Polynomial of degree 1, of whatever has coefficients and an intercept."""
-    coefs: list[Array] = []
-    intercepts: list[Array] = []
-    k = len(parts[0].mean)
-    n_outputs = len(target_mean) // len(parts)
-    for part in parts:
-        try:
-            coefs.append(np.asarray(part.regressor.coef_, np.float64).reshape(n_outputs, k))
-            intercept = np.ravel(part.regressor.intercept_).astype(np.float64)
-            intercepts.append(np.broadcast_to(intercept, n_outputs))
-        except (AttributeError, TypeError, ValueError):
-            return None
+    shape = len(target_mean) // len(parts), len(parts[0].mean)
+    found = [part.regressor for part in parts]
+    try:
+        coefs = [np.asarray(one.coef_, np.float64).reshape(shape) for one in found]
+        each = [np.ravel(one.intercept_).astype(np.float64) for one in found]
+        intercepts = [np.broadcast_to(intercept, shape[0]) for intercept in each]
+    except (AttributeError, TypeError, ValueError):
+        return None
     arrays = {
         "mean": parts[0].mean,
         "inverse_scale": 1.0 / parts[0].scale,

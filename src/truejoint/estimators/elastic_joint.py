@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.estimators.elastic_joint_identification import (
     SETTLED,
     Motion,
@@ -19,15 +19,12 @@ from truejoint.estimators.elastic_joint_identification import (
     regress,
     run,
 )
-from truejoint.estimators.jaw import has_jump, reversals
+from truejoint.estimators.jaw import MIN_ROWS, has_jump, reversals
 from truejoint.models import elastic_joint as model
 from truejoint.models.elastic_joint import DRIVER, NOISE, TORQUE, ElasticJoint, output_terms
 from truejoint.models.family import Family
+from truejoint.models.filtered import histories
 
-Array = NDArray[np.float64]
-
-MIN_ROWS: Final = 400
-"""Rows with truth that a fit needs at least."""
 LEAST_LOAD_SPREAD: Final = 0.1
 """Least range of the loads calibrated with, in standard deviations of the driver's torque."""
 _FILTER_INTERVAL: Final = 0.02  # [s] between the rows that the fit filters
@@ -35,25 +32,15 @@ _FILTER_INTERVAL: Final = 0.02  # [s] between the rows that the fit filters
 
 @dataclass(frozen=True, eq=False)
 class JointEstimate:
-    """What the filter knows after each row.
+    """What the filter knows after each row."""
 
-    Attributes
-    ----------
-    outputs : ndarray, shape (n, n_outputs)
-        The jaw's angle [rad], and its torque [Nm] if it was fitted to that as well.
-    deviations : ndarray, shape (n, n_outputs)
-        Their standard deviations: of the state, and of what the joint's model misses.
-    load, load_deviation : ndarray, shape (n,)
-        Torque that the driver would need to hold the load in the middle of its range if there were
-        no friction, in the unit of the torque [Nm], and its standard deviation.
-    """
-
-    outputs: Array
-    deviations: Array
-    load: Array
-    load_deviation: Array
+    outputs: Array  # (n, n_outputs), jaw's angle [rad] and, if fitted to that as well, torque [Nm]
+    deviations: Array  # (n, n_outputs), of the state, and of what the joint's model misses
+    load: Array  # (n,), torque that would hold it in the middle without friction [Nm]
+    load_deviation: Array  # (n,)
 
 
+@dataclass(eq=False, repr=False)
 class ElasticJointFilter(JointRegressor):
     """Unscented filter for a cable-driven jaw whose driver alone is measured: angle and torque.
 
@@ -83,28 +70,18 @@ class ElasticJointFilter(JointRegressor):
     """
 
     family: ClassVar[Family] = model.FAMILY
+    least_rows: ClassVar[int] = MIN_ROWS
+    elements: int = 5
+    load_drift: float = 0.05
+    torque_noise: float = 7e-3
 
-    def __init__(
-        self,
-        elements: int = 5,
-        load_drift: float = 0.05,
-        torque_noise: float = 7e-3,
-    ) -> None:
-        self.elements = elements
-        self.load_drift = load_drift
-        self.torque_noise = torque_noise
-
-    def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # whatever they are
-        """Four hundred rows."""
-        return MIN_ROWS
-
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] > 2:
             raise CalibrationError(
                 f"{self.name}: y has {y.shape[1]} columns; give the jaw's angle, or angle and "
                 "torque"
             )
-        known = np.asarray(np.isfinite(y).all(axis=1))
+        known = self._known(y)
         self._check_motion(X, known, dt)
         angle, torque = X[:, 0], X[:, 1]
         low, high = float(angle.min()), float(angle.max())
@@ -129,14 +106,21 @@ class ElasticJointFilter(JointRegressor):
             load_drift=float(self.load_drift),
             noise_density=float(self.torque_noise) ** 2,
         )
-        self._check_loads(joint)
+        if joint.load_deviation < LEAST_LOAD_SPREAD:
+            raise CalibrationError(
+                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
+                f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
+                " be told apart: add recordings under other loads"
+            )
         progress(0.8)
         states, spread = run(joint, motion)
         rows = np.flatnonzero(known[kept])
         columns = output_terms(motion.angle[rows], states[rows])
         outputs = np.array([regress(columns, target) for target in targets[rows].T])
         left = np.mean((targets[rows] - columns @ outputs.T) ** 2, axis=0)
-        by_state = _variances(motion.angle[rows], states[rows], spread[rows], outputs)
+        given = motion.angle[rows], states[rows], spread[rows], outputs
+        found, by_state = np.empty((2, len(rows), len(outputs)))
+        model.output_rows(*given, found, by_state)
         progress(1.0)
         return {
             "scales": scales,
@@ -147,21 +131,16 @@ class ElasticJointFilter(JointRegressor):
             "misfit": np.sqrt(np.maximum(left - by_state.mean(axis=0), 0.1 * left)),
         }
 
-    def _check_motion(self, X: Array, known: NDArray[np.bool_], dt: Array) -> None:
-        if known.sum() < MIN_ROWS:
-            raise CalibrationError(
-                f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
-            )
+    def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
         for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
             if not np.ptp(column[known]) > 0.0:
                 raise CalibrationError(
                     f"{self.name}: {name} never changes; move the jaw over its range under load, "
                     "and check that the sensor is connected"
                 )
-        edges = [*np.flatnonzero(dt == 0.0).tolist(), len(X)]
         turns = 0
-        for first, last in pairwise(edges):
-            part = X[first:last, 0]
+        for rows in histories(dt):
+            part = X[rows, 0]
             if len(part) < 2 or not np.ptp(part) > 0.0:
                 continue
             if has_jump(part):
@@ -176,31 +155,12 @@ class ElasticJointFilter(JointRegressor):
                 "shows only where the motion turns: record a motion there and back, twice"
             )
 
-    def _check_loads(self, joint: ElasticJoint) -> None:
-        if joint.load_deviation < LEAST_LOAD_SPREAD:
-            raise CalibrationError(
-                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
-                f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
-                " be told apart: add recordings under other loads"
-            )
-
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
     ) -> JointEstimate:
-        """Angle, torque and load with their standard deviations.
+        """Angle, torque and load, with their deviations, of rows `X` (n, 2) in the order of time.
 
-        Parameters
-        ----------
-        X : ndarray, shape (n, 2)
-            Driver angle [rad] and torque [Nm], in the order of time.
-        dt : array_like, shape (n,), optional
-            Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
-        smoothed : bool
-            Use later rows as well, which no controller can.
-
-        Returns
-        -------
-        JointEstimate
+        `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
         """
         times = self.time_steps(dt, len(X))
         arrays = self.arrays_
@@ -211,11 +171,9 @@ class ElasticJointFilter(JointRegressor):
             smoothed=smoothed,
             interval=float(arrays["scales"][3]),
         )
-        outputs = np.empty((len(X), len(arrays["outputs"])))
-        elements = int(self.elements)
-        model.outputs(motion.angle, states, elements, arrays["outputs"], outputs)
-        variance = _variances(motion.angle, states, spread, arrays["outputs"])
-        scale = float(arrays["scales"][2])
+        outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
+        model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
+        elements, scale = int(self.elements), float(arrays["scales"][2])
         return JointEstimate(
             outputs=outputs,
             deviations=np.sqrt(variance + arrays["misfit"] ** 2),
@@ -233,14 +191,7 @@ def _motion(X: Array, scales: Array, dt: Array) -> Motion:
     )
 
 
-def _variances(angle: Array, states: Array, spread: Array, coefficients: Array) -> Array:
-    """Variance (n, k) of the outputs for states (n, m + 2) with covariances `spread`."""
-    out = np.empty((len(states), len(coefficients)))
-    model.output_variances(angle, states, spread, coefficients, out)
-    return out
-
-
-def _thinned(dt: Array, known: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _thinned(dt: Array, known: Flags) -> NDArray[np.int64]:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
     stride = max(1, round(_FILTER_INTERVAL / mean_interval(dt)))
     fresh = dt == 0.0

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from truejoint.estimators.base import standardisation
+from truejoint.compiled import Array, Integers
+from truejoint.estimators.base import Flags
+from truejoint.estimators.play import ridge
 from truejoint.filters import UnscentedFilter
 from truejoint.models.elastic_joint import LOAD_TERMS, ElasticJoint, terms
+from truejoint.models.filtered import run_histories
 from truejoint.models.play import bank_columns
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 PENALTY: Final = 1e-7  # on standardised terms
 NARROWEST: Final = 0.003
@@ -30,19 +28,11 @@ _ROUNDS: Final = 8  # of loads and torque response in turn
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Rows of one or more histories, in units of the calibration.
+    """Rows of one or more histories, in units of the calibration."""
 
-    Attributes
-    ----------
-    angle, torque : ndarray, shape (n,)
-        Of the driver.
-    steps : ndarray, shape (n,)
-        Time since the row before [s], 0 where a history starts.
-    """
-
-    angle: Array
+    angle: Array  # (n,), of the driver, as is the torque
     torque: Array
-    steps: Array
+    steps: Array  # (n,), time since the row before [s], 0 where a history starts
 
     @property
     def history(self) -> Integers:
@@ -72,32 +62,22 @@ class Motion:
         steps = np.diff(clock[rows], prepend=clock[rows[:1]])
         fresh = np.diff(self.history[rows], prepend=-1) > 0
         return Motion(
-            np.ascontiguousarray(self.angle[rows]),
-            self.torque[rows],
-            np.where(fresh, 0.0, steps),
+            np.ascontiguousarray(self.angle[rows]), self.torque[rows], np.where(fresh, 0.0, steps)
         )
 
 
 def regress(columns: Array, y: Array) -> Array:
     """Ridge regression of `y` (n,) on standardised `columns` (n, k), the first constant."""
-    mean, inverse = standardisation(columns)
-    scaled = (columns - mean) * inverse
-    left = scaled.T @ scaled / len(y) + PENALTY * np.eye(scaled.shape[1])
-    centre = float(y.mean())
-    weights = np.linalg.solve(left, scaled.T @ (y - centre) / len(y)) * inverse
-    weights[0] = centre - float(weights @ mean)
-    return np.asarray(weights)
+    weights, constant = ridge(columns, y, PENALTY)
+    weights[0] = constant
+    return weights
 
 
 def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:
     """Torque response (p,) of which the load is a part as it is, and what it leaves over (n,)."""
     free = [i for i in range(columns.shape[1]) if i not in LOAD_TERMS]
-    mean, inverse = standardisation(columns[:, free])
-    scaled = (columns[:, free] - mean) * inverse
-    left = scaled.T @ scaled / len(load) + PENALTY * np.eye(len(free))
-    wanted = torque - load
     found = np.zeros(columns.shape[1])
-    found[free] = np.linalg.solve(left, scaled.T @ (wanted - wanted.mean()) / len(load)) * inverse
+    found[free] = ridge(columns[:, free], torque - load, PENALTY)[0]
     found[LOAD_TERMS[1]] = 1.0
     return found, torque - columns @ found
 
@@ -108,9 +88,7 @@ class _Static:
     The torque's response needs no truth and is fitted to all `rows`; the jaw's to the `known`.
     """
 
-    def __init__(
-        self, motion: Motion, rows: Integers, known: NDArray[np.bool_], jaw: Array
-    ) -> None:
+    def __init__(self, motion: Motion, rows: Integers, known: Flags, jaw: Array) -> None:
         self.motion, self.rows, self.known, self.jaw = motion, rows, known, jaw
         self.angle, self.torque = motion.angle[rows], motion.torque[rows]
         _, self.history = np.unique(motion.history[rows], return_inverse=True)
@@ -166,36 +144,18 @@ class _Static:
 def identify(
     motion: Motion,
     rows: Integers,
-    known: NDArray[np.bool_],
+    known: Flags,
     jaw: Array,
     *,
     elements: int,
     load_drift: float,
     noise_density: float,
 ) -> ElasticJoint:
-    """Identify widths, torque response and noise of a joint.
+    """Identify widths, torque response and noise of a joint; each history has one load.
 
-    Each history has one load. The loads and the torque's response are found by turns, the elements'
-    widths by variable projection on torque and jaw angle together.
-
-    Parameters
-    ----------
-    motion : Motion
-        All rows.
-    rows : ndarray of int, shape (k,)
-        Rows to fit to, in order: those after friction has `SETTLED`.
-    known : ndarray of bool, shape (k,)
-        Which of them have truth.
-    jaw : ndarray, shape (known,)
-        The jaw's angle in those.
-    elements, load_drift
-        As `ElasticJointFilter` explains them.
-    noise_density : float
-        As in `ElasticJoint`.
-
-    Returns
-    -------
-    ElasticJoint
+    Of all rows, it fits to `rows` (k,), after friction has `SETTLED`; `known` (k,) tells which of
+    them have truth, `jaw` (known,) the jaw's angle there. Loads and the torque's response are found
+    by turns, the elements' widths by variable projection on torque and jaw angle together.
     """
     static = _Static(motion, rows, known, jaw)
     widths = static.find_widths(elements)
@@ -227,40 +187,16 @@ def _memory(left: Array, travel: Array) -> float:
 def run(
     joint: ElasticJoint, motion: Motion, *, smoothed: bool = False, interval: float | None = None
 ) -> tuple[Array, Array]:
-    """Filter each history from the prior on.
+    """States (n, m + 2) and covariances (n, m + 2, m + 2) by filter or smoother, in each history.
 
-    Parameters
-    ----------
-    joint : ElasticJoint
-    motion : Motion
-    smoothed : bool
-        Give states by the smoother, which uses later rows as well.
-    interval : float, optional
-        Time between rows [s] that the torque's noise is reckoned with; their mean by default.
-
-    Returns
-    -------
-    ndarray, shape (n, m + 2)
-        States.
-    ndarray, shape (n, m + 2, m + 2)
-        Their covariances.
+    The torque's noise is reckoned with rows `interval` [s] apart; their mean by default.
     """
     if interval is None:
         interval = mean_interval(motion.steps)
     unscented = UnscentedFilter(joint.state_space(interval))
-    mean, covariance = joint.prior()
-    size = len(mean)
-    states, spread = np.empty((len(motion.angle), size)), np.empty((len(motion.angle), size, size))
-    inputs = np.column_stack([motion.angle, motion.moved])
-    edges = [*np.flatnonzero(motion.steps == 0.0).tolist(), len(states)]
-    for first, last in pairwise(edges):
-        part = slice(first, last)
-        result = unscented.run(
-            motion.torque[part], inputs[part], x0=mean, P0=covariance, dt=motion.steps[part]
-        )
-        found = unscented.smooth(result) if smoothed else result
-        states[part], spread[part] = found.x, found.P
-    return states, spread
+    u = np.column_stack([motion.angle, motion.moved])
+    z, dt = motion.torque, motion.steps
+    return run_histories(unscented, joint.prior(), z, u, dt, smoothed=smoothed)
 
 
 def mean_interval(steps: Array) -> float:

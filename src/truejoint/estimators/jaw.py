@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
-
-Array = NDArray[np.float64]
 
 MIN_ROWS: Final = 400
 """Rows that a fit needs at least: two seconds at 200 Hz."""
@@ -23,15 +21,11 @@ _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as 
 class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
-    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward
-    motion differ by friction, and one alone cannot show it.
+    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward motion
+    differ by friction, and one alone cannot show it.
     """
 
-    needs_reversal: ClassVar[bool] = True
-
-    def minimum_rows(self, n_features: int) -> int:  # noqa: ARG002  # whatever they are
-        """Four hundred rows."""
-        return MIN_ROWS
+    least_rows: ClassVar[int] = MIN_ROWS
 
     def check_recordings(self, recordings: Sequence[Recording]) -> None:
         """Refuse, with CalibrationError, recordings with a load on the jaw."""
@@ -43,23 +37,17 @@ class JawEstimator(JointRegressor):
                     "motor and cables relate without one: record the calibration unloaded"
                 )
 
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
-        known = np.isfinite(y[:, 0])
-        if known.sum() < MIN_ROWS:
-            raise CalibrationError(
-                f"{self.name}: {int(known.sum())} rows with a known position; it needs {MIN_ROWS}"
-            )
+        known = self._known(y)
         self._check_motion(X[known], y[known, 0])
         arrays = self._learn_jaw(X, y[:, 0], dt, known, progress)
         progress(1.0)
         return arrays
 
     @abstractmethod
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
 
     def _check_motion(self, X: Array, y: Array) -> None:
@@ -82,11 +70,17 @@ class JawEstimator(JointRegressor):
                     f"{self.name}: {name} stands still for {100 * longest:.0f} % of the rows while "
                     "the others move on; its sensor is stuck: record the calibration again"
                 )
-        if self.needs_reversal and reversals(y) < 2:
+        if reversals(y) < 2:
             raise CalibrationError(
                 f"{self.name}: the jaw reverses {reversals(y)} times in the training rows; friction"
                 " shows only where the motion turns: record a motion there and back, twice"
             )
+
+
+def median_interval(dt: Array) -> float:
+    """Median of the time between rows [s] within histories; 5 ms where there is only one row."""
+    moved = dt[dt > 0.0]
+    return float(np.median(moved)) if len(moved) else 5e-3
 
 
 def reversals(y: Array) -> int:
@@ -118,19 +112,8 @@ def has_jump(column: Array) -> bool:
 def longest_standstill(column: Array, X: Array, own: int | None) -> float:
     """Longest stretch in which `column` (n,) repeats one value while the others move, of the rows.
 
-    Parameters
-    ----------
-    column : ndarray, shape (n,)
-    X : ndarray, shape (n, k)
-        All signals.
-    own : int or None
-        Which column of `X` it is itself.
-
-    Returns
-    -------
-    float
-        Share of all rows, 0 to 1; a stretch counts if another signal moves by a fifth of its
-        range within it.
+    It counts if another signal of `X` (n, k) than its `own` moves by a fifth of its range within
+    it.
     """
     changes = np.flatnonzero(np.diff(column)) + 1
     edges = np.concatenate([[0], changes, [len(column)]])

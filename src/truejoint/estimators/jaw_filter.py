@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.estimators.base import Progress
-from truejoint.estimators.jaw import JawEstimator
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.jaw import JawEstimator, median_interval
 from truejoint.estimators.rational import fit_rational
 from truejoint.models import jaw_filter
 from truejoint.models.family import Family, Params
 from truejoint.models.jaw_dynamics import ForcepsModel, injection_gain, steady_gain
 from truejoint.models.jaw_filter import MECHANISM_NAMES, NOISE_NAMES, FilterNoise
 
-Array = NDArray[np.float64]
-
 _OBSERVED: Final = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+@dataclass(eq=False, repr=False)
 class JawFilter(JawEstimator):
     """Unscented filter on the linear model (12): yan2020, (15)-(26).
 
@@ -54,20 +53,11 @@ class JawFilter(JawEstimator):
     """
 
     family: ClassVar[Family] = jaw_filter.FAMILY
-
-    def __init__(
-        self,
-        compensation: str = "constant",
-        mechanism: ForcepsModel = ForcepsModel(),  # noqa: B008  # frozen
-        noise: FilterNoise = FilterNoise(),  # noqa: B008
-        lambda_: float = -1.0,
-        fit_method: str = "projection",
-    ) -> None:
-        self.compensation = compensation
-        self.mechanism = mechanism
-        self.noise = noise
-        self.lambda_ = lambda_
-        self.fit_method = fit_method
+    compensation: str = "constant"
+    mechanism: ForcepsModel = ForcepsModel()  # noqa: RUF009  # frozen
+    noise: FilterNoise = FilterNoise()  # noqa: RUF009
+    lambda_: float = -1.0
+    fit_method: str = "projection"
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters, those of mechanism and noise by their own names too."""
@@ -104,26 +94,18 @@ class JawFilter(JawEstimator):
 
     def filtered(self, X: Array, dt: Array) -> Array:
         """Angle of the bare filter (n,) [rad]: (23) without any compensation."""
-        bare = replace_compensation(self, "constant")
+        bare = JawFilter.from_params({**self.model_params(), "compensation": "constant"})
         bare.arrays_ = {"constant": np.zeros(1)}
         bare.n_features_in_, bare.n_outputs_ = 2, 1
         return bare.evaluate(X, dt)[:, 0]
 
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         error = self.filtered(X, dt)[known] - y[known]
         progress(0.3)
         if self.compensation == "constant":
             return {"constant": np.array([-float(np.mean(error))])}
         model = fit_rational(X[known, 0], X[known, 1], error, self.fit_method)
-        moved = dt[dt > 0.0]
-        gain = self.loop_gain(float(np.median(moved)) if len(moved) else 5e-3)
+        gain = self.loop_gain(median_interval(dt))
         return {
             "scale": model.scale, "error_coef": model.coefficients, "loop_gain": np.array([gain])
         }  # fmt: skip
-
-
-def replace_compensation(model: JawFilter, compensation: str) -> JawFilter:
-    """Unfitted filter like another, but for what makes up for its error."""
-    return JawFilter.from_params({**model.model_params(), "compensation": compensation})

@@ -1,26 +1,29 @@
-"""The external load on the jaw from both sides of the cable, and the cable's stiffness."""
+"""The external load on the jaw from both sides of the cable, its stiffness, and its zero."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Self
+from typing import ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.optimize import brentq
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import RowState
+from truejoint.estimators.base import Flags, RowState
 from truejoint.estimators.play import Play
 from truejoint.models.family import POSITIVE
 from truejoint.models.jaw import MOTOR, RESET
 from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 
-Array = NDArray[np.float64]
-
 GRAVITY: Final = 9.81  # [m/s2]
 SMALLEST_RATIO: Final = 0.3
 """Identified over assumed stiffness below which, or beyond whose inverse, something is wrong."""
+LARGEST_SHIFT: Final = 3e-4
+"""Shift [m] beyond which the instrument was not homed but taken apart."""
+_SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,7 @@ class Stiffness:
     deviation: float
 
 
+@dataclass(eq=False, repr=False)
 class JawLoad:
     """External torque on the jaw: what the drive cable stretches beyond what it does unloaded.
 
@@ -68,35 +72,21 @@ class JawLoad:
     array([51.])
     """
 
-    inputs = (MOTOR, RESET)
+    inputs: ClassVar = (MOTOR, RESET)
+    drive_stiffness: float = 14e3
+    reset_stiffness: float = 14e3
+    mechanism: ForcepsMechanism = TABLE_1
 
-    def __init__(
-        self,
-        drive_stiffness: float = 14e3,
-        reset_stiffness: float = 14e3,
-        mechanism: ForcepsMechanism = TABLE_1,
-    ) -> None:
-        _check_positive(drive_stiffness=drive_stiffness, reset_stiffness=reset_stiffness)
-        self.drive_stiffness = drive_stiffness
-        self.reset_stiffness = reset_stiffness
-        self.mechanism = mechanism
+    def __post_init__(self) -> None:
+        _check_positive(drive_stiffness=self.drive_stiffness, reset_stiffness=self.reset_stiffness)
 
     def fit(self, X: ArrayLike, y: ArrayLike, dt: ArrayLike | None = None) -> Self:
         """Learn how both sides move together without a load.
 
-        Parameters
-        ----------
-        X : array_like, shape (n, 2)
-            Motor angle [rad] and ``x2`` [m] of an unloaded motion with reversals.
-        y : array_like, shape (n,)
-            Jaw angle [rad], NaN where unknown; it tells the jaw's friction from the slider's.
-        dt : array_like, shape (n,), optional
-            Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
-
-        Raises
-        ------
-        CalibrationError
-            If the rows cannot tell it: see `JawEstimator`.
+        `X` (n, 2) are motor angle [rad] and ``x2`` [m] of an unloaded motion with reversals, `y`
+        (n,) the jaw angle [rad], NaN where unknown, which tells the jaw's friction from the
+        slider's, and `dt` (n,) the time since the row before [s], 0 where a history starts; rows 5
+        ms apart by default. Raises CalibrationError if the rows cannot tell it: see `JawEstimator`.
         """
         rows = self._rows(X)
         angle = np.asarray(y, dtype=np.float64)
@@ -113,7 +103,10 @@ class JawLoad:
         each way, and the angle by the slider's alone, ``F_s / (K_r r)``.
         """
         r = self.mechanism.jaw_radius
-        drive, angle = (_turning(model) for model in (self.drive_, self.angle_))
+        drive, angle = (
+            float(model.weights_[model.degree : model.degree + len(model.reset_widths)].sum())
+            for model in (self.drive_, self.angle_)
+        )  # half of what turning round adds to each hysteresis
         slider = angle * r * (1.0 + self.reset_stiffness / self.drive_stiffness)
         return max((drive - slider) * self.drive_stiffness * r, 0.0)
 
@@ -166,8 +159,8 @@ class JawLoad:
 def identify_stiffness(
     load: JawLoad,
     X: ArrayLike,
-    unloaded: NDArray[np.bool_],
-    loaded: NDArray[np.bool_],
+    unloaded: Flags,
+    loaded: Flags,
     torque: float,
     dt: ArrayLike | None = None,
 ) -> Stiffness:
@@ -228,11 +221,47 @@ def identify_stiffness(
     return Stiffness(found, ratio, found * load.jaw_friction / abs(torque))
 
 
-def _turning(model: Play) -> float:
-    """Half of what turning round adds to a fitted hysteresis, in its unit."""
-    widths = len(model.reset_widths)
-    plays = model.weights_[int(model.degree) : int(model.degree) + widths]
-    return float(plays.sum())
+@dataclass(frozen=True)
+class Zero:
+    """Zero of the reset encoder in this session."""
+
+    shift: float  # by how much ``x2`` reads too much, compared with the calibration [m]
+    deviation: float  # of the misfit that is left, which bounds what the shift can mean [m]
+
+
+def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
+    """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
+
+    Unloaded, motor and reset cable move together as in calibration. The motor keeps its zero, at
+    the limit switch of the drive side, so what they differ by on average is the reset side's. The
+    motion, rows `X` (n, 2) of motor angle [rad] and ``x2`` [m], should consist of whole cycles
+    about zero, as the calibration did: half a cycle more one way leaves half of the friction in the
+    average. `load` is fitted to the calibration, `dt` as in `JawLoad.fit`. Raises CalibrationError
+    if the motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm
+    explains it.
+    """
+    rows = np.array(X, dtype=np.float64)
+    span = np.ptp(rows[:, 1]) * float(load.drive_.scale_[0])
+    if not span > _SMALLEST_RANGE:
+        raise CalibrationError(
+            f"the motion covers {100 * span / 2:.0f} % of the calibration's range; move the jaw "
+            "there and back over a tenth of it at least to find its zero"
+        )
+
+    def misfit(shift: float) -> Array:
+        return load.predict(rows - np.array([0.0, shift]), dt)
+
+    def mean(shift: float) -> float:
+        return float(np.mean(misfit(shift)))
+
+    if mean(-LARGEST_SHIFT) * mean(LARGEST_SHIFT) > 0.0:
+        raise CalibrationError(
+            "no shift of the reset encoder below 0.3 mm explains this motion; is a load on the "
+            "jaw, or was the cable mounted anew? Calibrate again"
+        )
+    shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
+    stretch = load.drive_stiffness * load.mechanism.jaw_radius
+    return Zero(shift, float(np.std(misfit(shift))) / stretch)
 
 
 def _check_positive(**values: float) -> None:

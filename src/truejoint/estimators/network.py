@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.training import Layers, train
 from truejoint.models import network
 from truejoint.models.family import Family
-
-Array = NDArray[np.float64]
 
 MINIMUM_ROWS: Final = 1000
 """Fewest rows for a network: half a minute at 30 Hz; fewer hold a motion or two."""
@@ -23,6 +22,7 @@ BATCHES_PER_EPOCH: Final = 8
 SMALLEST_BATCH: Final = 32
 
 
+@dataclass(eq=False, repr=False)
 class NeuralNetwork(JointRegressor):
     """Fully connected network with logistic hidden units and linear outputs: peng2024, IV-B.
 
@@ -64,45 +64,25 @@ class NeuralNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = network.FAMILY
+    least_rows: ClassVar[int] = MINIMUM_ROWS
+    rows_per_feature: ClassVar[int] = ROWS_PER_FEATURE
+    hidden_layer_sizes: tuple[int, ...] = (100, 100)
+    weight_decay: float = 5e-4
+    learning_rate: float = 1e-3
+    batch_size: int = 1024
+    epochs: int = 200
+    random_state: int | np.random.RandomState | None = 0
 
-    def __init__(
-        self,
-        hidden_layer_sizes: tuple[int, ...] = (100, 100),
-        weight_decay: float = 5e-4,
-        learning_rate: float = 1e-3,
-        batch_size: int = 1024,
-        epochs: int = 200,
-        random_state: int | np.random.RandomState | None = 0,
-    ) -> None:
-        self.hidden_layer_sizes = hidden_layer_sizes
-        self.weight_decay = weight_decay
-        self.learning_rate = learning_rate
-        self.batch_size = batch_size
-        self.epochs = epochs
-        self.random_state = random_state
-
-    def minimum_rows(self, n_features: int) -> int:
-        """Count at least 1000 rows, and 50 for each feature."""
-        return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
-
-    def _learn(
-        self,
-        X: Array,
-        y: Array,
-        dt: Array,  # noqa: ARG002  # rows are alone
-        progress: Progress,
-    ) -> dict[str, Array]:
-        mean, inverse_scale = standardisation(X)
-        target_mean, inverse = standardisation(y)
-        target_scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        arrays = scaling(X, y)
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         rng = check_random_state(self.random_state)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
         layers = Layers.glorot(sizes, rng)
         self.loss_curve_ = train(
             layers,
-            ((X - mean) * inverse_scale).astype(np.float32),
-            ((y - target_mean) / target_scale).astype(np.float32),
+            ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32),
+            ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32),
             weight_decay=float(self.weight_decay),
             learning_rate=float(self.learning_rate),
             batch_size=self.batch_size_,
@@ -110,12 +90,6 @@ class NeuralNetwork(JointRegressor):
             rng=rng,
             progress=progress,
         )
-        arrays = {
-            "mean": mean,
-            "inverse_scale": inverse_scale,
-            "target_mean": target_mean,
-            "target_scale": target_scale,
-        }
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
             arrays[f"weight_{i}"] = weight.astype(np.float64)
             arrays[f"bias_{i}"] = bias.astype(np.float64)

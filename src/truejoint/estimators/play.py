@@ -12,43 +12,29 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.estimators.base import Progress, standardisation
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, Flags, Progress, standardisation
 from truejoint.estimators.jaw import JawEstimator
-from truejoint.models import play
+from truejoint.models import gated_play, play
 from truejoint.models.family import Family, Params
 from truejoint.robots.forceps_mechanism import TABLE_1
 
-Array = NDArray[np.float64]
 
+def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
+    """Ridge regression on standardised columns (n, k): weights (k,) of the columns, and constant.
 
-@dataclass(frozen=True, eq=False)
-class RidgeFit:
-    """Linear model of standardised columns: the mean, and a weight and a mean for each column."""
-
-    mean: Array
-    inverse_scale: Array
-    coef: Array
-    constant: float
-
-    @property
-    def weights(self) -> tuple[Array, float]:
-        """Weights (k,) of the columns as they are, and the constant that goes with them."""
-        weights = self.coef * self.inverse_scale
-        return weights, self.constant - float(weights @ self.mean)
-
-
-def ridge(columns: Array, y: Array, penalty: float) -> RidgeFit:
-    """Ridge regression on standardised columns (n, k); the constant is not penalised."""
+    The constant is not penalised.
+    """
     mean, inverse = standardisation(columns)
     scaled = (columns - mean) * inverse
     constant = float(y.mean())
     left = scaled.T @ scaled / len(y) + penalty * np.eye(scaled.shape[1])
-    coef = np.linalg.solve(left, scaled.T @ (y - constant) / len(y))
-    return RidgeFit(mean, inverse, np.asarray(coef, dtype=np.float64), constant)
+    weights = np.linalg.solve(left, scaled.T @ (y - constant) / len(y)) * inverse
+    return np.asarray(weights), constant - float(weights @ mean)
 
 
+@dataclass(eq=False, repr=False)
 class Play(JawEstimator):
     """Ridge regression on powers of one or two displacements and on plays on them.
 
@@ -77,28 +63,15 @@ class Play(JawEstimator):
     """
 
     family: ClassVar[Family] = play.FAMILY
+    displacements: tuple[str, ...] = ("reset", "motor")
+    degree: int = play.POWERS
+    reset_widths: tuple[float, ...] = play.RESET_WIDTHS
+    drive_widths: tuple[float, ...] = play.DRIVE_WIDTHS
+    penalty: float = 1e-5
+    gear_ratio: float = TABLE_1.gear_ratio
+    wheel_radius: float = TABLE_1.wheel_radius
 
-    def __init__(
-        self,
-        displacements: tuple[str, ...] = ("reset", "motor"),
-        degree: int = play.POWERS,
-        reset_widths: tuple[float, ...] = play.RESET_WIDTHS,
-        drive_widths: tuple[float, ...] = play.DRIVE_WIDTHS,
-        penalty: float = 1e-5,
-        gear_ratio: float = TABLE_1.gear_ratio,
-        wheel_radius: float = TABLE_1.wheel_radius,
-    ) -> None:
-        self.displacements = displacements
-        self.degree = degree
-        self.reset_widths = reset_widths
-        self.drive_widths = drive_widths
-        self.penalty = penalty
-        self.gear_ratio = gear_ratio
-        self.wheel_radius = wheel_radius
-
-    def _learn_jaw(
-        self, X: Array, y: Array, dt: Array, known: NDArray[np.bool_], progress: Progress
-    ) -> dict[str, Array]:
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         params = self.model_params()
         names = [name for name in play.DISPLACEMENTS if name in self.displacements]
         values = [
@@ -106,10 +79,56 @@ class Play(JawEstimator):
             for name, factor in zip(self.displacements, play.bank_factors(params), strict=True)
         ]
         scale = np.array([1.0 / np.abs(v).max() for v in values])
-        fit = ridge(_columns(values, scale, params, dt)[known], y[known], float(self.penalty))
+        columns = _columns(values, scale, params, dt)
+        weights, constant = ridge(columns[known], y[known], float(self.penalty))
         progress(0.9)
-        weights, constant = fit.weights
         return {"scale": scale, "weights": weights, "constant": np.array([constant])}
+
+
+@dataclass(eq=False, repr=False)
+class GatedPlay(JawEstimator):
+    """`Play` on the reset cable, corrected by `Play` on both sides as far as the two agree.
+
+    Without a load both see the same jaw, and their difference stays within a few times what it was
+    in calibration; the estimate from both sides is then the better one. A load stretches the drive
+    cable, which only that one mistakes for a motion of the jaw: the difference grows, and the
+    estimate goes over, without a jump, to the reset cable's.
+
+    Parameters
+    ----------
+    gate : float
+        How many times the difference's RMS in calibration still counts as agreement.
+    smallest_gate : float
+        Difference that always does [rad].
+    gear_ratio, wheel_radius : float
+        As for `Play`.
+
+    Examples
+    --------
+    >>> GatedPlay(gate=4.0).name
+    'play_gated'
+    """
+
+    family: ClassVar[Family] = gated_play.FAMILY
+    gate: float = 5.0
+    smallest_gate: float = 9e-4
+    gear_ratio: float = TABLE_1.gear_ratio
+    wheel_radius: float = TABLE_1.wheel_radius
+
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
+        params = self.model_params()
+        reset = Play(**gated_play.side_params(params, "reset")).fit(X[:, 1:], y, dt=dt)
+        progress(0.4)
+        both = Play(**gated_play.side_params(params, "both")).fit(X, y, dt=dt)
+        progress(0.8)
+        difference = both.evaluate(X, dt) - reset.evaluate(X[:, 1:], dt)
+        spread = float(np.sqrt(np.mean(difference[known, 0] ** 2)))
+        return {
+            **{f"reset_{name}": array for name, array in reset.arrays_.items()},
+            **{f"both_{name}": array for name, array in both.arrays_.items()},
+            "gate": np.array([max(self.gate * spread, self.smallest_gate)]),
+            "constant": np.zeros(1),
+        }
 
 
 def _columns(values: list[Array], scale: Array, params: Params, dt: Array) -> Array:

@@ -1,20 +1,20 @@
-"""Linear and polynomial regression: peng2024, II-C."""
+"""Fixed offset, linear and polynomial regression: peng2024, II-C."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar, Final
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
-from truejoint.models import polynomial
+from truejoint.compiled import Array
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
+from truejoint.models import offset, polynomial
 from truejoint.models.family import Family
-
-Array = NDArray[np.float64]
 
 ROWS_PER_COEFFICIENT: Final = 10
 """Rows that a fit must have for each coefficient per joint; fewer, and it fits the noise."""
@@ -23,6 +23,28 @@ _BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
 _RANK_TOLERANCE: Final = 1e-10
 
 
+class FixedOffset(JointRegressor):
+    """Mean of the target, whatever the features.
+
+    Examples
+    --------
+    >>> FixedOffset().fit([[0.0], [1.0]], [1.0, 2.0]).predict([[5.0]])
+    array([1.5])
+    """
+
+    family: ClassVar[Family] = offset.FAMILY
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        progress(1.0)
+        return {"offset": y.mean(axis=0)}
+
+    def __sklearn_tags__(self) -> Any:
+        tags = super().__sklearn_tags__()
+        tags.regressor_tags.poor_score = True
+        return tags
+
+
+@dataclass(eq=False, repr=False)
 class PolynomialRegressor(JointRegressor):
     """Least squares on all products of up to `degree` features: peng2024, II-C, at degree 2.
 
@@ -43,35 +65,31 @@ class PolynomialRegressor(JointRegressor):
     """
 
     family: ClassVar[Family] = polynomial.FAMILY
-
-    def __init__(self, degree: int = 2) -> None:
-        self.degree = degree
+    degree: int = 2
 
     def minimum_rows(self, n_features: int) -> int:
         """Ten rows for each coefficient of a joint."""
         n_terms = polynomial.count_terms(n_features, int(self.degree))
         return ROWS_PER_COEFFICIENT * (n_terms + 1)
 
-    def _learn(
-        self,
-        X: Array,
-        y: Array,
-        dt: Array,  # noqa: ARG002  # rows are alone
-        progress: Progress,
-    ) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         mean, inverse_scale = standardisation(X)
         factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
         scaled = (X - mean) * inverse_scale
-        blocks = (
-            (polynomial_design(scaled[rows], factors), y[rows])
-            for rows in _blocks(len(X), progress)
-        )
-        coef, intercept = least_squares(blocks)
+
+        def blocks() -> Iterator[tuple[Array, Array]]:
+            for start in range(0, len(X), _BLOCK):
+                rows = slice(start, start + _BLOCK)
+                yield polynomial_design(scaled[rows], factors), y[rows]
+                progress(min(start + _BLOCK, len(X)) / len(X))
+
+        coef, intercept = least_squares(blocks())
         return {
             "mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept
         }  # fmt: skip
 
 
+@dataclass(eq=False, repr=False)
 class LinearRegressor(PolynomialRegressor):
     """Linear least squares with intercept: peng2024, II-C.
 
@@ -83,8 +101,7 @@ class LinearRegressor(PolynomialRegressor):
     array([7.])
     """
 
-    def __init__(self, degree: int = 1) -> None:
-        super().__init__(degree)
+    degree: int = 1
 
 
 def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
@@ -97,22 +114,12 @@ def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
 
 
 def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Coefficients and intercept that minimise the squared error over blocks of rows.
+    """Coefficients (m, n_outputs) and intercept (n_outputs,) of least squares over blocks of rows.
 
-    The rows are folded into one triangular factor block by block, so memory does not grow with
-    their number. With a column of ones in front, the factor below its first row is that of the
-    centred columns. Columns are scaled to unit length, and directions below 1e-10 of the
-    strongest are left out (minimum norm).
-
-    Parameters
-    ----------
-    blocks : iterator of (ndarray (n, m), ndarray (n, n_outputs))
-        Terms and targets.
-
-    Returns
-    -------
-    coef : ndarray, shape (m, n_outputs)
-    intercept : ndarray, shape (n_outputs,)
+    Each block is of terms (n, m) and targets (n, n_outputs). They are folded into one triangular
+    factor one by one, so memory does not grow with their number. With a column of ones in front,
+    the factor below its first row is that of the centred columns. Columns are scaled to unit
+    length, and directions below 1e-10 of the strongest are left out (minimum norm).
     """
     factor: Array | None = None
     n_rows, m = 0, 0
@@ -137,9 +144,3 @@ def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
         coef = np.asarray(solution[0]) * inverse[:, None]
     intercept = (factor[0, m + 1 :] - factor[0, 1 : m + 1] @ coef) / factor[0, 0]
     return np.ascontiguousarray(coef), intercept
-
-
-def _blocks(n: int, progress: Progress) -> Iterator[slice]:
-    for start in range(0, n, _BLOCK):
-        yield slice(start, start + _BLOCK)
-        progress(min(start + _BLOCK, n) / n)

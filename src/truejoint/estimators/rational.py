@@ -6,13 +6,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import Bounds, differential_evolution, least_squares, minimize
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST, rational_errors
-
-Array = NDArray[np.float64]
 
 SMALLEST_DENOMINATOR: Final = 0.3
 """Least denominator that fitting allows on the tube; 1 in the middle of the range."""
@@ -27,19 +25,10 @@ _STARTS: Final = np.vstack([np.zeros(5), np.random.default_rng(0).uniform(-1.0, 
 
 @dataclass(frozen=True, eq=False)
 class RationalModel:
-    """Fitted (25): an error [rad] as a function of motor angle and slider displacement.
+    """Fitted (25): an error [rad] as a function of motor angle and slider displacement."""
 
-    Attributes
-    ----------
-    scale : ndarray, shape (2,)
-        Inverse of the largest motor angle [1/rad] and displacement [1/m] of the data; the
-        coefficients apply to the two variables times these.
-    coefficients : ndarray, shape (11,)
-        ``p_1`` to ``p_11``.
-    """
-
-    scale: Array
-    coefficients: Array
+    scale: Array  # (2,), inverse largest motor angle [1/rad] and displacement [1/m] of the data
+    coefficients: Array  # (11,), p_1 to p_11, for the two variables times these
 
     def __call__(self, motor: Array, reset: Array) -> Array:
         """Error (n,) [rad] at motor angles (n,) [rad] and displacements (n,) [m]."""
@@ -56,29 +45,14 @@ class RationalModel:
 def fit_rational(
     motor: Array, reset: Array, error: Array, method: str = "projection"
 ) -> RationalModel:
-    """Fit (25) to the error of an estimate.
+    """Fit (25) to the error (n,) [rad] of an estimate at motor angles [rad] and displacements [m].
 
     ``projection``: given the denominator the numerator is a linear least-squares problem, so only
-    five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps
-    the denominator above `SMALLEST_DENOMINATOR` on a tube round the data; the best of five starts.
-    ``global``: the same
-    problem by differential evolution. ``quasi_newton``: all eleven by BFGS from zero in the units
-    of the data, unconstrained, as the paper says it did.
-
-    Parameters
-    ----------
-    motor, reset, error : ndarray, shape (n,)
-        Motor angle [rad], displacement [m] and error [rad], finite.
-    method : {"projection", "quasi_newton", "global"}
-
-    Returns
-    -------
-    RationalModel
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer than 110 rows, a variable does not vary, or the method is unknown.
+    five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps the
+    denominator above `SMALLEST_DENOMINATOR` on a tube round the data; the best of five starts.
+    ``global``: the same problem by differential evolution. ``quasi_newton``: all eleven by BFGS
+    from zero in the units of the data, unconstrained, as the paper says it did. Raises
+    CalibrationError for fewer than 110 rows, a variable that does not vary, or an unknown method.
     """
     if method not in FIT_METHODS:
         raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(FIT_METHODS)}")
@@ -108,14 +82,9 @@ def _global_search(problem: _Projection) -> Array:
     def cost(d: Array) -> float:
         return float(np.sum(problem.residuals(d) ** 2))
 
+    bounds = Bounds(np.full(5, -_BOUND), np.full(5, _BOUND))
     found = differential_evolution(
-        cost,
-        Bounds(np.full(5, -_BOUND), np.full(5, _BOUND)),
-        seed=0,
-        tol=1e-8,
-        popsize=10,
-        maxiter=300,
-        polish=False,
+        cost, bounds, seed=0, tol=1e-8, popsize=10, maxiter=300, polish=False
     )
     return np.array([found.x])
 
@@ -189,13 +158,9 @@ def _quasi_newton(motor: Array, reset: Array, error: Array, scale: Array) -> Arr
         return float(left @ left), gradient
 
     found = minimize(cost, np.zeros(COEFFICIENTS), jac=True, method="BFGS")
-    return np.asarray(found.x) * _unit_change(scale)
-
-
-def _unit_change(scale: Array) -> Array:
-    """Factor (11,) from coefficients in rad and m to those of the scaled variables."""
-    u, v = 1.0 / scale
-    return np.array([1.0, u, u, v, v, u * u, u * u, v * v, v * v, u * u * v, u * v])
+    u, v = 1.0 / scale  # from coefficients in rad and m to those of the scaled variables
+    change = [1.0, u, u, v, v, u * u, u * u, v * v, v * v, u * u * v, u * v]
+    return np.asarray(found.x * np.array(change))
 
 
 def _numerator_terms(u: Array, v: Array) -> Array:

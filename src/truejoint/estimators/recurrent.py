@@ -4,27 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.compiled import compiled
+from truejoint.compiled import Array, compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.network import BATCHES_PER_EPOCH, MINIMUM_ROWS, ROWS_PER_FEATURE
 from truejoint.estimators.training import Adam, Floats, check_loss
 from truejoint.models import recurrent
 from truejoint.models.family import Family, Shape
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-
 FLOOR: Final = 1e-6
 """Added to the mean squared error, of targets of variance 1: what needs no closer fit."""
 
 
+@dataclass(eq=False, repr=False)
 class RecurrentNetwork(JointRegressor):
     """Gated recurrent units that learn what a linear regression on the features leaves.
 
@@ -71,32 +70,18 @@ class RecurrentNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = recurrent.FAMILY
+    least_rows: ClassVar[int] = MINIMUM_ROWS
+    rows_per_feature: ClassVar[int] = ROWS_PER_FEATURE
+    units: int = 24
+    period: float = 0.02
+    weight_decay: float = 50.0
+    learning_rate: float = 0.01
+    window: int = 64
+    batch_size: int = 16
+    epochs: int = 60
+    random_state: int | np.random.RandomState | None = 0
 
-    def __init__(
-        self,
-        units: int = 24,
-        period: float = 0.02,
-        weight_decay: float = 50.0,
-        learning_rate: float = 0.01,
-        window: int = 64,
-        batch_size: int = 16,
-        epochs: int = 60,
-        random_state: int | np.random.RandomState | None = 0,
-    ) -> None:
-        self.units = units
-        self.period = period
-        self.weight_decay = weight_decay
-        self.learning_rate = learning_rate
-        self.window = window
-        self.batch_size = batch_size
-        self.epochs = epochs
-        self.random_state = random_state
-
-    def minimum_rows(self, n_features: int) -> int:
-        """Count at least 1000 rows, and 50 for each feature."""
-        return max(MINIMUM_ROWS, ROWS_PER_FEATURE * n_features)
-
-    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         known = np.asarray(np.isfinite(y).all(axis=1))
         rows, updates = step_rows(dt, known, float(self.period))
         longest = int(np.diff([*np.flatnonzero(dt[rows] == 0.0), len(rows)]).max())
@@ -106,11 +91,9 @@ class RecurrentNetwork(JointRegressor):
                 f"{self.period:g} s apart, and a window {self.window}; {known[rows].sum()} have a "
                 "target: record longer without a gap, or choose a smaller window or period"
             )
-        mean, inverse_scale = standardisation(X)
-        target_mean, inverse = standardisation(y[known])
-        target_scale = np.where(inverse > 0, y[known].std(axis=0), 1.0)
-        X, y, known = (X[rows] - mean) * inverse_scale, (y[rows] - target_mean), known[rows]
-        y /= target_scale
+        scales = scaling(X, y[known])
+        X, known = (X[rows] - scales["mean"]) * scales["inverse_scale"], known[rows]
+        y = (y[rows] - scales["target_mean"]) / scales["target_scale"]
         line = np.linalg.lstsq(X[known], y[known], rcond=1e-4)[0]
         steps = X, y - X @ line, dt[rows, None] > 0.0, updates[:, None]
         shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1])
@@ -118,12 +101,7 @@ class RecurrentNetwork(JointRegressor):
         weights = self._train([s.astype(np.float32) for s in steps], shapes, decay, progress)
         arrays = {name: weight.astype(np.float64) for name, weight in weights.items()}
         arrays["output_weights"][int(self.units) :] += line
-        return arrays | {
-            "mean": mean,
-            "inverse_scale": inverse_scale,
-            "target_mean": target_mean,
-            "target_scale": target_scale,
-        }
+        return arrays | scales
 
     def _train(
         self, steps: list[Floats], shapes: Mapping[str, Shape], decay: float, progress: Progress
@@ -167,27 +145,13 @@ class RecurrentNetwork(JointRegressor):
 def loss_and_gradient(
     weights: Mapping[str, Floats], batch: list[Floats], state: Floats, decay: float
 ) -> tuple[float, dict[str, Floats], Floats]:
-    """Loss of a batch of windows, its gradient, and the states that it passes.
+    """Loss of a batch of windows, its gradient, and the states before each step.
 
     The loss is the mean over outputs of ``log(mean((y - f(X))**2) + FLOOR)``, but for a constant
     the likelihood of noise of unknown size, plus `decay` times the sum of the squared weights.
-
-    Parameters
-    ----------
-    weights : mapping of str to ndarray
-    batch : list of ndarray, shape (window, batch, columns)
-        Features; targets, NaN where unknown; 1 where a history goes on, else 0; 1 where the state
-        is updated, else 0.
-    state : ndarray, shape (batch, units)
-        Before the first step.
-    decay : float
-
-    Returns
-    -------
-    loss : float
-    gradient : dict of str to ndarray
-    states : ndarray, shape (window, batch, units)
-        Before each step.
+    `batch` has arrays (window, batch, columns): features; targets, NaN where unknown; whether a
+    history goes on; whether the state is updated. `state` (batch, units) is that before the first
+    step.
     """
     X, y, goes_on, updates = batch
     units = state.shape[1]

@@ -18,7 +18,7 @@ DEFAULT: Final = "dnn"
 """What is fitted where none is named."""
 
 _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
-    "offset": ("offset", "FixedOffset", {}),
+    "offset": ("polynomial", "FixedOffset", {}),
     "linear": ("polynomial", "PolynomialRegressor", {"degree": 1}),
     "poly2": ("polynomial", "PolynomialRegressor", {}),
     "dnn": ("network", "NeuralNetwork", {}),
@@ -32,7 +32,7 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "play_reset": ("play", "Play", {"displacements": ("reset",)}),
     "play_both": ("play", "Play", {"displacements": ("reset", "motor")}),
     "play_cables": ("play", "Play", {"displacements": ("reset", "drive")}),
-    "play_gated": ("gated_play", "GatedPlay", {}),
+    "play_gated": ("play", "GatedPlay", {}),
     "ukf_friction": ("friction_filter", "FrictionFilter", {}),
     "ukf_friction_smoothed": ("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": ("elastic_joint", "ElasticJointFilter", {}),

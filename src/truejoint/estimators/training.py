@@ -23,19 +23,11 @@ EPSILON: Final = 1e-7
 
 @dataclass(frozen=True, eq=False)
 class Layers:
-    """Weights and biases of a network, as views into one flat vector.
-
-    Attributes
-    ----------
-    flat : ndarray, 1-D
-        Every number, so that the optimiser works on one array.
-    weights : tuple of ndarray, shape (inputs, units)
-    biases : tuple of ndarray, shape (units,)
-    """
+    """Weights and biases of a network, as views into one flat vector for the optimiser."""
 
     flat: Floats
-    weights: tuple[Floats, ...]
-    biases: tuple[Floats, ...]
+    weights: tuple[Floats, ...]  # (inputs, units)
+    biases: tuple[Floats, ...]  # (units,)
 
     @classmethod
     def zeros(cls, sizes: tuple[int, ...], dtype: DTypeLike = np.float32) -> Self:
@@ -54,10 +46,7 @@ class Layers:
     def glorot(
         cls, sizes: tuple[int, ...], rng: np.random.RandomState, dtype: DTypeLike = np.float32
     ) -> Self:
-        """Layers with uniform random weights within sqrt(6 / (inputs + units)), zero biases.
-
-        The default start of a Keras layer.
-        """
+        """Layers as Keras starts them: uniform within sqrt(6 / (inputs + units)), zero biases."""
         layers = cls.zeros(sizes, dtype)
         for weight in layers.weights:
             bound = math.sqrt(6.0 / sum(weight.shape))
@@ -68,26 +57,12 @@ class Layers:
 def loss_and_gradient(
     layers: Layers, X: Floats, y: Floats, weight_decay: float, gradient: Layers
 ) -> float:
-    """Keras' loss of a batch, and its gradient.
+    """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
-    The loss is ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``: the mean is over rows
-    and outputs, biases are free. scikit-learn's ``MLPRegressor`` halves the squared error, sums it
-    over outputs and divides its penalty ``alpha / 2`` by the rows of the batch: its minimiser is
-    the same at ``alpha = weight_decay * n_outputs * n_rows``.
-
-    Parameters
-    ----------
-    layers : Layers
-    X : ndarray, shape (n, n_inputs)
-    y : ndarray, shape (n, n_outputs)
-    weight_decay : float
-    gradient : Layers
-        Receives the gradient.
-
-    Returns
-    -------
-    float
-        The loss.
+    The loss is ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``: the mean is over rows and
+    outputs, biases are free. scikit-learn's ``MLPRegressor`` halves the squared error, sums it over
+    outputs and divides its penalty ``alpha / 2`` by the rows of the batch: its minimiser is the
+    same at ``alpha = weight_decay * n_outputs * n_rows``.
     """
     activations = _forward(layers, X)
     delta = activations.pop()
@@ -127,15 +102,7 @@ def _forward(layers: Layers, X: Floats) -> list[Floats]:
 
 
 class Adam:
-    """Adam (Kingma and Ba, 2014) on one flat vector, in place.
-
-    Parameters
-    ----------
-    values : ndarray, 1-D
-        Moved by every step.
-    learning_rate : float
-        Of the next steps; may be changed between them.
-    """
+    """Adam (Kingma and Ba, 2014) on one flat vector, in place."""
 
     def __init__(self, values: Floats, learning_rate: float) -> None:
         self._values = values
@@ -177,28 +144,13 @@ def train(
     rng: np.random.RandomState,
     progress: Progress,
 ) -> list[float]:
-    """Train in place: every epoch takes the rows in a fresh random order, batch by batch.
+    """Train in place, rows in a fresh order in each epoch; mean loss over the batches of each.
 
-    Parameters
-    ----------
-    layers : Layers
-    X : ndarray, shape (n, n_inputs)
-    y : ndarray, shape (n, n_outputs)
-        Standardised, and of the type of `layers`, as `X`.
-    progress : callable
-        Called with the fraction done after each epoch.
-
-    Returns
-    -------
-    list of float
-        Mean loss over the batches of each epoch.
-
-    Raises
-    ------
-    CalibrationError
-        If the loss grows out of bounds.
+    `X` (n, n_inputs) and `y` (n, n_outputs) are standardised, and of the type of `layers`. Raises
+    CalibrationError if the loss grows out of bounds.
     """
-    gradient = Layers.zeros(_sizes(layers), layers.flat.dtype)
+    sizes = len(layers.weights[0]), *map(len, layers.biases)
+    gradient = Layers.zeros(sizes, layers.flat.dtype)
     adam = Adam(layers.flat, learning_rate)
     history = []
     for epoch in range(epochs):
@@ -224,7 +176,3 @@ def check_loss(history: list[float], epochs: int, learning_rate: float) -> None:
             f"training diverged in epoch {len(history)} of {epochs} at learning rate "
             f"{learning_rate:g}; lower the learning rate"
         )
-
-
-def _sizes(layers: Layers) -> tuple[int, ...]:
-    return (layers.weights[0].shape[0], *(bias.shape[0] for bias in layers.biases))

@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.dummy import DummyRegressor
 from sklearn.ensemble import (
     BaggingRegressor,
@@ -19,36 +18,22 @@ from sklearn.ensemble import (
 )
 from sklearn.tree import BaseDecisionTree
 
+from truejoint.compiled import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.models.family import EstimatorData
 from truejoint.models.trees import FAMILY, MAX_NODES
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 _FORESTS: Final = (RandomForestRegressor, ExtraTreesRegressor)
 
 
 @dataclass(frozen=True, eq=False)
 class Tree:
-    """One tree, its nodes in the order in which a walk to the left first meets them.
+    """One tree, its nodes in the order in which a walk to the left first meets them."""
 
-    Attributes
-    ----------
-    feature : ndarray of int, shape (n_nodes,)
-        -1 for a leaf.
-    threshold : ndarray, shape (n_nodes,)
-        Up to which a row goes to the next node.
-    right : ndarray of int, shape (n_nodes,)
-        Node that other rows go to; 0 for a leaf.
-    value : ndarray, shape (n_nodes, n_outputs)
-        Of which those of the leaves count.
-    """
-
-    feature: Integers
-    threshold: Array
-    right: Integers
-    value: Array
+    feature: Integers  # (n_nodes,), -1 for a leaf
+    threshold: Array  # up to which a row goes to the next node
+    right: Integers  # node that other rows go to; 0 for a leaf
+    value: Array  # (n_nodes, n_outputs), of which those of the leaves count
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,10 +68,7 @@ def tree_sum(regressor: object) -> TreeSum | None:
 def trees_data(sums: Sequence[TreeSum], mean: Array, scale: Array) -> EstimatorData:
     """One sum for all outputs, or one for each, on features less `mean` over `scale` (k,).
 
-    Raises
-    ------
-    CalibrationError
-        If the trees are too many for a model file.
+    Raises CalibrationError if the trees are too many for a model file.
     """
     trees = [tree for part in sums for tree in part.trees]
     n_nodes = sum(len(tree.feature) for tree in trees)
@@ -136,7 +118,15 @@ def _histogram_boosted(regressor: Any) -> TreeSum | None:
     stages = [stage[0].nodes for stage in regressor._predictors]
     if any(nodes["is_categorical"].any() for nodes in stages):
         return None
-    return _sum_of([_boosted(nodes) for nodes in stages], regressor._baseline_prediction.item())
+    trees = []
+    for nodes in stages:  # which compare features as they are
+        leaf = nodes["is_leaf"].astype(bool)
+        feature = np.where(leaf, -1, nodes["feature_idx"])
+        threshold = np.where(leaf, 0.0, nodes["num_threshold"])
+        left, right = (nodes[side].astype(np.int64) for side in ("left", "right"))
+        value = nodes["value"][:, None].copy()
+        trees.append(_in_order(feature, threshold, left, right, value))
+    return _sum_of(trees, regressor._baseline_prediction.item())
 
 
 def _averaged(regressor: Any) -> TreeSum | None:
@@ -151,17 +141,14 @@ def _averaged(regressor: Any) -> TreeSum | None:
     scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
     if isinstance(regressor, BaggingRegressor):  # of which each sees some features
         seen = zip(scaled, regressor.estimators_features_, strict=True)
-        scaled = [_of_columns(one, np.asarray(columns)) for one, columns in seen]
-    offset = np.sum([one.offset for one in scaled], axis=0)
-    return TreeSum([tree for one in scaled for tree in one.trees], offset)
-
-
-def _of_columns(trees: TreeSum, columns: Integers) -> TreeSum:
-    """Trees that ask for the same features by their numbers among all."""
-    moved = [
-        replace(t, feature=np.where(t.feature < 0, -1, columns[t.feature])) for t in trees.trees
-    ]
-    return TreeSum(moved, trees.offset)
+        trees = [
+            replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
+            for one, columns in seen
+            for t in one.trees
+        ]
+    else:
+        trees = [tree for one in scaled for tree in one.trees]
+    return TreeSum(trees, np.sum([one.offset for one in scaled], axis=0))
 
 
 def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:
@@ -175,15 +162,6 @@ def _grown(regressor: Any, factor: float) -> Tree:
     threshold = np.where(feature < 0, 0.0, single_threshold(tree.threshold))
     value = factor * tree.value[:, :, 0]
     return _in_order(feature, threshold, tree.children_left, tree.children_right, value)
-
-
-def _boosted(nodes: Any) -> Tree:
-    """Tree of histogram boosting, which compares features as they are."""
-    leaf = nodes["is_leaf"].astype(bool)
-    feature = np.where(leaf, -1, nodes["feature_idx"])
-    threshold = np.where(leaf, 0.0, nodes["num_threshold"])
-    left, right = (nodes[side].astype(np.int64) for side in ("left", "right"))
-    return _in_order(feature, threshold, left, right, nodes["value"][:, None].copy())
 
 
 def _in_order(

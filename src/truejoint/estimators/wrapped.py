@@ -3,22 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, ClassVar, Final, Protocol, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import clone
 from sklearn.neural_network import MLPRegressor
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import archive
-from truejoint.estimators.base import JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
 from truejoint.estimators.conversion import convert, is_convertible_step
 from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
-
-Array = NDArray[np.float64]
 
 _TRIED: Final = 1000
 """Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
@@ -34,6 +33,7 @@ class Regressor(Protocol):
         """Predict (n,) or (n, n_outputs) for rows `X` (n, k)."""
 
 
+@dataclass(eq=False, repr=False)
 class WrappedRegressor(JointRegressor):
     """A regressor of scikit-learn, or of another package that keeps to its interface.
 
@@ -68,9 +68,7 @@ class WrappedRegressor(JointRegressor):
     """
 
     family: ClassVar[Family] = scikit_learn.FAMILY
-
-    def __init__(self, regressor: Any = None) -> None:
-        self.regressor = regressor
+    regressor: Any = None
 
     @property
     def name(self) -> str:
@@ -106,13 +104,7 @@ class WrappedRegressor(JointRegressor):
         """Take any number of either: which family runs it is known once it is fitted."""
 
     def evaluate(self, X: Array, dt: Array | None = None) -> Array:
-        """Predict (n, n_outputs) for finite rows `X` (n, k).
-
-        Raises
-        ------
-        CalibrationError
-            If the regressor does not predict a finite number for each.
-        """
+        """Predict (n, n_outputs) for finite rows `X` (n, k); CalibrationError if it cannot."""
         if self.family.row is not None:
             return super().evaluate(X, dt)
         return self.arrays_["target_mean"] + self.arrays_["target_scale"] * self._predict(X)
@@ -142,13 +134,7 @@ class WrappedRegressor(JointRegressor):
             )
         return estimator
 
-    def _learn(
-        self,
-        X: Array,
-        y: Array,
-        dt: Array,  # noqa: ARG002  # rows are alone
-        progress: Progress,
-    ) -> dict[str, Array]:
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         mean, inverse = standardisation(y)
         scale = np.where(inverse > 0, y.std(axis=0), 1.0)
         scaled = (y - mean) / scale

@@ -238,18 +238,10 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
 def _keep_prediction(numbers: Integers, memory: Array) -> None:
     """Take the prediction for the state."""
     n = numbers[at.N]
-    square = n * n
+    size = n * n
     copy(vector(memory, numbers[at.X_MEAN], n), vector(memory, numbers[at.X], n), n)
-    copy(
-        vector(memory, numbers[at.P_MEAN], square),
-        vector(memory, numbers[at.P], square),
-        square,
-    )
-    copy(
-        vector(memory, numbers[at.S_MEAN], square),
-        vector(memory, numbers[at.S], square),
-        square,
-    )
+    copy(vector(memory, numbers[at.P_MEAN], size), vector(memory, numbers[at.P], size), size)
+    copy(vector(memory, numbers[at.S_MEAN], size), vector(memory, numbers[at.S], size), size)
 
 
 @compiled
@@ -281,13 +273,7 @@ def _reacquire(numbers: Integers, memory: Array, limit: float) -> int:
 
 @compiled
 def correct(numbers: Integers, memory: Array) -> int:
-    """Correct the prediction by the measurement in Z, as far as it can be used, (18)-(23).
-
-    Returns
-    -------
-    int
-        Status bits; innovation, NIS, log-likelihood and inflation stand in the memory.
-    """
+    """Correct the prediction by what is usable of the measurement in Z, (18)-(23); status bits."""
     status = _choose_measurements(numbers, memory)
     if status & _MISSING:
         _keep_prediction(numbers, memory)

@@ -11,7 +11,7 @@ import math
 
 import numpy as np
 
-from truejoint.compiled import Array, compiled, inlined
+from truejoint.compiled import Array, compiled, copy, inlined
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
 _PIVOT = 64.0 * 2.220446049250313e-16
@@ -22,18 +22,7 @@ _INDEFINITE = 1e-8
 
 @compiled
 def wrap(angle: float) -> float:
-    """Angle in (-pi, pi]; an angle that is already there is returned bit for bit.
-
-    Parameters
-    ----------
-    angle : float
-        Any finite angle [rad].
-
-    Returns
-    -------
-    float
-        The same direction in (-pi, pi] [rad].
-    """
+    """Angle [rad] in (-pi, pi]; an angle that is already there is returned bit for bit."""
     if -math.pi < angle <= math.pi:
         return angle
     turned = angle - 2.0 * math.pi * np.ceil((angle - math.pi) / (2.0 * math.pi))
@@ -45,22 +34,9 @@ def wrap(angle: float) -> float:
 def semidefinite_cholesky(covariance: Array, size: int, factor: Array) -> bool:
     """Lower factor L of a positive semidefinite matrix, L L' = covariance.
 
-    A direction without variance becomes a zero column instead of an error, and nothing is added to
-    the diagonal.
-
-    Parameters
-    ----------
-    covariance : (n, n) array
-        Symmetric; only its lower triangle is read.
-    size : int
-        Number of leading rows and columns to factor.
-    factor : (n, n) array
-        Receives L, with zeros above the diagonal.
-
-    Returns
-    -------
-    bool
-        False if the matrix is indefinite beyond rounding, so that it is not L L'.
+    Only the lower triangle is read. A direction without variance becomes a zero column, and nothing
+    is added to the diagonal. False if the matrix is indefinite beyond rounding, so that it is not L
+    L'.
     """
     semidefinite = True
     for j in range(size):
@@ -103,17 +79,7 @@ def _drop_column(covariance: Array, size: int, factor: Array, column: int, pivot
 
 @compiled
 def outer_sum(stack: Array, rows: int, size: int, covariance: Array) -> None:
-    """Sum of the outer products of the rows of a stack, exactly symmetric.
-
-    Parameters
-    ----------
-    stack : (>= rows, >= n) array
-        Vectors as rows.
-    rows, size : int
-        How many rows, and how many columns n of each, to use.
-    covariance : (n, n) array
-        Receives the sum.
-    """
+    """Sum of the outer products of the rows of a stack, exactly symmetric."""
     for i in range(size):
         for j in range(i + 1):
             total = 0.0
@@ -127,16 +93,8 @@ def outer_sum(stack: Array, rows: int, size: int, covariance: Array) -> None:
 def triangularise(stack: Array, rows: int, size: int, factor: Array) -> None:
     """Lower factor of the sum of outer products of a stack's rows, without forming the sum.
 
-    Householder reflections turn the stack into an upper triangle, which is the factor transposed.
-
-    Parameters
-    ----------
-    stack : (>= rows, >= n) array
-        Vectors as rows; overwritten.
-    rows, size : int
-        How many rows (at least n) and columns n to use.
-    factor : (n, n) array
-        Receives L with a diagonal that is not negative and zeros above it.
+    Householder reflections turn the stack, at least `size` rows, into an upper triangle, which is
+    the factor transposed; its diagonal is not negative. The stack is overwritten.
     """
     top = 0  # a column without a pivot uses up no row, so that its variance is not lost
     for j in range(size):
@@ -180,19 +138,7 @@ def _clear_above(factor: Array, column: int) -> None:
 def downdate(factor: Array, size: int, vector: Array) -> bool:
     """Take an outer product away from a factored covariance, in place: L L' - v v'.
 
-    Parameters
-    ----------
-    factor : (n, n) array
-        Lower factor, replaced by that of the difference.
-    size : int
-        Number n of rows to use.
-    vector : (n,) array
-        v; overwritten.
-
-    Returns
-    -------
-    bool
-        False if the difference is not positive semidefinite; the factor is then spoilt.
+    False if the difference is not positive semidefinite; the factor is then spoilt.
     """
     for j in range(size):
         pivot = factor[j, j]
@@ -226,23 +172,8 @@ def combine(
 ) -> bool:
     """Covariance and factor of the sum of outer products of a stack's rows, less one of `deficit`.
 
-    Parameters
-    ----------
-    stack : (>= rows, >= n) array
-        Vectors as rows; overwritten.
-    rows, size : int
-        How many rows (at least n) and columns n to use.
-    deficit : (n,) array
-        Vector whose outer product is taken away where `has_deficit`; overwritten.
-    has_deficit, square_root : bool
-        Whether to subtract; whether to triangularise (True) or to sum and factor (False).
-    covariance, factor : (n, n) array
-        Receive the covariance and its lower factor.
-
-    Returns
-    -------
-    bool
-        False if the subtraction would have left no covariance, so that it was not done.
+    By triangularising where `square_root`, else by summing and factoring; stack and deficit are
+    overwritten. False if the subtraction would have left no covariance, so that it was not done.
     """
     if square_root:
         triangularise(stack, rows, size, factor)
@@ -270,13 +201,11 @@ def combine(
 @compiled
 def _downdate_or_keep(factor: Array, size: int, vector: Array, backup: Array) -> bool:
     for i in range(size):
-        for j in range(size):
-            backup[i, j] = factor[i, j]
+        copy(factor[i], backup[i], size)
     if downdate(factor, size, vector):
         return True
     for i in range(size):
-        for j in range(size):
-            factor[i, j] = backup[i, j]
+        copy(backup[i], factor[i], size)
     return False
 
 
@@ -293,21 +222,10 @@ def _square(factor: Array, size: int, covariance: Array) -> None:
 
 @compiled
 def solve_rows(factor: Array, size: int, right: Array, rows: int) -> None:
-    """Replace every row r of `right` by the solution of (L L') s = r.
+    """Replace each of the first rows r of `right` by the solution of (L L') s = r.
 
     A zero pivot marks a direction about which nothing is known: its component becomes zero, as in a
     pseudo-inverse, instead of infinite.
-
-    Parameters
-    ----------
-    factor : (n, n) array
-        Lower factor L.
-    size : int
-        Number n of rows of L to use.
-    right : (>= rows, >= n) array
-        Right-hand sides as rows; overwritten with the solutions.
-    rows : int
-        How many of them.
     """
     for i in range(size):
         inverse = 1.0 / factor[i, i] if factor[i, i] > 0.0 else 0.0

@@ -1,4 +1,3 @@
-# ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
 """What an unscented filter keeps in its memory, and how it calls its model.
 
 A model's functions are called through their addresses, so that one compiled filter, cached on disk,
@@ -82,17 +81,7 @@ CHOSEN: Final = LAYOUT.integers("chosen", "components of the measurement in use"
 
 
 def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, Any]) -> Memory:
-    """Memory of a filter, zero but for what is given.
-
-    Parameters
-    ----------
-    n, m : int
-        Numbers of states and measurements.
-    functions : mapping of str to numba dispatcher
-        Of the model.
-    given : mapping
-        Values by the names of fields; ``u`` and ``theta`` among them.
-    """
+    """Memory of a filter of n states and m measurements, zero but for what is given by field."""
     widest = max(n, m)
     shapes: dict[str, tuple[int, ...]] = {
         "x": (n,), "covariance": (n, n), "factor": (n, n), "z": (m,), "innovation": (m,),

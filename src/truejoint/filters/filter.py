@@ -12,17 +12,9 @@ from truejoint.compiled import Array, Integers
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import allocate
-from truejoint.filters.sigma_points import (
-    FilterError,
-    LambdaSigmaPoints,
-    ScaledSigmaPoints,
-)
+from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.filters.smoother import smooth
-from truejoint.filters.state_space import (
-    StateSpaceModel,
-    check_covariance,
-    covariance_factor,
-)
+from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
 from truejoint.layout import Memory
 
 _step: Final = kernels.step
@@ -73,12 +65,7 @@ class FilterState:
 
     Examples
     --------
-    >>> from truejoint.filters import UnscentedFilter, linear_model
-    >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
-    ... )
-    >>> state = UnscentedFilter(model).initial_state([0.0], [[1.0]])
+    >>> state = UnscentedFilter(random_walk).initial_state([0.0], [[1.0]])
     >>> state.x
     array([0.])
     """
@@ -128,12 +115,7 @@ class FilterResult:
 
     Examples
     --------
-    >>> from truejoint.filters import UnscentedFilter, linear_model
-    >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
-    ... )
-    >>> UnscentedFilter(model).run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0).status
+    >>> UnscentedFilter(random_walk).run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0).status
     array([0, 0])
     """
 
@@ -165,12 +147,7 @@ class SmoothedResult:
 
     Examples
     --------
-    >>> from truejoint.filters import UnscentedFilter, linear_model
-    >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
-    ... )
-    >>> unscented = UnscentedFilter(model)
+    >>> unscented = UnscentedFilter(random_walk)
     >>> unscented.smooth(unscented.run([0.5, 0.6], x0=[0.0], P0=[[1.0]], dt=1.0)).x.shape
     (2, 1)
     """
@@ -203,12 +180,7 @@ class UnscentedFilter:
 
     Examples
     --------
-    >>> from truejoint.filters import UnscentedFilter, linear_model
-    >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
-    ... )
-    >>> unscented = UnscentedFilter(model)
+    >>> unscented = UnscentedFilter(random_walk)
     >>> state = unscented.initial_state([0.0], [[1.0]])
     >>> unscented.step(state, [1.1], None, 1.0), state.x.round(3)
     (0, array([0.576]))
@@ -233,22 +205,9 @@ class UnscentedFilter:
     def initial_state(self, x0: npt.ArrayLike, P0: npt.ArrayLike) -> FilterState:
         """Filter at rest, ready to step; the step is compiled when this returns.
 
-        Parameters
-        ----------
-        x0 : (n,) array_like
-            State before the first step.
-        P0 : (n, n) array_like
-            Its covariance; zero, or singular, where the state is known.
-
-        Returns
-        -------
-        FilterState
-            State with memory of its own.
-
-        Raises
-        ------
-        FilterError
-            If a shape is wrong, a number not finite or P0 no covariance.
+        Its state before the first step is `x0` (n,), of covariance `P0` (n, n): zero, or singular,
+        where the state is known. Raises FilterError if a shape is wrong, a number not finite or P0
+        no covariance.
         """
         model = self.model
         n = len(model.states)
@@ -259,16 +218,8 @@ class UnscentedFilter:
         memory = self.memory(mean, covariance)
         # With no measurement and dt = 0 a step changes nothing, but it compiles the kernel.
         _step(memory.numbers.copy(), memory.memory.copy())
-        return FilterState(
-            owner=self,
-            numbers=memory.numbers,
-            memory=memory.memory,
-            x=memory.view("x"),
-            P=memory.view("covariance"),
-            innovation=memory.view("innovation"),
-            z=memory.view("z"),
-            u=memory.view("u"),
-        )
+        views = (memory.view(name) for name in ("x", "covariance", "innovation", "z", "u"))
+        return FilterState(self, memory.numbers, memory.memory, *views)
 
     def memory(self, x0: Array, P0: Array) -> Memory:
         """Lay out the kernels' memory, for a prior that `initial_state` would take."""
@@ -302,28 +253,12 @@ class UnscentedFilter:
         return allocate(n, m, functions, given)
 
     def step(self, state: FilterState, z: npt.ArrayLike, u: npt.ArrayLike | None, dt: float) -> int:
-        """Advance a state by one sample, in place; for the loop, so it allocates nothing.
+        """Advance a state by one sample, in place and allocating nothing; bits of `FilterStatus`.
 
-        Parameters
-        ----------
-        state : FilterState
-            From this filter's `initial_state`.
-        z : (m,) sequence of float
-            Measurement, NaN where missing.
-        u : (inputs,) sequence of float or None
-            Control input over the step; None for a model without.
-        dt : float
-            Time since the last step [s]; 0 only corrects.
-
-        Returns
-        -------
-        int
-            Bits of `FilterStatus`, 0 if all is well.
-
-        Raises
-        ------
-        FilterError
-            If the state is another filter's or a length is wrong; never for what numbers hold.
+        `state` is from this filter's `initial_state`, `z` (m,) the measurement, NaN where missing,
+        `u` (inputs,) the control input over the step, None for a model without, and `dt` the time
+        since the last step [s]; 0 only corrects. Raises FilterError if the state is another
+        filter's or a length is wrong; never for what numbers hold.
         """
         if state.owner is not self:
             raise FilterError("state: belongs to another filter; use this one's initial_state")
@@ -351,7 +286,8 @@ class UnscentedFilter:
     ) -> FilterResult:
         """Filter a whole record in one compiled call; the same bits as its single steps.
 
-        Row k first advances the state over dt[k] under u[k], then corrects it by z[k].
+        Row k first advances the state over dt[k] under u[k], then corrects it by z[k]. Rows that
+        hold NaN or make no sense are survived and carry a status.
 
         Parameters
         ----------
@@ -366,12 +302,6 @@ class UnscentedFilter:
         t : (N,) array_like, optional
             Time stamps [s] instead of dt; the prior then holds at the first row.
 
-        Returns
-        -------
-        FilterResult
-            Estimates, innovations and what happened in each row. Rows that hold NaN or make no
-            sense are survived and carry a status.
-
         Raises
         ------
         FilterError
@@ -384,70 +314,29 @@ class UnscentedFilter:
         if control.shape != (rows, len(state.u)):
             raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
         steps = _time_steps(dt, t, rows)
-        result = _empty_result(state, control, steps)
+        n, m = len(state.x), len(state.z)
+        shapes: tuple[tuple[int, ...], ...] = ((n,), (n, n), (m,), (), (), ())
+        x, P, innovation, nis, loglik, inflation = (np.empty((rows, *shape)) for shape in shapes)
+        status = np.empty(rows, dtype=np.int64)
+        prior = state.x.copy(), state.P.copy()
         kernels.run(
-            state.numbers,
-            state.memory,
-            measured,
-            control,
-            steps,
-            result.x,
-            result.P.reshape(rows, -1),
-            result.innovation,
-            result.nis,
-            result.loglik,
-            result.inflation,
-            result.status,
-        )
-        return result
+            state.numbers, state.memory, measured, control, steps,
+            x, P.reshape(rows, -1), innovation, nis, loglik, inflation, status,
+        )  # fmt: skip
+        told = innovation, nis, loglik, inflation, status
+        return FilterResult(x, P, *told, control, steps, *prior)
 
     def smooth(self, result: FilterResult) -> SmoothedResult:
-        """Smooth a record that this filter has run over, in one compiled call.
+        """Smooth the result of this filter's `run`, in one compiled call.
 
-        Parameters
-        ----------
-        result : FilterResult
-            From this filter's `run`.
-
-        Returns
-        -------
-        SmoothedResult
-            States given all measurements, before and after. Nothing passes backwards over a row
-            whose prediction failed.
+        Nothing passes backwards over a row whose prediction failed.
         """
         state = self.initial_state(result.x0, result.P0)
         x, P = result.x.copy(), result.P.copy()
         x0, P0 = result.x0.copy(), result.P0.copy()
-        smooth(
-            state.numbers,
-            state.memory,
-            result.u,
-            result.dt,
-            result.inflation,
-            result.status,
-            x0,
-            P0,
-            x,
-            P,
-        )
-        return SmoothedResult(x=x, P=P, x0=x0, P0=P0)
-
-
-def _empty_result(state: FilterState, control: Array, steps: Array) -> FilterResult:
-    rows, n, m = len(steps), len(state.x), len(state.z)
-    return FilterResult(
-        x=np.empty((rows, n)),
-        P=np.empty((rows, n, n)),
-        innovation=np.empty((rows, m)),
-        nis=np.empty(rows),
-        loglik=np.empty(rows),
-        inflation=np.empty(rows),
-        status=np.empty(rows, dtype=np.int64),
-        u=control,
-        dt=steps,
-        x0=state.x.copy(),
-        P0=state.P.copy(),
-    )
+        given = result.u, result.dt, result.inflation, result.status
+        smooth(state.numbers, state.memory, *given, x0, P0, x, P)
+        return SmoothedResult(x, P, x0, P0)
 
 
 def _numbers(values: npt.ArrayLike, what: str) -> Array:

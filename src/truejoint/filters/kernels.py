@@ -10,13 +10,7 @@ from truejoint.filters.prediction import predict
 
 @compiled
 def step(numbers: Integers, memory: Array) -> int:
-    """Advance the state in the memory by DT and correct it by the measurement in Z.
-
-    Returns
-    -------
-    int
-        Status bits, see `FilterStatus`.
-    """
+    """Advance the state in the memory by DT, correct it by the measurement in Z; status bits."""
     lent_numbers, lent_memory = borrow(numbers), borrow(memory)
     status = predict(lent_numbers, lent_memory)
     status |= correct(lent_numbers, lent_memory)
@@ -41,16 +35,8 @@ def run(
 ) -> None:
     """Take one step for each row of a record; single steps give the same bits.
 
-    Parameters
-    ----------
-    numbers, memory : arrays
-        The filter's memory, left as it is after the last row.
-    z, u, dt : (N, m), (N, inputs), (N,) array
-        Measurements, control inputs and time steps [s].
-    states, covariances, innovations : (N, n), (N, n * n), (N, m) array
-        Filled.
-    nis, loglik, inflation, statuses : (N,) array
-        Filled.
+    Of measurements `z` (N, m), inputs `u` (N, inputs) and time steps `dt` (N,) [s]; the other
+    arrays, a row for each of them, are filled.
     """
     n, m, inputs = numbers[at.N], numbers[at.M], numbers[at.INPUTS]
     row_z = vector(memory, numbers[at.Z], m)
@@ -75,11 +61,10 @@ def run(
 def restart(numbers: Integers, memory: Array) -> None:
     """Put the filter back to where it stood before its first step."""
     n = numbers[at.N]
+    size = n * n
     copy(vector(memory, numbers[at.X_PRIOR], n), vector(memory, numbers[at.X], n), n)
-    prior = vector(memory, numbers[at.P_PRIOR], n * n)
-    copy(prior, vector(memory, numbers[at.P], n * n), n * n)
-    prior = vector(memory, numbers[at.S_PRIOR], n * n)
-    copy(prior, vector(memory, numbers[at.S], n * n), n * n)
+    copy(vector(memory, numbers[at.P_PRIOR], size), vector(memory, numbers[at.P], size), size)
+    copy(vector(memory, numbers[at.S_PRIOR], size), vector(memory, numbers[at.S], size), size)
     if numbers[at.G] != 0:
         fill(vector(memory, numbers[at.Q], n * n), n * n, 0.0)
     numbers[at.REJECTED] = 0

@@ -104,11 +104,7 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     factor = matrix(memory, numbers[at.S_MEAN], n, n)
     if not within_limit(entries, n * n, LIMIT) or not semidefinite_cholesky(noise, n, factor):
         return False
-    copy(
-        vector(memory, numbers[at.S_MEAN], n * n),
-        vector(memory, numbers[at.Q], n * n),
-        n * n,
-    )
+    copy(vector(memory, numbers[at.S_MEAN], n * n), vector(memory, numbers[at.Q], n * n), n * n)
     return True
 
 
@@ -120,15 +116,10 @@ def _check_inputs(numbers: Integers, memory: Array) -> bool:
 
 @compiled
 def predict(numbers: Integers, memory: Array) -> int:
-    """Mean and covariance of the predicted state, (15)-(17), into X_MEAN, P_MEAN and S_MEAN.
+    """Mean and covariance of the predicted state, (15)-(17); status bits.
 
     With dt = 0 no time passes: the prediction is the state. Where the inputs or the transition
     cannot be used the state is held and the process noise still added.
-
-    Returns
-    -------
-    int
-        Status bits.
     """
     n = numbers[at.N]
     x = vector(memory, numbers[at.X], n)
@@ -151,9 +142,9 @@ def predict(numbers: Integers, memory: Array) -> int:
     mean = vector(memory, numbers[at.X_MEAN], n)
     covariance = vector(memory, numbers[at.P_MEAN], n * n)
     if not (within_limit(mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
-        factor = vector(memory, numbers[at.S_MEAN], n * n)
         copy(x, mean, n)
         copy(vector(memory, numbers[at.P], n * n), covariance, n * n)
+        factor = vector(memory, numbers[at.S_MEAN], n * n)
         copy(vector(memory, numbers[at.S], n * n), factor, n * n)
         place_points(numbers, memory, at.S, 1.0)
         copy(x, centre, n)
@@ -224,13 +215,7 @@ def finish(
     if correction > 0.0:
         copy(deficit, stack[rows], size)
         rows += 1
-    return combine(
-        stack,
-        rows,
-        size,
-        deficit,
-        correction < 0.0,
-        numbers[at.ROOT] == 1,
-        matrix(memory, numbers[covariance_block], size, size),
-        matrix(memory, numbers[factor_block], size, size),
-    )
+    covariance = matrix(memory, numbers[covariance_block], size, size)
+    factor = matrix(memory, numbers[factor_block], size, size)
+    by_root = numbers[at.ROOT] == 1
+    return combine(stack, rows, size, deficit, correction < 0.0, by_root, covariance, factor)

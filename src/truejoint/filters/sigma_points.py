@@ -58,23 +58,7 @@ class ScaledSigmaPoints:
             raise FilterError(f"beta {self.beta} and kappa {self.kappa} must be finite numbers")
 
     def reach(self, dimensions: int) -> float:
-        """Distance of the points from the mean in standard deviations, sqrt(L + lambda).
-
-        Parameters
-        ----------
-        dimensions : int
-            L, the number of directions in which points are placed.
-
-        Returns
-        -------
-        float
-            alpha sqrt(L + kappa).
-
-        Raises
-        ------
-        FilterError
-            If L + kappa is not positive.
-        """
+        """Distance of the points from the mean in deviations, alpha sqrt(L + kappa), L > -kappa."""
         if not dimensions + self.kappa > 0.0:
             raise FilterError(f"kappa is {self.kappa}: it must be above -{dimensions}")
         return self.alpha * math.sqrt(dimensions + self.kappa)
@@ -111,23 +95,7 @@ class LambdaSigmaPoints:
             raise FilterError(f"lambda is {self.lambda_}: give a finite number")
 
     def reach(self, dimensions: int) -> float:
-        """Distance of the points from the mean in standard deviations.
-
-        Parameters
-        ----------
-        dimensions : int
-            L, the number of directions in which points are placed.
-
-        Returns
-        -------
-        float
-            sqrt(L + lambda).
-
-        Raises
-        ------
-        FilterError
-            If L + lambda is not positive.
-        """
+        """Distance of the points from the mean in deviations, sqrt(L + lambda), L > -lambda."""
         if not dimensions + self.lambda_ > 1e-8:
             raise FilterError(f"lambda is {self.lambda_}: it must be above -{dimensions}")
         return math.sqrt(dimensions + self.lambda_)

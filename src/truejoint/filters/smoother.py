@@ -124,16 +124,8 @@ def _smooth_one(
     if correction > 0.0:
         copy(deficit, stack[rows], n)
         rows += 1
-    combine(
-        stack,
-        rows,
-        n,
-        deficit,
-        correction < 0.0,
-        numbers[at.ROOT] == 1,
-        scratch,
-        matrix(memory, numbers[at.S_MEAN], n, n),
-    )
+    factor, by_root = matrix(memory, numbers[at.S_MEAN], n, n), numbers[at.ROOT] == 1
+    combine(stack, rows, n, deficit, correction < 0.0, by_root, scratch, factor)
     if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
         copy(vector(memory, numbers[at.POINT], n), x, n)
         for i in range(n):
@@ -155,16 +147,9 @@ def smooth(
 ) -> None:
     """Smooth a filtered record backwards, in place (Saerkkae, IEEE TAC 53(3), 2008).
 
-    Parameters
-    ----------
-    numbers, memory : arrays
-        A filter's memory, used as scratch space.
-    u, dt, inflation, status : (N, inputs), (N,), (N,), (N,) array
-        What the filter was given, and what it reported, for each row.
-    x0, P0 : (n,), (n, n) array
-        Prior; replaced by its smoothed self.
-    x, P : (N, n), (N, n, n) array
-        Filtered states and covariances; replaced by smoothed ones.
+    A filter's memory serves as scratch space; `inflation` and `status` (N,) are what it reported
+    for `u` (N, inputs) and `dt` (N,). Replaced by their smoothed selves: the prior `x0` (n,), `P0`
+    (n, n), and the filtered `x` (N, n), `P` (N, n, n).
     """
     row_u = vector(memory, numbers[at.U], numbers[at.INPUTS])
     for k in range(x.shape[0] - 2, -2, -1):

@@ -24,26 +24,9 @@ _UNWRITTEN: Final = 1.2345678e-67
 
 
 def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
-    """Covariance matrix, checked.
+    """Covariance (size, size), exactly symmetric; zero is allowed.
 
-    Parameters
-    ----------
-    value : array_like, (n, n)
-        Symmetric and positive semidefinite within rounding; zero is allowed.
-    size : int
-        Wanted n.
-    what : str
-        What the matrix is called in a message.
-
-    Returns
-    -------
-    (n, n) array
-        The matrix, exactly symmetric.
-
-    Raises
-    ------
-    FilterError
-        If it is no covariance of that size.
+    Raises FilterError if `what` is not that, symmetric and positive semidefinite within rounding.
     """
     try:
         matrix = np.array(value, dtype=np.float64)
@@ -68,18 +51,7 @@ def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
 
 
 def covariance_factor(covariance: Array) -> Array:
-    """Lower factor of a checked covariance.
-
-    Parameters
-    ----------
-    covariance : (n, n) array
-        Positive semidefinite.
-
-    Returns
-    -------
-    (n, n) array
-        L with L L' = covariance.
-    """
+    """Lower factor L of a checked covariance, L L'."""
     factor = np.zeros_like(covariance)
     semidefinite_cholesky(covariance, len(covariance), factor)
     return factor
@@ -121,11 +93,7 @@ class StateSpaceModel:
 
     Examples
     --------
-    >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
-    ... )
-    >>> model.states
+    >>> random_walk.states
     ('x',)
     """
 
@@ -198,29 +166,27 @@ def _compile(
 
 
 @compiled
-def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:  # noqa: ARG001 - a transition's arguments
+def _add_product(A: Array, x: Array, out: Array) -> None:
+    for i in range(A.shape[0]):
+        for j in range(A.shape[1]):
+            out[i] += A[i, j] * x[j]
+
+
+@compiled
+def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
     """Next state A x + B u, with A and B row by row at the head of the parameters."""
     n, p = len(x), len(u)
-    A, B = matrix(parameters, 0, n, n), matrix(parameters, n * n, n, p)
-    for i in range(n):
-        total = 0.0
-        for j in range(n):
-            total += A[i, j] * x[j]
-        for j in range(p):
-            total += B[i, j] * u[j]
-        out[i] = total
+    out[:] = 0.0
+    _add_product(matrix(parameters, 0, n, n), x, out)
+    _add_product(matrix(parameters, n * n, n, p), u, out)
 
 
 @compiled
 def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     """Measurement C x, with C after A and B in the parameters."""
-    n, m = len(x), len(out)
-    C = matrix(parameters, n * (n + len(u)), m, n)
-    for i in range(m):
-        total = 0.0
-        for j in range(n):
-            total += C[i, j] * x[j]
-        out[i] = total
+    n = len(x)
+    out[:] = 0.0
+    _add_product(matrix(parameters, n * (n + len(u)), len(out), n), x, out)
 
 
 @compiled
@@ -228,10 +194,7 @@ def linear_measurement_with_input(x: Array, u: Array, parameters: Array, out: Ar
     """Measurement C x + D u, with C and D after A and B in the parameters."""
     n, p, m = len(x), len(u), len(out)
     linear_measurement(x, u, parameters, out)
-    D = matrix(parameters, n * (n + p) + m * n, m, p)
-    for i in range(m):
-        for j in range(p):
-            out[i] += D[i, j] * u[j]
+    _add_product(matrix(parameters, n * (n + p) + m * n, m, p), u, out)
 
 
 def linear_model(
@@ -249,6 +212,8 @@ def linear_model(
 ) -> StateSpaceModel:
     """Model x[k] = A x[k-1] + B u[k] + w, z[k] = C x[k] + D u[k] + v, for steps of one length.
 
+    Its functions are compiled once for all linear models.
+
     Parameters
     ----------
     A, B, C, D : (n, n), (n, p), (m, n), (m, p) array_like
@@ -258,11 +223,6 @@ def linear_model(
     states, measurements, inputs, angles : tuple of str
         Names, as in `StateSpaceModel`.
 
-    Returns
-    -------
-    StateSpaceModel
-        Its functions are compiled once for all linear models.
-
     Raises
     ------
     FilterError
@@ -271,8 +231,7 @@ def linear_model(
     Examples
     --------
     >>> model = linear_model(
-    ...     [[1.0]], np.zeros((1, 0)), [[1.0]], np.zeros((1, 0)), [[0.1]], [[1.0]],
-    ...     states=("x",), measurements=("z",),
+    ...     [[1.0]], [[]], [[1.0]], [[]], [[0.1]], [[1.0]], states=("x",), measurements=("z",)
     ... )
     >>> model.measurements
     ('z',)
@@ -302,6 +261,8 @@ def linear_model(
 def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
     """Exact discretisation of dx/dt = A x + B u with u constant over a step: (13) to (14).
 
+    Returns exp(A dt) (n, n), and the integral of exp(A s) B (n, p) over 0 <= s <= dt.
+
     Parameters
     ----------
     A : (n, n) array_like
@@ -310,11 +271,6 @@ def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Ar
         Input matrix.
     dt : float
         Step [s], not negative.
-
-    Returns
-    -------
-    (n, n) array, (n, p) array
-        exp(A dt), and the integral of exp(A s) B over 0 <= s <= dt.
 
     Raises
     ------
@@ -344,6 +300,9 @@ def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Ar
 def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
     """Exact transition matrix and covariance of white noise acting on dx/dt = A x + w.
 
+    Returns F = exp(A dt), and Q = integral of exp(A s) density exp(A s)' over 0 <= s <= dt, both
+    (n, n).
+
     Van Loan (IEEE Transactions on Automatic Control 23(3), 1978) over a step short enough for
     exp(-A dt) to be harmless, then Q(2h) = Q(h) + F Q(h) F' until the whole step is covered, in
     balanced coordinates: stiff cables and slow sampling cost no digits.
@@ -356,11 +315,6 @@ def van_loan(A: npt.ArrayLike, density: npt.ArrayLike, dt: float) -> tuple[Array
         Spectral density of w, its covariance per second.
     dt : float
         Step [s], not negative.
-
-    Returns
-    -------
-    (n, n) array, (n, n) array
-        F = exp(A dt), and Q = integral of exp(A s) density exp(A s)' over 0 <= s <= dt.
 
     Raises
     ------

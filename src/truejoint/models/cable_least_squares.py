@@ -15,6 +15,7 @@ from truejoint.models.jaw import (
     DRIVE,
     FIT_METHOD,
     MOTOR,
+    NO_ERROR,
     RESET,
     rational_error,
     weighted,
@@ -35,12 +36,7 @@ COLUMNS: Final = LAYOUT.array("columns", "of one row: x1 and x2 with derivatives
 
 @compiled
 def cable_least_squares_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by (29), or by (30) where there is an error model."""
     compensated = numbers[COMPENSATED]
@@ -56,17 +52,10 @@ def cable_least_squares_row(
 
 @compiled
 def observe(dt: float, drive: float, reset: float, last: Array, out: Array) -> None:
-    """One row of (29): both displacements, their speeds and accelerations, sign of the last speed.
+    """One row of (29) into `out` (7,): both displacements [m], their speeds and accelerations.
 
-    Parameters
-    ----------
-    dt : float
-        Time since the row before [s]; 0 starts anew, at rest.
-    drive, reset : float
-        ``x1``, ``x2`` [m].
-    last : ndarray, shape (4,)
-        Displacements and speeds of the row before; changed in place.
-    out : ndarray, shape (7,)
+    Last comes the sign of the drive's speed. `dt` [s] is 0 where a history starts, at rest; `last`
+    (4,), displacements and speeds of the row before, is changed in place.
     """
     for i in range(2):
         place = drive if i == 0 else reset
@@ -99,15 +88,9 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    return LAYOUT.pack(
-        compensated=params["compensated"],
-        constant=arrays["constant"][0],
-        coef=arrays["coef"],
-        scale=arrays.get("scale", np.ones(2)),
-        error_coef=arrays.get("error_coef", np.zeros(COEFFICIENTS)),
-        last=np.zeros(4),
-        columns=np.zeros(OBSERVED),
-    )
+    learnt = {**NO_ERROR, **arrays}
+    empty = {"last": np.zeros(4), "columns": np.zeros(OBSERVED)}
+    return LAYOUT.pack(compensated=params["compensated"], **learnt, **empty)
 
 
 FAMILY: Final = Family(

@@ -21,7 +21,7 @@ from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.family import Family, Params, Shape, integer, number
-from truejoint.models.filtered import advance
+from truejoint.models.filtered import advance, quadratic
 
 DRIVER: Final = "driver/jaw"
 TORQUE: Final = "effort/jaw"
@@ -56,24 +56,11 @@ def count_terms(elements: int) -> int:
 
 @compiled
 def response(angle: float, load: float, x: Array, elements: int, coefficients: Array) -> float:
-    """Respond as the joint does at rest: with a torque, or an angle.
+    """Respond as the joint does at rest to ``d`` and ``B``: with a torque, or an angle.
 
-    A cubic in ``d`` and ``B`` plus, for each friction element, its deflection ``z`` times a
-    quadratic in both: the ratio of the linkage changes over its travel, the cable stiffens with
-    load, and friction grows with the cable's tension.
-
-    Parameters
-    ----------
-    angle, load : float
-        ``d`` and ``B``.
-    x : ndarray, shape (at least elements,)
-        Deflections ``z`` of the friction elements; beyond -1 to 1 they count as sliding.
-    elements : int
-    coefficients : ndarray, shape (count_terms(elements),)
-
-    Returns
-    -------
-    float
+    A cubic in both plus, for each friction element, its deflection ``z``, in `x` and from -1 to 1,
+    times a quadratic in both: the ratio of the linkage changes over its travel, the cable stiffens
+    with load, and friction grows with the cable's tension.
     """
     c = coefficients
     total: float = c[0] + angle * (c[1] + angle * (c[2] + angle * c[3]))
@@ -103,33 +90,14 @@ def terms(angle: Array, load: Array, deflections: Array) -> Array:
 
 @compiled
 def output(angle: float, x: Array, elements: int, coefficients: Array) -> float:
-    """Tell what the filter is asked for, the jaw's angle or torque.
+    """Tell the jaw's angle or torque at ``d`` of a state `x` (m + 2,) of the filter.
 
-    Parameters
-    ----------
-    angle : float
-        ``d``.
-    x : ndarray, shape (elements + 2,)
-        Deflections, load, and the rest of friction.
-    elements : int
-    coefficients : ndarray, shape (count_terms(elements) + 2,)
-        Of `response`, then of the rest of friction ``w`` and of ``w d``.
-
-    Returns
-    -------
-    float
+    The last two `coefficients` weigh the rest of friction ``w`` and ``w d``, those before
+    `response`.
     """
     last = POLYNOMIAL + PER_ELEMENT * elements
     rest: float = x[elements + 1] * (coefficients[last] + angle * coefficients[last + 1])
     return response(angle, x[elements], x, elements, coefficients) + rest
-
-
-@compiled
-def outputs(angles: Array, states: Array, elements: int, coefficients: Array, out: Array) -> None:
-    """`output` of every row for each row of `coefficients` (k, ...), into `out` (n, k)."""
-    for i in range(states.shape[0]):
-        for j in range(coefficients.shape[0]):
-            out[i, j] = output(angles[i], states[i], elements, coefficients[j])
 
 
 def output_terms(angle: Array, states: Array) -> Array:
@@ -144,14 +112,8 @@ def output_terms(angle: Array, states: Array) -> Array:
 def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) -> None:
     """Drag the friction elements along; the load stays; the rest of friction fades with travel.
 
-    Parameters
-    ----------
-    x, out : ndarray, shape (elements + 2,)
-        Deflections, load ``B``, and the friction that they do not explain.
-    u : ndarray, shape (2,)
-        ``d``, and how far it went over the step.
-    parameters : ndarray
-        As `state_space` lays them out.
+    State `x` (m + 2,): deflections, load ``B``, friction that they do not explain; `u`: ``d``,
+    travel.
     """
     elements = int(parameters[_ELEMENTS])
     for i in range(elements):
@@ -180,34 +142,15 @@ def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
 
 @dataclass(frozen=True, eq=False)
 class ElasticJoint:
-    """Identified joint, in units of the calibration.
+    """Identified joint, in units of the calibration."""
 
-    Attributes
-    ----------
-    widths : ndarray, shape (m,)
-        Travel from the middle of a friction element's deflection to sliding.
-    torque : ndarray, shape (count_terms(m),)
-        Response of the driver's torque; the load ``B`` is the torque that the driver would need in
-        the middle of its range without friction.
-    load_density : float
-        Variance that the load gains in a second.
-    rest_deviation, rest_travel : float
-        Standard deviation of the friction that the elements do not explain, and the travel over
-        which it forgets itself.
-    noise_density : float
-        Variance of the measured torque times the interval between its samples [s]: what it says of
-        the load in a second does not depend on how often it is read.
-    load_mean, load_deviation : float
-        Of the loads calibrated with: what the filter expects at first.
-    """
-
-    widths: Array
-    torque: Array
-    load_density: float
-    rest_deviation: float
-    rest_travel: float
-    noise_density: float
-    load_mean: float
+    widths: Array  # (m,), travel from the middle of an element's deflection to sliding
+    torque: Array  # (count_terms(m),), of the driver's torque, whose load part is ``B`` as it is
+    load_density: float  # variance that the load gains in a second
+    rest_deviation: float  # of the friction that the elements do not explain
+    rest_travel: float  # over which it forgets itself
+    noise_density: float  # of the measured torque: variance times the interval of samples [s]
+    load_mean: float  # of the loads calibrated with: what the filter expects at first
     load_deviation: float
 
     @classmethod
@@ -308,8 +251,8 @@ def output_variance(
 ) -> float:
     """Variance of what a state (n,) of covariance `spread` (n, n) says of one output.
 
-    By differences over a deviation each way, since the responses bend where an element slides;
-    `near` and `slope` (n,) are room to work in.
+    By differences over a deviation each way, since responses bend where an element slides; `near`
+    and `slope` (n,) are room to work in.
     """
     n = spread.shape[0]
     elements = n - 2
@@ -321,24 +264,21 @@ def output_variance(
         near[i] = x[i] - width
         slope[i] = (ahead - output(angle, near, elements, coefficients)) / (2.0 * width)
         near[i] = x[i]
-    variance = 0.0
-    for i in range(n):
-        for j in range(n):
-            variance += slope[i] * spread[i, j] * slope[j]
-    return max(variance, 0.0)
+    return float(quadratic(slope, spread, n))
 
 
 @compiled
-def output_variances(
-    angles: Array, states: Array, spread: Array, coefficients: Array, out: Array
+def output_rows(
+    angles: Array, states: Array, spread: Array, coefficients: Array, out: Array, variance: Array
 ) -> None:
-    """`output_variance` of every row for each row of `coefficients` (k, ...), into `out` (n, k)."""
+    """`output` and `output_variance` of every row for each of `coefficients` (k, ...): (n, k)."""
     near, slope = np.empty(states.shape[1]), np.empty(states.shape[1])
     for i in range(states.shape[0]):
+        x, P = states[i], spread[i]
         for j in range(coefficients.shape[0]):
-            out[i, j] = output_variance(
-                angles[i], states[i], spread[i], coefficients[j], near, slope
-            )
+            c = coefficients[j]
+            out[i, j] = output(angles[i], x, len(x) - 2, c)
+            variance[i, j] = output_variance(angles[i], x, P, c, near, slope)
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:

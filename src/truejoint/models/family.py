@@ -1,4 +1,3 @@
-# ruff: noqa: ARG001 - numba reads the types of an intrinsic's arguments from its parameter names
 """What runs of an estimator: its rules, its fitted arrays, and one compiled row.
 
 A `Family` needs numpy and numba alone, so a control loop gets by without what learns. Whatever an
@@ -18,16 +17,7 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from truejoint.compiled import (
-    INTEGERS,
-    VECTOR,
-    Array,
-    Integers,
-    Kernel,
-    address,
-    call_address,
-    compiled,
-)
+from truejoint.compiled import INTEGERS, VECTOR, Array, Integers, address, call_address, compiled
 from truejoint.errors import CalibrationError
 from truejoint.layout import Memory
 from truejoint.plugins import load_plugin, plugins
@@ -80,8 +70,7 @@ def one_of(*choices: object) -> Rule:
     """Rule of one value among a few."""
     texts = ", ".join(str(choice) for choice in choices)
     return Rule(
-        lambda value: any(type(value) is type(c) and value == c for c in choices),
-        f"one of {texts}",
+        lambda value: any(type(value) is type(c) and value == c for c in choices), f"one of {texts}"
     )
 
 
@@ -111,60 +100,28 @@ def random_state() -> Rule:
 
 @dataclass(frozen=True, eq=False)
 class EstimatorData:
-    """A fitted estimator as data.
+    """A fitted estimator as data: what a model file holds."""
 
-    Attributes
-    ----------
-    family : str
-        A name that `find_family` knows.
-    params : mapping
-        Parameters by name, as JSON values or tuples of them.
-    arrays : mapping of str to ndarray
-        What was learnt, float64, by name.
-    """
-
-    family: str
-    params: Params
-    arrays: Mapping[str, Array]
+    family: str  # a name that `find_family` knows
+    params: Params  # as JSON values or tuples of them
+    arrays: Mapping[str, Array]  # what was learnt, float64
 
 
 @dataclass(frozen=True)
 class Family:
     """One kind of estimator, as far as it runs.
 
-    Attributes
-    ----------
-    name : str
-        In model files; that of the module in `truejoint.models`, which holds it as ``FAMILY``.
-    rules : mapping of str to Rule
-        What each parameter must be.
-    shapes : callable
-        Name and shape of each learnt array, of parameters, number of features and number of
-        outputs; raises CalibrationError for numbers that the estimator does not take.
-    pack : callable, optional
-        Memory of the row, of parameters, arrays, number of features and number of outputs;
-        raises CalibrationError or FilterError where they make no model.
-    row : compiled function, optional
-        ``row(numbers, memory, dt, x, out, half_width)``. Predicts `out` (n_outputs,) for the
-        features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the
-        row before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the
-        calibration; a model that knows better overwrites it. None for an estimator that only
-        works offline.
-    remembers : bool
-        Whether an output depends on the rows before.
-    counts_samples : bool
-        Whether what was learnt belongs to one sample interval, within half.
-    inputs : callable, optional
-        Features that it takes, in order, of its parameters; any where there is none.
-    targets : tuple of str
-        What it can be fitted to, the usual one first.
-    moved_by : str
-        Array that is added to the output as it is, which re-zeroing moves; "" where there is none.
-    states_deviation : callable, optional
-        Whether, of its parameters, the row states a deviation of its own: its layout then has a
-        scalar ``deviations``, by which the row multiplies it.
-    offline : str
-        Why there is no row, where there is none.
+    Its `name`, which stands in model files, is that of the module in `truejoint.models` that holds
+    it as ``FAMILY``. `rules` say what each parameter must be; `shapes` gives name and shape of each
+    learnt array, of parameters, number of features and number of outputs, and `pack` the memory of
+    the row, of parameters, arrays and both numbers; they raise CalibrationError (`pack` FilterError
+    too) for what the estimator does not take or makes no model.
+
+    ``row(numbers, memory, dt, x, out, half_width)``, compiled, predicts `out` (n_outputs,) for the
+    features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the row
+    before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the calibration; a
+    model that knows better overwrites it: its layout then has a scalar ``deviations``, by which the
+    row multiplies its own. Without row and `pack`, it only works offline.
     """
 
     name: str
@@ -172,13 +129,13 @@ class Family:
     shapes: Callable[[Params, int, int], dict[str, Shape]]
     pack: Callable[[Params, Mapping[str, Array], int, int], Memory] | None = None
     row: Any = None
-    remembers: bool = False
-    counts_samples: bool = False
-    inputs: Callable[[Params], tuple[str, ...]] | None = None
-    targets: tuple[Target, ...] = TARGETS
-    moved_by: str = ""
-    states_deviation: Callable[[Params], bool] | None = None
-    offline: str = "uses later rows"
+    remembers: bool = False  # whether an output depends on the rows before
+    counts_samples: bool = False  # whether what was learnt belongs to one sample interval
+    inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
+    targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
+    moved_by: str = ""  # array that is added to the output, which re-zeroing moves; "": none
+    states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
+    offline: str = "uses later rows"  # why there is no row, where there is none
 
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""
@@ -208,13 +165,7 @@ class Family:
         check_arrays(self.name, data.arrays, self.shapes(data.params, n_features, n_outputs))
 
     def memory(self, data: EstimatorData, n_features: int, n_outputs: int) -> Memory:
-        """Memory of the row of a fitted estimator, before its first row.
-
-        Raises
-        ------
-        CalibrationError
-            If it only works offline, or its numbers make no model.
-        """
+        """Memory of the row of a fitted estimator; CalibrationError if its numbers make none."""
         if self.pack is None:
             raise CalibrationError(
                 f"estimator {self.name!r} {self.offline} and cannot run in a loop; it corrects "
@@ -301,10 +252,3 @@ def run_rows(
     """Predict every row of `X` (n, k), one after the other, into `out` (n, n_outputs)."""
     for i in range(X.shape[0]):
         call_row(row, numbers, memory, dt[i], X[i], out[i], half_width)
-
-
-__all__ = [
-    "LARGEST", "POSITIVE", "ROW", "TARGETS", "EstimatorData", "Family", "Kernel", "Params", "Rule",
-    "Shape", "Target", "call_row", "check_arrays", "evaluate", "find_family", "integer",
-    "is_integer", "is_number", "number", "numbers", "one_of", "only_joint", "random_state",
-]  # fmt: skip

@@ -74,27 +74,12 @@ def feature_row(
     clock: Array,
     out: Array,
 ) -> bool:
-    """Features of one sample; returns whether their history starts here.
+    """Features of one sample, into `out` (k,); returns whether their history starts here.
 
-    Parameters
-    ----------
-    operation, source : ndarray of int, shape (k,)
-        What to do (`VALUE`, `LAG`, ...) with which signal.
-    parameter : ndarray, shape (k,)
-        Samples, time constant [s] or half-width [unit of the signal].
-    slot : ndarray of int, shape (k,)
-        Where the feature's state begins in `memory`.
-    gap_limit : float
-        Time without a sample [s] after which the history starts anew.
-    t : float
-        Time stamp [s].
-    sample : ndarray, shape (n_signals,)
-    memory : ndarray, shape (n_memory,)
-        State, changed in place.
-    clock : ndarray, shape (2,)
-        Whether a sample was seen (0 or 1) and its time stamp [s]; changed in place.
-    out : ndarray, shape (k,)
-        Receives the features.
+    Each applies its `operation` (`VALUE`, `LAG`, ...) with its `parameter` (samples, time constant
+    [s] or half-width) to the signal `source` of the `sample`; its state begins at `slot` of
+    `memory`. `clock` (2,) is whether a sample was seen and its stamp [s]; after `gap_limit` [s] all
+    starts anew.
     """
     step = t - clock[1]
     fresh = bool(clock[0] == 0.0 or not (step > 0.0 and step <= gap_limit))

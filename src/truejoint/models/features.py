@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.models import feature_kernels as kernels
 
@@ -19,7 +20,6 @@ if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
     from truejoint.recordings import Recording
     from truejoint.robots import Robot
 
-Array = NDArray[np.float64]
 Operation = Literal["value", "lag", "lowpass", "rate", "play"]
 
 MAX_FEATURES: Final = 512
@@ -89,9 +89,6 @@ class Feature:
             raise CalibrationError(
                 f"no feature operation {self.operation!r}; write one of {_FORMS}"
             )
-        self._check_parameter()
-
-    def _check_parameter(self) -> None:
         p = self.parameter
         rules: dict[Operation, tuple[bool, str]] = {
             "value": (p == 0, "takes no parameter"),
@@ -114,12 +111,9 @@ class Feature:
 
     @classmethod
     def parse(cls, text: str) -> Feature:
-        """Feature of its text, for instance ``"lag(measured/jaw, 3)"``; the inverse of `str`.
+        """Feature of its text, for instance ``"lag(measured/jaw, 3)"``, the inverse of `str`.
 
-        Raises
-        ------
-        CalibrationError
-            If the text is none of the known forms.
+        Raises CalibrationError if the text is none of the known forms.
         """
         text = text.strip()
         call = _CALL.fullmatch(text)
@@ -148,17 +142,10 @@ class Feature:
 
 @dataclass
 class FeatureState:
-    """What features remember between samples; made by `FeatureSet.start`.
-
-    Attributes
-    ----------
-    memory : ndarray, shape (n_memory,)
-    clock : ndarray, shape (2,)
-        Whether a sample was seen (0 or 1), and its time stamp [s].
-    """
+    """What features remember between samples; made by `FeatureSet.start`."""
 
     memory: Array
-    clock: Array
+    clock: Array  # (2,), whether a sample was seen, and its time stamp [s]
 
 
 @dataclass(frozen=True)
@@ -234,48 +221,20 @@ class FeatureSet:
     ) -> bool:
         """Features of one sample, into `out` (k,); the same bits as `compute` gives.
 
-        Parameters
-        ----------
-        state : FeatureState
-            Changed in place.
-        t : float
-            Time stamp [s].
-        sample : ndarray, shape (n_signals,)
-            Values of `signals`, in their order.
-        gap_limit : float
-            Time without a sample [s] after which the history starts anew.
-        out : ndarray, shape (k,)
-
-        Returns
-        -------
-        bool
-            Whether the history starts at this sample.
+        Returns whether their history starts here. `state` is changed in place; `sample`
+        (n_signals,) holds the values of `signals` at `t` [s]; after `gap_limit` [s] without a
+        sample the history starts anew.
         """
         return kernels.feature_row(
             *self.program, gap_limit, t, sample, state.memory, state.clock, out
         )
 
     def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
-        """Features of every row of a recording.
+        """Features (n, k) of every row of a recording, in the units that `units` states.
 
-        The history starts at the first row and after every gap in time.
-
-        Parameters
-        ----------
-        recording : Recording
-        gap_limit : float, optional
-            Time without a sample [s] after which the history starts anew; `default_gap_limit` of
-            the recording when not given.
-
-        Returns
-        -------
-        ndarray, shape (n, k)
-            In the units that `units` states.
-
-        Raises
-        ------
-        RecordingError
-            If the recording lacks a signal; the message names the columns that it has.
+        The history starts at the first row and after each gap of more than `gap_limit` [s], by
+        default that of `default_gap_limit`. Raises RecordingError, naming the columns, if a signal
+        is missing.
         """
         if gap_limit is None:
             gap_limit = default_gap_limit([recording])
@@ -300,14 +259,7 @@ def sample_interval(recordings: Sequence[Recording]) -> float:
 
 
 def check_sample_interval(recording: Recording, trained: float) -> None:
-    """Refuse, with CalibrationError, a recording at another rate where features count samples.
-
-    Parameters
-    ----------
-    recording : Recording
-    trained : float
-        Median time between the rows of the training recordings [s].
-    """
+    """Refuse, with CalibrationError, a recording whose rows are not about `trained` [s] apart."""
     interval = sample_interval([recording])
     if max(trained, interval) > MAX_RATE_RATIO * min(trained, interval):
         raise CalibrationError(

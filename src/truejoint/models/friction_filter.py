@@ -18,16 +18,8 @@ from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
-from truejoint.models.family import (
-    POSITIVE,
-    Family,
-    Params,
-    Shape,
-    is_number,
-    numbers,
-    only_joint,
-)
-from truejoint.models.filtered import advance
+from truejoint.models.family import POSITIVE, Family, Params, Shape, is_number, numbers, only_joint
+from truejoint.models.filtered import advance, quadratic
 from truejoint.models.jaw import MOTOR, RESET
 
 DEGREE: Final = 4
@@ -49,6 +41,19 @@ def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) ->
 
 
 @compiled
+def response(place: float, x: Array, elements: int, weights: Array) -> float:
+    """Sum of a constant, powers of a scaled place, and the elements' deflections in `x`."""
+    total = weights[0]
+    power = 1.0
+    for i in range(DEGREE):
+        power = power * place
+        total = total + weights[1 + i] * power
+    for i in range(elements):
+        total = total + weights[1 + DEGREE + i] * x[i]
+    return float(total)
+
+
+@compiled
 def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     """Drive cable's displacement [m] where the reset cable's is ``u[1]`` [m].
 
@@ -56,15 +61,9 @@ def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     each element, and the drive cable's stretch per load [m/Nm].
     """
     n = int(parameters[0])
-    place = u[1] * parameters[1 + n]
-    total = parameters[2 + n]
-    power = 1.0
-    for i in range(DEGREE):
-        power *= place
-        total += parameters[3 + n + i] * power
-    for i in range(n):
-        total += parameters[3 + n + DEGREE + i] * x[i]
-    out[0] = total + parameters[3 + 2 * n + DEGREE] * x[n]
+    last = 3 + 2 * n + DEGREE
+    place = response(u[1] * parameters[1 + n], x, n, parameters[2 + n : last])
+    out[0] = place + parameters[last] * x[n]
 
 
 @compiled
@@ -77,13 +76,7 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
 
 
 def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
-    """Build the filter of a fitted `FrictionFilter`, of its parameters and arrays.
-
-    Raises
-    ------
-    CalibrationError, FilterError
-        If an array makes no sense.
-    """
+    """Build the filter of a fitted `FrictionFilter`; raises CalibrationError or FilterError."""
     for name in ("scale", "misfit", "interval"):
         if not all(is_number(value, 1.0 / _LARGEST, _LARGEST) for value in arrays[name]):
             raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
@@ -115,10 +108,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
 
 
 def friction_prior(elements: int) -> tuple[Array, Array]:
-    """Mean (n + 1,) and covariance (n + 1, n + 1) before the first row.
-
-    At rest and unloaded, with friction anywhere within half of what it can hold.
-    """
+    """Mean (n + 1,) and covariance at first: unloaded, friction within half of what it can hold."""
     return np.zeros(elements + 1), np.diag([*([0.25] * elements), 1e-8])
 
 
@@ -153,45 +143,22 @@ def friction_filter_row(
     elements = numbers[ELEMENTS]
     weights = vector(memory, numbers[ANGLE], 1 + DEGREE + elements)
     estimate = vector(state, own[at.X], elements + 1)
-    out[0] = jaw_angle(reset * memory[INVERSE], estimate, elements, weights) if good else nan
+    out[0] = response(reset * memory[INVERSE], estimate, elements, weights) if good else nan
     if memory[DEVIATIONS] > 0.0:
         spread = matrix(state, own[at.P], elements + 1, elements + 1)
-        variance = jaw_variance(spread, elements, weights) + memory[MISFIT] ** 2
+        variance = quadratic(weights[1 + DEGREE :], spread, elements) + memory[MISFIT] ** 2
         half_width[0] = memory[DEVIATIONS] * sqrt(variance)
-
-
-@compiled
-def jaw_angle(place: float, x: Array, elements: int, weights: Array) -> float:
-    """Jaw angle [rad] where the reset cable is at a scaled place and the elements at `x`."""
-    angle = weights[0]
-    power = 1.0
-    for i in range(DEGREE):
-        power = power * place
-        angle = angle + weights[1 + i] * power
-    for i in range(elements):
-        angle = angle + weights[1 + DEGREE + i] * x[i]
-    return float(angle)
-
-
-@compiled
-def jaw_variance(spread: Array, elements: int, weights: Array) -> float:
-    """Variance of the jaw's angle [rad2] that the elements' covariance makes."""
-    variance = 0.0
-    for i in range(elements):
-        for j in range(elements):
-            variance += weights[1 + DEGREE + i] * spread[i, j] * weights[1 + DEGREE + j]
-    return max(variance, 0.0)
 
 
 @compiled
 def jaw_angles(
     places: Array, X: Array, spread: Array, weights: Array, angle: Array, variance: Array
 ) -> None:
-    """`jaw_angle` and `jaw_variance` of every row: states (n, m + 1), covariances, into (n,)."""
+    """Jaw angle and its variance in every row: states (n, m + 1), covariances, into (n,)."""
     elements = X.shape[1] - 1
     for i in range(X.shape[0]):
-        angle[i] = jaw_angle(places[i], X[i], elements, weights)
-        variance[i] = jaw_variance(spread[i], elements, weights)
+        angle[i] = response(places[i], X[i], elements, weights)
+        variance[i] = quadratic(weights[1 + DEGREE :], spread[i], elements)
 
 
 def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -215,20 +182,15 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
     )
 
 
-RULES: Final = {
-    **dict.fromkeys(
-        (
-            "drive_stiffness", "load_drift", "friction_drift", "error_time", "gear_ratio",
-            "wheel_radius", "jaw_radius",
-        ),
-        POSITIVE,
-    ),
-    "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
-}  # fmt: skip
-
 FAMILY: Final = Family(
     "friction_filter",
-    rules=RULES,
+    rules={
+        **dict.fromkeys(
+            ("drive_stiffness", "load_drift", "friction_drift", "error_time"), POSITIVE
+        ),
+        **dict.fromkeys(("gear_ratio", "wheel_radius", "jaw_radius"), POSITIVE),
+        "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
+    },
     shapes=shapes,
     pack=_pack,
     row=friction_filter_row,

@@ -22,21 +22,14 @@ _SIDES: Final = {"reset": ("reset",), "both": ("reset", "motor")}
 
 @compiled
 def gated_play_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the reset cable, corrected by both sides as far as the two agree."""
     fresh = dt == 0.0
-    reset = play.weigh_banks(
-        part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART), fresh, x
-    )
-    both = play.weigh_banks(
-        part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART), fresh, x
-    )
+    own, state = part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART)
+    reset = play.weigh_banks(own, state, fresh, x)
+    own, state = part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART)
+    both = play.weigh_banks(own, state, fresh, x)
     out[0] = reset + redescending(both - reset, memory[GATE]) + memory[CONSTANT]
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
+import numpy as np
+
 from truejoint.compiled import Array, compiled
 from truejoint.models.family import one_of
 
@@ -18,6 +20,10 @@ NEAREST: Final = 1e-3
 FIT_METHODS: Final = ("projection", "quasi_newton", "global")
 """How (25) can be fitted."""
 FIT_METHOD: Final = one_of(*FIT_METHODS)
+
+
+NO_ERROR: Final = {"scale": np.ones(2), "error_coef": np.zeros(COEFFICIENTS)}
+"""What stands for the arrays of (25) where there is none."""
 
 
 @compiled

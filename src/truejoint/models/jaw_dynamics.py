@@ -6,45 +6,24 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.compiled import Array
 from truejoint.errors import CalibrationError
 from truejoint.filters.state_space import discretise, van_loan
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ForcepsModel:
-    """Nominal values that the filter takes the forceps to have; symbols of yan2020.
+    """Nominal values that the filter takes the forceps to have, all finite and above 0."""
 
-    Attributes
-    ----------
-    drive_stiffness, reset_stiffness, spring_stiffness : float
-        ``K_d``, ``K_r``, ``K_sp`` [N/m].
-    jaw_inertia : float
-        ``J_e`` [kg m2].
-    slider_mass : float
-        ``m_g2`` [kg].
-    gear_ratio : float
-        ``z_i``.
-    wheel_radius, jaw_radius : float
-        ``R``, ``r`` [m].
-
-    Raises
-    ------
-    CalibrationError
-        If a value is not finite and above 0.
-    """
-
-    drive_stiffness: float = 14e3
-    reset_stiffness: float = 14e3
-    spring_stiffness: float = 656.6
-    jaw_inertia: float = 1e-6
-    slider_mass: float = 0.05
-    gear_ratio: float = 35.0
-    wheel_radius: float = 9.75e-3
-    jaw_radius: float = 4e-3
+    drive_stiffness: float = 14e3  # K_d [N/m]
+    reset_stiffness: float = 14e3  # K_r [N/m]
+    spring_stiffness: float = 656.6  # K_sp [N/m]
+    jaw_inertia: float = 1e-6  # J_e [kg m2]
+    slider_mass: float = 0.05  # m_g2 [kg]
+    gear_ratio: float = 35.0  # z_i
+    wheel_radius: float = 9.75e-3  # R [m]
+    jaw_radius: float = 4e-3  # r [m]
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
@@ -74,14 +53,8 @@ class ForcepsModel:
     def noise_density(self, jaw: float, slider: float, correlation_time: float) -> Array:
         """Spectral density (4, 4) of the accelerations that neglected friction makes.
 
-        Parameters
-        ----------
-        jaw : float
-            Size of the friction torque that (12) neglects [Nm].
-        slider : float
-            Size of the friction force [N].
-        correlation_time : float
-            Time over which they count as one draw [s].
+        Of a torque `jaw` [Nm] and a force `slider` [N] that count as one draw for
+        `correlation_time` [s].
         """
         torque = (jaw / self.jaw_inertia) ** 2
         force = (slider / self.slider_mass) ** 2
@@ -100,10 +73,7 @@ class ForcepsModel:
         return np.array([angle, 0.0, reset, 0.0])
 
     def modes(self) -> tuple[Array, Array]:
-        """Angular frequencies (2,) [rad/s] and shapes (2, 2, as columns) of jaw and slider.
-
-        With them, one step of any length needs two sines and two cosines.
-        """
+        """Angular frequencies (2,) [rad/s] and shapes (2, 2, as columns) of jaw and slider."""
         acceleration = -self.system[1::2, 0::2]
         scale = np.sqrt([self.jaw_inertia, self.slider_mass])
         values, vectors = np.linalg.eigh(acceleration * np.outer(scale, 1.0 / scale))
@@ -113,13 +83,7 @@ class ForcepsModel:
 def steady_gain(transition: Array, noise: Array, observed: Array, sensor: Array) -> Array:
     """Kalman gain (n, m) that a filter with constant matrices settles to.
 
-    Parameters
-    ----------
-    transition, noise : ndarray, shape (n, n)
-    observed : ndarray, shape (m, n)
-        ``C`` of (13).
-    sensor : ndarray, shape (m, m)
-        Covariance of the measurement.
+    Of transition and its noise (n, n), what is `observed` (m, n), and the `sensor`'s covariance.
     """
     from scipy.linalg import solve_discrete_are  # noqa: PLC0415  # a control loop needs it not
 
@@ -140,12 +104,6 @@ def injection_gain(transition: Array, observed: Array, gain: Array) -> float:
 
     A filter that adds ``c G`` to its state after each correction settles at ``g c`` in its first
     state, ``g = [(I - (I - K C) A)^-1 G]_1``, since the next measurement takes some of it back.
-
-    Parameters
-    ----------
-    transition : ndarray, shape (n, n)
-    observed : ndarray, shape (m, n)
-    gain : ndarray, shape (n, m)
     """
     n = len(transition)
     loop = (np.eye(n) - gain @ observed) @ transition

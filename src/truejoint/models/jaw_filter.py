@@ -17,7 +17,7 @@ from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
 from truejoint.models.filtered import advance
-from truejoint.models.jaw import COEFFICIENTS, FIT_METHOD, MOTOR, RESET, rational_error
+from truejoint.models.jaw import COEFFICIENTS, FIT_METHOD, MOTOR, NO_ERROR, RESET, rational_error
 from truejoint.models.jaw_dynamics import ForcepsModel
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
@@ -36,14 +36,8 @@ _FORCE_DENSITY: Final = 10
 def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
     """Exact solution of (12) over `dt` [s], mode by mode.
 
-    Parameters
-    ----------
-    x, out : ndarray, shape (4,)
-        Jaw angle and speed, slider place and speed.
-    u : ndarray, shape (2,)
-        Motor angle [rad], and what (26) adds to the jaw's angle beforehand [rad].
-    dt : float
-    parameters : ndarray, shape (11,)
+    State `x` (4,): jaw angle and speed, slider place and speed; `u`: motor angle [rad], and what
+    (26) adds to the jaw's angle beforehand [rad].
     """
     inertia = parameters[_INERTIA]
     mass = parameters[_MASS]
@@ -121,23 +115,13 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
 
 @dataclass(frozen=True)
 class FilterNoise:
-    """What the filter does not know of the forceps.
+    """What the filter does not know of the forceps."""
 
-    Attributes
-    ----------
-    jaw_friction, slider_friction : float
-        Size of the neglected friction [Nm, N].
-    correlation_time : float
-        Time over which friction counts as one draw [s].
-    displacement_noise, speed_noise : float
-        Standard deviations of the measured displacement [m] and speed [m/s].
-    """
-
-    jaw_friction: float = 1.5e-3
-    slider_friction: float = 0.2
-    correlation_time: float = 5e-3
-    displacement_noise: float = 4e-7
-    speed_noise: float = 1e-4
+    jaw_friction: float = 1.5e-3  # size of what is neglected [Nm]
+    slider_friction: float = 0.2  # [N]
+    correlation_time: float = 5e-3  # over which friction counts as one draw [s]
+    displacement_noise: float = 4e-7  # deviation of what is measured [m]
+    speed_noise: float = 1e-4  # [m/s]
 
     @property
     def sensor(self) -> Array:
@@ -277,10 +261,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         drive_tension=model.drive_stiffness * model.wheel_radius / model.gear_ratio,
         reset_stiffness=model.reset_stiffness,
         divisor=(model.drive_stiffness + model.reset_stiffness) * model.jaw_radius,
-        constant=arrays["constant"][0] if "constant" in arrays else 0.0,
-        loop_gain=arrays["loop_gain"][0] if "loop_gain" in arrays else 1.0,
-        scale=arrays.get("scale", np.ones(2)),
-        error_coef=arrays.get("error_coef", np.zeros(COEFFICIENTS)),
+        **{"loop_gain": 1.0, **NO_ERROR, **arrays},
         filter=jaw_filter(params).memory(np.zeros(4), rest_spread(model, noise)),
     )
 

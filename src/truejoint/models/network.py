@@ -44,12 +44,7 @@ FIRST_BIAS: Final = LAYOUT.integers("first_bias", "of each layer")
 
 @compiled
 def network_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by layers of logistic units and a linear output, between standardised values."""
     k, n, n_layers, widest = x.shape[0], out.shape[0], numbers[N_LAYERS], numbers[WIDEST]
@@ -105,13 +100,14 @@ def _are_layers(sizes: object) -> bool:
     )
 
 
+def scaling_shapes(n_features: int, n_outputs: int) -> dict[str, Shape]:
+    """Shapes of the arrays by which features and targets are standardised."""
+    features, targets = ("mean", "inverse_scale"), ("target_mean", "target_scale")
+    return {**dict.fromkeys(features, (n_features,)), **dict.fromkeys(targets, (n_outputs,))}
+
+
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    shapes: dict[str, Shape] = {
-        "mean": (n_features,),
-        "inverse_scale": (n_features,),
-        "target_mean": (n_outputs,),
-        "target_scale": (n_outputs,),
-    }
+    shapes: dict[str, Shape] = scaling_shapes(n_features, n_outputs)
     for i, (inputs, units) in enumerate(pairwise(layer_sizes(params, n_features, n_outputs))):
         shapes[f"weight_{i}"] = (inputs, units)
         shapes[f"bias_{i}"] = (units,)

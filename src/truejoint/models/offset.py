@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Final
 
 from truejoint.compiled import Array, Integers, compiled, vector
-from truejoint.layout import Layout, Memory
-from truejoint.models.family import Family, Params
+from truejoint.layout import Layout
+from truejoint.models.family import Family
 
 LAYOUT: Final = Layout()
 OFFSET: Final = LAYOUT.array("offset", "what is predicted")
@@ -15,12 +14,7 @@ OFFSET: Final = LAYOUT.array("offset", "what is predicted")
 
 @compiled
 def offset_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,  # noqa: ARG001
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a fixed offset."""
     offset = vector(memory, numbers[OFFSET], out.shape[0])
@@ -28,15 +22,11 @@ def offset_row(
         out[j] = offset[j]
 
 
-def _pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    return LAYOUT.pack(offset=arrays["offset"])
-
-
 FAMILY: Final = Family(
     "offset",
     rules={},
     shapes=lambda _params, _n_features, n_outputs: {"offset": (n_outputs,)},
-    pack=_pack,
+    pack=lambda _params, arrays, _k, _n: LAYOUT.pack(**arrays),
     row=offset_row,
     targets=("error",),
     moved_by="offset",

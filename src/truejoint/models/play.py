@@ -36,7 +36,6 @@ the drive cable, and ``x2`` by an encoder on the reset cable."""
 LAYOUT: Final = Layout()
 N_BANKS: Final = LAYOUT.integer("n_banks", "displacements")
 DEGREE: Final = LAYOUT.integer("degree", "highest power of a displacement")
-N_PLAYS: Final = LAYOUT.integer("n_plays", "of all banks")
 N_PRODUCTS: Final = LAYOUT.integer("n_products", "of plays with the first displacement")
 N_COLUMNS: Final = LAYOUT.integer("n_columns", "powers, plays and products")
 CONSTANT: Final = LAYOUT.scalar("constant", "of the sum [rad]")
@@ -55,12 +54,7 @@ PAIRS: Final = LAYOUT.integers("pairs", "columns that the first is multiplied by
 
 @compiled
 def play_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by banks of plays."""
     out[0] = weigh_banks(numbers, memory, dt == 0.0, x)
@@ -106,16 +100,9 @@ def raise_powers(value: float, out: Array) -> None:
 
 @compiled
 def follow(fresh: bool, value: float, widths: Array, plays: Array, out: Array) -> None:
-    """How far a value stands in the dead band of each play operator, from -1 to 1.
+    """How far a value [m] stands in the dead band of each play operator (k,), from -1 to 1.
 
-    Parameters
-    ----------
-    fresh : bool
-        Whether the history starts here; every play then is in the middle of its band.
-    value : float
-        Displacement [m].
-    widths, plays, out : ndarray, shape (k,)
-        Half-widths [m], outputs of the plays [m], which change, and where the result goes.
+    Where the history is `fresh`, every play is in the middle of its band. `plays` (k,) change.
     """
     for i in range(widths.shape[0]):
         plays[i] = play(widths[i], fresh, value, plays[i])
@@ -124,19 +111,7 @@ def follow(fresh: bool, value: float, widths: Array, plays: Array, out: Array) -
 
 @compiled
 def bank_columns(dt: Array, values: Array, scale: float, widths: Array, out: Array) -> None:
-    """Powers of displacements (n,) and plays on them, into `out` (n, degree + k).
-
-    Parameters
-    ----------
-    dt : ndarray, shape (n,)
-        Time since the row before [s], 0 where a history starts.
-    values : ndarray, shape (n,)
-        [m]
-    scale : float
-        Inverse of the largest of them [1/m], for the powers.
-    widths : ndarray, shape (k,)
-        Half-widths of the plays [m].
-    """
+    """Powers of displacements (n,) [m] by `scale` and plays on them, into `out` (n, degree + k)."""
     plays = np.zeros(widths.shape[0])
     degree = out.shape[1] - widths.shape[0]
     for i in range(values.shape[0]):
@@ -198,14 +173,11 @@ def pack_banks(params: Params, arrays: Mapping[str, Array], features: Mapping[st
     return LAYOUT.pack(
         n_banks=len(widths),
         degree=degree,
-        n_plays=sum(counts),
         n_products=len(pairs),
         n_columns=n_columns,
-        constant=arrays["constant"][0],
+        **arrays,
         factor=bank_factors(params),
-        scale=arrays["scale"],
         widths=np.concatenate(widths),
-        weights=arrays["weights"],
         plays=np.zeros(sum(counts)),
         columns=np.zeros(n_columns),
         feature=[features[name] for name in params["displacements"]],

@@ -35,12 +35,7 @@ TOTAL: Final = LAYOUT.array("total", "of one row")
 
 @compiled
 def polynomial_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a polynomial of the scaled features."""
     k, n_terms, columns = x.shape[0], numbers[N_TERMS], numbers[COLUMNS]
@@ -113,10 +108,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int)
         degree=int(params["degree"]),
         n_terms=len(factors),
         columns=columns,
-        mean=arrays["mean"],
-        inverse_scale=arrays["inverse_scale"],
-        intercept=padded(arrays["intercept"][None])[0],
-        coef=coef,
+        **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"][None])},
         factors=factors,
         scaled=np.append(np.zeros(n_features), 1.0),
         terms=np.zeros(len(factors)),

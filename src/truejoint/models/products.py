@@ -18,17 +18,10 @@ def padded(matrix: Array, *, rows: bool = False) -> Array:
 
 @compiled
 def add_product(x: Array, matrix: Array, out: Array) -> None:
-    """Add ``x @ matrix`` to `out`.
+    """Add ``x @ matrix`` (m,) to `out` for `x` (n,), m a multiple of `BLOCK`.
 
     Eight rows in one pass over the columns, summed in pairs, so that no addition waits for seven
     others; one order of sums for one row, a whole recording and C.
-
-    Parameters
-    ----------
-    x : ndarray, shape (n,)
-    matrix : ndarray, shape (n, m)
-        m a multiple of `BLOCK`.
-    out : ndarray, shape (m,)
     """
     n, m = matrix.shape[0], matrix.shape[1]
     whole = n - n % 8

@@ -15,7 +15,7 @@ import numpy as np
 from truejoint.compiled import Array, Integers, compiled, copy, fill, matrix, vector
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer, number, random_state
-from truejoint.models.network import layer, logistic
+from truejoint.models.network import layer, logistic, scaling_shapes
 from truejoint.models.products import BLOCK, padded
 
 LAYOUT: Final = Layout()
@@ -45,12 +45,7 @@ SUMS: Final = LAYOUT.array("sums", "standardised outputs")
 
 @compiled
 def recurrent_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001  # every row takes the same arguments
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict from the features and the state, which is updated once in a period.
 
@@ -104,8 +99,7 @@ def is_update(dt: float, elapsed: float, period: float) -> bool:
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     units = int(params["units"])
     return {
-        **dict.fromkeys(("mean", "inverse_scale"), (n_features,)),
-        **dict.fromkeys(("target_mean", "target_scale"), (n_outputs,)),
+        **scaling_shapes(n_features, n_outputs),
         "input_weights": (n_features, 3 * units),
         "input_bias": (3 * units,),
         "state_weights": (units, 3 * units),
@@ -118,18 +112,18 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 def _pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
     units = int(params["units"])
     width = units + -units % BLOCK
-    table = {name: padded(np.atleast_2d(array)) for name, array in arrays.items()}
+    table = dict(arrays)
+    for name in ("output_weights", "output_bias", "state_bias"):
+        table[name] = padded(np.atleast_2d(arrays[name]))
     for name in ("input_weights", "input_bias", "state_weights"):  # each gate by itself
         table[name] = padded(arrays[name].reshape(-1, units)).reshape(-1, 3 * width)
+    table["state_bias"] = np.append(np.zeros(2 * width), table["state_bias"])
     return LAYOUT.pack(
         units=units,
         width=width,
         columns=table["output_bias"].size,
         period=params["period"],
-        **{name: arrays[name] for name in ("mean", "inverse_scale", "target_mean", "target_scale")},
-        **{name: table[name] for name in ("input_weights", "input_bias", "state_weights")},
-        **{name: table[name] for name in ("output_weights", "output_bias")},
-        state_bias=np.concatenate([np.zeros(2 * width), table["state_bias"][0]]),
+        **table,
         state=np.zeros(units),
         seen=np.zeros(units + k),
         gates=np.zeros(3 * width),

@@ -10,10 +10,6 @@ MAX_BYTES: Final = 96 * 2**20
 MAX_PROBES: Final = 8
 
 
-def _is_version(value: object) -> bool:
-    return isinstance(value, str) and 1 <= len(value) <= 40 and value.isprintable()
-
-
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     n_probes = int(params["n_probes"])
     return {
@@ -30,7 +26,10 @@ FAMILY: Final = Family(
     rules={
         "n_bytes": integer(1, MAX_BYTES),
         "n_probes": integer(1, MAX_PROBES),
-        "version": Rule(_is_version, "a version of scikit-learn"),
+        "version": Rule(
+            lambda v: isinstance(v, str) and 1 <= len(v) <= 40 and v.isprintable(),
+            "a version of scikit-learn",
+        ),
     },
     shapes=_shapes,
     moved_by="target_mean",

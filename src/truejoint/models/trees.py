@@ -34,12 +34,7 @@ VALUE: Final = LAYOUT.array("value", "of the leaves")
 
 @compiled
 def trees_row(
-    numbers: Integers,
-    memory: Array,
-    dt: float,  # noqa: ARG001  # every row takes the same arguments
-    x: Array,
-    out: Array,
-    half_width: Array,  # noqa: ARG001
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict an offset and the sum of the leaves that the scaled features lead to."""
     k, n = x.shape[0], out.shape[0]
@@ -111,17 +106,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
         raise CalibrationError("trees have a node that leads out of its tree, or back")
     if (arrays["scale"] == 0.0).any():
         raise CalibrationError("trees array 'scale' divides by zero")
-    return LAYOUT.pack(
-        n_trees=len(root),
-        n_nodes=n_nodes,
-        n_values=n_values,
-        **{name: arrays[name] for name in ("mean", "scale", "offset", "threshold", "value")},
-        scaled=np.zeros(n_features),
-        root=root,
-        output=output,
-        feature=feature,
-        right=right,
-    )
+    return LAYOUT.pack(**params, **arrays, scaled=np.zeros(n_features))
 
 
 def _whole(name: str, values: Array, low: int, high: int) -> Integers:

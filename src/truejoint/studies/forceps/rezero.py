@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from truejoint.estimators.jaw_zero import find_zero
+from truejoint.estimators.jaw_load import find_zero
 from truejoint.evaluation.digits import fixed
 from truejoint.motion.forceps_references import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
