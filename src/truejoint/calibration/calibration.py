@@ -19,7 +19,7 @@ from truejoint.calibration.interval import Interval, inverse_span, range_excesse
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
-from truejoint.estimators.registry import class_of
+from truejoint.estimators.lookup import class_of
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import FeatureState, check_sample_interval, time_steps
 from truejoint.recordings import Recording

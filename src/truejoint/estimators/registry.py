@@ -1,16 +1,15 @@
-"""Every estimator by the name that a user writes: one line each, and nothing else names them."""
+"""Every estimator by the name that a user writes: one line each, and nothing else names them.
+
+Nothing here imports what learns before it is asked for: names are listed at once.
+"""
 
 from __future__ import annotations
 
 from importlib import import_module
 from importlib.metadata import EntryPoint
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import Any, Final
 
-from truejoint.errors import CalibrationError, unknown
-from truejoint.plugins import load_plugin, plugins
-
-if TYPE_CHECKING:  # names are listed without what learns
-    from truejoint.estimators.base import JointRegressor
+from truejoint.plugins import plugins
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
@@ -38,6 +37,8 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "ukf_elastic": ("elastic_joint", "ElasticJointFilter", {}),
 }
 """Module of this package, class, and parameters that are not its defaults, by name."""
+OWN: Final = tuple(_ESTIMATORS)
+"""Names of truejoint's own."""
 
 TITLES: Final = {
     "offset": ("Fixed offset", "the fixed offset"),
@@ -56,31 +57,21 @@ def estimator_names() -> tuple[str, ...]:
     >>> estimator_names()[:4]
     ('offset', 'linear', 'poly2', 'dnn')
     """
-    return (*_ESTIMATORS, *_plugins())
+    return (*OWN, *plugged_in())
 
 
-def get_estimator(name: str) -> JointRegressor:
-    """Unfitted estimator called `name`; raises CalibrationError naming the known ones.
-
-    Examples
-    --------
-    >>> get_estimator("poly2").degree
-    2
-    """
-    if name in _ESTIMATORS:
-        return _class(name)(**_ESTIMATORS[name][2])
-    if name not in _plugins():
-        raise CalibrationError(unknown("estimator", name, estimator_names()))
-    joint_regressor = _imported("wrapped", "joint_regressor")
-    return cast("JointRegressor", joint_regressor(load_plugin(_plugins()[name], type)()))
+def registered(name: str) -> Any:
+    """Unfitted estimator of one of truejoint's own names."""
+    module, cls, own = _ESTIMATORS[name]
+    return imported(module, cls)(**own)
 
 
-def _plugins() -> dict[str, EntryPoint]:
+def plugged_in() -> dict[str, EntryPoint]:
     """Regressors of other packages, each a class with scikit-learn's `fit` and `predict`."""
-    return plugins("truejoint.estimators", tuple(_ESTIMATORS))
+    return plugins("truejoint.estimators", OWN)
 
 
-def name_of(estimator: JointRegressor) -> str:
+def name_of(estimator: Any) -> str:
     """Name under which an estimator of these parameters is registered; else that of its family."""
     for cls in type(estimator).__mro__:
         kinds = {
@@ -90,25 +81,13 @@ def name_of(estimator: JointRegressor) -> str:
         }
         told_apart = {parameter for own in kinds.values() for parameter in own}
         for name in kinds:
-            registered = get_estimator(name)
-            if all(getattr(estimator, p) == getattr(registered, p) for p in told_apart):
+            usual = registered(name)
+            if all(getattr(estimator, p) == getattr(usual, p) for p in told_apart):
                 return name
-    return estimator.family.name
+    family: str = estimator.family.name
+    return family
 
 
-def class_of(family: str) -> type[JointRegressor]:
-    """Class of estimators whose family is called so: one by name, or what runs any family."""
-    for name in _ESTIMATORS:
-        cls = _class(name)
-        if cls.family.name == family:
-            return cls
-    return cast("type[JointRegressor]", _imported("wrapped", "WrappedRegressor"))
-
-
-def _class(name: str) -> type[JointRegressor]:
-    return cast("type[JointRegressor]", _imported(*_ESTIMATORS[name][:2]))
-
-
-def _imported(module: str, name: str) -> Any:
+def imported(module: str, name: str) -> Any:
     """Import what a module of this package holds only now: names are listed without it."""
     return getattr(import_module(f"truejoint.estimators.{module}"), name)
