@@ -19,6 +19,7 @@ from truejoint.calibration import (
     read_calibration,
     rezeroed,
     with_interval,
+    write_calibration,
 )
 from truejoint.calibration.conformal import (
     conformal_threshold,
@@ -256,7 +257,7 @@ def test_measured_coverage_is_the_share_of_samples_inside(calibration, motions, 
 
 def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_path):
     stated = with_interval(calibration, motions, rezero=1.0)
-    stated.save(tmp_path / "m.safetensors")
+    write_calibration(stated, tmp_path / "m.safetensors")
     back = read_calibration(tmp_path / "m.safetensors").interval
     for name, array in encode_interval(stated.interval).items():
         assert encode_interval(back)[name].tobytes() == array.tobytes(), name

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, read_calibration
+from truejoint.calibration import calibrate, read_calibration, write_calibration
 from truejoint.calibration.effort_baseline import (
     MAX_JOINTS,
     count_effort_terms,
@@ -160,7 +160,7 @@ def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration)
 
 
 def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
-    calibration.save(tmp_path / "m.safetensors")
+    write_calibration(calibration, tmp_path / "m.safetensors")
     back = encode_effort_baseline(read_calibration(tmp_path / "m.safetensors").effort_baseline)
     for name, array in encode_effort_baseline(calibration.effort_baseline).items():
         assert back[name].tobytes() == array.tobytes(), name

@@ -162,11 +162,11 @@ def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
 
 def _correlation_time(t: Array, error: Array) -> float:
     """Time [s] after which the autocorrelation of errors (n,) first falls below 1/e."""
-    interval = float(np.median(np.diff(t)))
+    dt = float(np.median(np.diff(t)))
     n = len(error)
     spectrum = np.fft.rfft(error, 2 * n)
     covariance = np.fft.irfft(spectrum * spectrum.conj())[:n]
     if not covariance[0] > 0.0:
-        return interval
+        return dt
     below = np.flatnonzero(covariance < covariance[0] / np.e)
-    return interval * float(below[0] if below.size else n)
+    return dt * float(below[0] if below.size else n)

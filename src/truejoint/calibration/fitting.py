@@ -25,10 +25,10 @@ from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
-    check_sample_interval,
+    check_sample_dt,
     default_features,
     default_gap_limit,
-    sample_interval,
+    sample_dt,
     time_steps,
 )
 from truejoint.recordings import Recording
@@ -105,12 +105,12 @@ def calibrate(
     features = _own_features(model, features)
     chosen = _chosen_joints(robot, recordings, joints)
     feature_set = _chosen_features(robot, recordings, features)
-    interval, gap_limit = sample_interval(recordings), default_gap_limit(recordings)
+    dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
-            check_sample_interval(recording, interval)
+            check_sample_dt(recording, dt)
     units = _common_units(recordings, feature_set, chosen)
-    stride = _stride(fit_rate, interval)
+    stride = _stride(fit_rate, dt)
     rows = _gather(recordings, feature_set, chosen, gap_limit, stride)
     unused = _unused_features(rows.X, feature_set, robot)
     _check_count(rows, model, len(feature_set) - len(unused))
@@ -337,13 +337,13 @@ def _gather(
     )
 
 
-def _stride(fit_rate: float | None, interval: float) -> int:
-    """Every how many rows one is fitted to, of rows that are `interval` [s] apart."""
+def _stride(fit_rate: float | None, dt: float) -> int:
+    """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
     if fit_rate is None:
         return 1
     if not (math.isfinite(fit_rate) and fit_rate > 0):
         raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz")
-    return max(1, round(1.0 / (fit_rate * interval)))
+    return max(1, round(1.0 / (fit_rate * dt)))
 
 
 def _check_truth(recording: Recording, known: NDArray[np.bool_], joints: Sequence[str]) -> None:
@@ -432,7 +432,7 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
         "rows": len(rows.X),
         "rows_without_truth": sum(rows.without_truth),
         "duration": float(sum(recording.duration for recording in recordings)),
-        "sample_interval": sample_interval(recordings),
+        "sample_dt": sample_dt(recordings),
         "sessions": sessions,
         "homing_ids": sorted({r.provenance.homing_id for r in recordings} - {""}),
         "data_sha256": rows.data_sha256,

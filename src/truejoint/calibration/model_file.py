@@ -23,7 +23,7 @@ from truejoint.files import write_atomically
 
 Array = NDArray[np.float64]
 
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
 MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512

@@ -28,7 +28,7 @@ class TrainingDomain:
 
     Attributes
     ----------
-    interval : float
+    dt : float
         Median time between rows [s].
     signal_lower, signal_upper : ndarray, shape (n_signals,)
         Range of each signal that the calibration needs, in its unit.
@@ -49,7 +49,7 @@ class TrainingDomain:
         Range of truth minus measured [rad or m].
     """
 
-    interval: float
+    dt: float
     signal_lower: Array
     signal_upper: Array
     signal_step: Array
@@ -96,7 +96,7 @@ def fit_training_domain(
     span = np.where(upper > lower, upper - lower, 1.0)
     mean, whitening = _whitening(features)
     return TrainingDomain(
-        interval=float(np.median(np.concatenate([np.diff(t) for t in times]))),
+        dt=float(np.median(np.concatenate([np.diff(t) for t in times]))),
         signal_lower=lower,
         signal_upper=upper,
         signal_step=step,
@@ -138,7 +138,7 @@ def decode_training_domain(
     """Inverse of `encode_training_domain`; raises ModelFileError when any part is wrong."""
     per_signal, per_joint = (n_signals,), (n_joints,)
     shapes = {
-        "interval": (1,),
+        "dt": (1,),
         "signal_lower": per_signal,
         "signal_upper": per_signal,
         "signal_step": per_signal,
@@ -157,12 +157,12 @@ def decode_training_domain(
     sizes = ("signal_step", "signal_travel", "hold", "distance")
     if (
         any((arrays[name] < 0.0).any() for name in sizes)
-        or not 0.0 < arrays["interval"][0] < 1e9
+        or not 0.0 < arrays["dt"][0] < 1e9
         or (arrays["signal_lower"] > arrays["signal_upper"]).any()
         or (arrays["error_lower"] > arrays["error_upper"]).any()
     ):
         raise ModelFileError("the training domain is inside out")
-    alone = {n: float(arrays[n][0]) for n in ("interval", "hold", "distance")}
+    alone = {n: float(arrays[n][0]) for n in ("dt", "hold", "distance")}
     return TrainingDomain(**{**arrays, **alone})  # type: ignore[arg-type]  # names were compared
 
 

@@ -225,7 +225,7 @@ def _memory(left: Array, travel: Array) -> float:
 
 
 def run(
-    joint: ElasticJoint, motion: Motion, *, smoothed: bool = False, interval: float | None = None
+    joint: ElasticJoint, motion: Motion, *, smoothed: bool = False, dt: float | None = None
 ) -> tuple[Array, Array]:
     """Filter each history from the prior on.
 
@@ -235,7 +235,7 @@ def run(
     motion : Motion
     smoothed : bool
         Give states by the smoother, which uses later rows as well.
-    interval : float, optional
+    dt : float, optional
         Time between rows [s] that the torque's noise is reckoned with; their mean by default.
 
     Returns
@@ -245,9 +245,9 @@ def run(
     ndarray, shape (n, m + 2, m + 2)
         Their covariances.
     """
-    if interval is None:
-        interval = mean_interval(motion.steps)
-    unscented = UnscentedFilter(joint.state_space(interval))
+    if dt is None:
+        dt = mean_dt(motion.steps)
+    unscented = UnscentedFilter(joint.state_space(dt))
     mean, covariance = joint.prior()
     size = len(mean)
     states, spread = np.empty((len(motion.angle), size)), np.empty((len(motion.angle), size, size))
@@ -263,7 +263,7 @@ def run(
     return states, spread
 
 
-def mean_interval(steps: Array) -> float:
+def mean_dt(steps: Array) -> float:
     """Mean time between rows [s] within histories; 5 ms where there is only one row."""
     moving = steps[steps > 0.0]
     return float(moving.mean()) if len(moving) else 5e-3

@@ -148,7 +148,7 @@ class FrictionFilter(JawEstimator):
             "drive": sides[1][1],
             "scale": np.array([scale]),
             "misfit": np.maximum([drive_misfit, angle], 1e-9),
-            "interval": np.array([float(np.median(moved)) if len(moved) else 5e-3]),
+            "dt": np.array([float(np.median(moved)) if len(moved) else 5e-3]),
         }
         friction_filter.friction_filter(self.model_params(), arrays)
         return arrays

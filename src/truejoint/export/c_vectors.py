@@ -211,7 +211,7 @@ class _Motion:
                 self.middle[data.signals.index(feature.signal)] = mean
         room = np.minimum(self.middle - self.lower, self.upper - self.middle)
         self.amplitude = scale * room * (limits.moves > 0)
-        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.interval
+        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.dt
         fastest = np.full(len(room), 2 * np.pi * _FASTEST)
         fastest *= 1 + 0.1 * np.arange(len(room)) / len(room)
         some = self.amplitude > 0
@@ -221,10 +221,10 @@ class _Motion:
         self.count = 0
 
     def next(self, steps: float = 1.0) -> Vector:
-        """Sample after a number of training intervals."""
+        """Sample after a number of training time steps."""
         self.count += 1
         jitter = 1.0 + 0.1 * np.sin(self.count)
-        self.t += steps * jitter * self.limits.interval
+        self.t += steps * jitter * self.limits.dt
         phase = self.speed * self.t + np.arange(len(self.speed))
         return Vector(self.t, self.middle + self.amplitude * np.sin(phase))
 
@@ -254,11 +254,11 @@ def _stale(motion: _Motion) -> list[Vector]:
 
 
 def _gap(motion: _Motion) -> list[Vector]:
-    return [motion.next(3 * motion.limits.longest_step / motion.limits.interval)]
+    return [motion.next(3 * motion.limits.longest_step / motion.limits.dt)]
 
 
 def _clock_set_back(motion: _Motion) -> list[Vector]:
-    return [motion.next(-5 * motion.limits.longest_step / motion.limits.interval)]
+    return [motion.next(-5 * motion.limits.longest_step / motion.limits.dt)]
 
 
 def _spikes(motion: _Motion) -> list[Vector]:
@@ -305,7 +305,7 @@ def _all_frozen(motion: _Motion) -> list[Vector]:
     n = int(motion.limits.hold / share) + 3
     if n > _LONGEST_STANDSTILL:
         return [held]
-    steps = share / motion.limits.interval
+    steps = share / motion.limits.dt
     return [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
 
 

@@ -153,7 +153,7 @@ class Family:
     remembers : bool
         Whether an output depends on the rows before.
     counts_samples : bool
-        Whether what was learnt belongs to one sample interval, within half.
+        Whether what was learnt belongs to one time step, within half.
     inputs : callable, optional
         Features that it takes, in order, of its parameters; any where there is none.
     targets : tuple of str

@@ -319,8 +319,8 @@ def since_first(t: Array) -> tuple[Array, float]:
 
 def state_rate(t: Array) -> dict[str, float]:
     """Give the usual rate [Hz] of stamps `t` (n,) [s] for `Provenance.rates`, if they have one."""
-    interval = float(np.median(np.diff(t))) if t.size > 1 else 0.0
-    return {"state": round(1.0 / interval, 3)} if interval > 0 else {}
+    dt = float(np.median(np.diff(t))) if t.size > 1 else 0.0
+    return {"state": round(1.0 / dt, 3)} if dt > 0 else {}
 
 
 def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:

@@ -135,7 +135,7 @@ def judge_signals(numbers: Integers, memory: Array) -> int:
     upper = vector(memory, numbers[at.SIGNAL_UPPER], n)
     last = vector(memory, numbers[at.LAST], n)
     reach = vector(memory, numbers[at.REACH], n)
-    elapsed = max((memory[at.T] - memory[at.LAST_T]) / memory[at.PERIOD], 1.0)
+    elapsed = max((memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT], 1.0)
     status = 0
     for i in range(n):
         if sample[i] < lower[i] or sample[i] > upper[i]:

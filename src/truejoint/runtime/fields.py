@@ -32,8 +32,8 @@ LAST_T: Final = LAYOUT.scalar("last_t", "of the last sample that was used [s]", 
 CHANGED_T: Final = LAYOUT.scalar("changed_t", "when a signal last changed [s]", is_time=True)
 SHORTEST: Final = LAYOUT.scalar("shortest", "time between two samples [s]", is_time=True)
 LONGEST: Final = LAYOUT.scalar("longest", "that a history bridges [s]", is_time=True)
-PERIOD: Final = LAYOUT.scalar(
-    "period", "in which a signal may change by its reach [s]", is_time=True
+TRAINING_DT: Final = LAYOUT.scalar(
+    "training_dt", "in which a signal may change by its reach [s]", is_time=True
 )
 HOLD: Final = LAYOUT.scalar("hold", "that all signals may stand still [s]", is_time=True)
 DISTANCE: Final = LAYOUT.scalar("distance", "largest length of the whitened features")
@@ -58,7 +58,7 @@ FEATURE_MEMORY: Final = LAYOUT.array("feature_memory", "what the features rememb
 CLOCK: Final = LAYOUT.array(
     "clock", "whether the features saw a sample; its stamp [s]", is_time=True
 )
-REACH: Final = LAYOUT.array("reach", "largest change of each signal within one period")
+REACH: Final = LAYOUT.array("reach", "largest change of each signal within training_dt")
 SIGNAL_LOWER: Final = LAYOUT.array("signal_lower", "below it a sample is not believed")
 SIGNAL_UPPER: Final = LAYOUT.array("signal_upper", "above it a sample is not believed")
 TRAVEL: Final = LAYOUT.array("travel", "of the partner while a signal stands exactly still")
@@ -114,7 +114,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         "n_signals": n_signals, "n_features": k, "n_joints": n_joints, "n_white": len(whitening),
         "is_position": data.target == "position", "row": family.row_address(),
         "shortest": limits.shortest_step, "longest": limits.longest_step,
-        "period": limits.interval, "hold": limits.hold, "distance": limits.distance,
+        "training_dt": limits.dt, "hold": limits.hold, "distance": limits.distance,
         "growth": growth,
         **dict.fromkeys(("sample", "last", "latest", "partner_low", "partner_high"), per_signal),
         "features": np.zeros(k), "centred": np.zeros(len(whitening)),

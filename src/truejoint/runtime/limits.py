@@ -33,12 +33,12 @@ FROZEN_MARGIN: Final = 3.0
 """How much longer, or further past its partner, than in training a signal may stand still."""
 FROZEN_TRAVEL: Final = 0.25
 """Share of its trained range that the partner of a signal may move at least meanwhile."""
-FROZEN_INTERVALS: Final = 30.0
-"""Training sample intervals for which all signals may stand still at least: 1 s at 30 Hz."""
+FROZEN_STEPS: Final = 30.0
+"""Training time steps for which all signals may stand still at least: 1 s at 30 Hz."""
 ERROR_MARGIN: Final = 0.5
 """Share of the trained range of errors by which a correction may lie outside."""
 SHORTEST_STEP: Final = 1e-3
-"""Share of the training sample interval below which two stamps are one.
+"""Share of the training time step below which two stamps are one.
 
 Where features (`lag`) or the estimator count samples it is 1 / `MAX_RATE_RATIO`: such a model knows
 no faster rate.
@@ -55,7 +55,7 @@ class Limits:
     ----------
     shortest_step, longest_step : float
         Time steps that follow one another [s].
-    interval : float
+    dt : float
         Time [s] in which a signal may change by `reach`; in a longer one, by more in proportion.
     reach : ndarray, shape (n_signals,)
     signal_lower, signal_upper : ndarray, shape (n_signals,)
@@ -81,7 +81,7 @@ class Limits:
 
     shortest_step: float
     longest_step: float
-    interval: float
+    dt: float
     reach: Array
     signal_lower: Array
     signal_upper: Array
@@ -136,16 +136,16 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     return Limits(
-        shortest_step=shortest * seen.interval,
+        shortest_step=shortest * seen.dt,
         longest_step=data.gap_limit,
-        interval=seen.interval,
+        dt=seen.dt,
         reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
         signal_lower=np.where(moves, lower, -np.inf),
         signal_upper=np.where(moves, upper, np.inf),
         partner=partner,
         travel=allowed * (high - low)[partner],
         moves=moves.astype(np.int64),
-        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_INTERVALS * seen.interval),
+        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt),
         feature_lower=np.where(used, feature_lower, -np.inf),
         feature_upper=np.where(used, feature_upper, np.inf),
         mean=seen.feature_mean,
