@@ -21,6 +21,7 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
+from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
@@ -28,7 +29,6 @@ from truejoint.calibration.conformal import (
 )
 from truejoint.calibration.interval import (
     decode_interval,
-    encode_interval,
     inverse_span,
     range_excesses,
 )
@@ -259,8 +259,8 @@ def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_
     stated = with_interval(calibration, motions, rezero=1.0)
     write_calibration(stated, tmp_path / "m.safetensors")
     back = read_calibration(tmp_path / "m.safetensors").interval
-    for name, array in encode_interval(stated.interval).items():
-        assert encode_interval(back)[name].tobytes() == array.tobytes(), name
+    for name, array in encode_arrays(stated.interval).items():
+        assert encode_arrays(back)[name].tobytes() == array.tobytes(), name
 
 
 @pytest.mark.parametrize(
@@ -280,7 +280,7 @@ def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_
     ],
 )
 def test_an_edited_interval_is_refused(calibration, motions, name, change):
-    arrays = encode_interval(with_interval(calibration, motions).interval)
+    arrays = encode_arrays(with_interval(calibration, motions).interval)
     arrays[name] = change(arrays.get(name, np.zeros(1)))
     with pytest.raises(ModelFileError, match="interval"):
         decode_interval(arrays, 3)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.encoding import decode, encode
 from truejoint.calibration.training_domain import (
     SMALLEST_VARIANCE,
     decode_training_domain,
-    encode_training_domain,
     fit_training_domain,
     partners,
 )
@@ -132,5 +132,5 @@ def test_damaged_envelopes_are_refused(calibration, name, value, said):
     with pytest.raises(ModelFileError, match=said):
         decode(document, arrays)
     shape = (n, len(calibration.feature_set), 2)
-    sound = decode_training_domain(encode_training_domain(calibration.training_domain), *shape)
+    sound = decode_training_domain(encode_arrays(calibration.training_domain), *shape)
     np.testing.assert_array_equal(sound.whitening, calibration.training_domain.whitening)

@@ -32,20 +32,10 @@ Array = NDArray[np.float64]
 def fit_effort_baseline(
     calibration: Calibration, recordings: Sequence[Recording]
 ) -> EffortBaseline | None:
-    """Learn efforts and errors from recordings in which the calibration holds.
+    """Learn efforts and errors from recordings, with truth, in which the calibration holds.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    recordings : sequence of Recording
-        With truth; those of the fit, or later ones.
-
-    Returns
-    -------
-    EffortBaseline or None
-        None when there are more than 12 joints or one of them never moves. A joint is `monitored`
-        when its effort is a signal of the calibration and it travels at least five of its ranges
-        each way.
+    None when there are more than 12 joints or one of them never moves. A joint is `monitored` when
+    its effort is a signal of the calibration and it travels at least five of its ranges each way.
     """
     joints = calibration.joints
     positions = [recording.columns("measured", joints) for recording in recordings]

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conformal import session_of, source_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
@@ -172,7 +173,7 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
         other = recording.robot
         if (other.name, other.arm) != (robot.name, robot.arm):
             raise CalibrationError(
-                f"{_source(recording)} is of {other.title}, {_source(recordings[0])} of "
+                f"{source_of(recording)} is of {other.title}, {source_of(recordings[0])} of "
                 f"{robot.title}; calibrate each arm on its own recordings"
             )
     return robot
@@ -241,8 +242,8 @@ def _chosen_joints(
         chosen = tuple(j for j in robot.positioning if all(j in known for known in with_truth))
         if not chosen:
             raise CalibrationError(
-                f"{_source(recordings[0])} has no truth column of {', '.join(robot.positioning)}; "
-                "a calibration needs the true position of a joint that positions the tool"
+                f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
+                "; a calibration needs the true position of a joint that positions the tool"
             )
     else:
         robot.index(list(joints))
@@ -255,7 +256,7 @@ def _chosen_joints(
         for column in (f"{q}/{joint}" for q in ("measured", "truth") for joint in chosen):
             if column not in recording.table.columns:
                 raise CalibrationError(
-                    f"{_source(recording)} has no column {column!r}, which calibrating "
+                    f"{source_of(recording)} has no column {column!r}, which calibrating "
                     f"{', '.join(chosen)} needs; it has {', '.join(recording.units)}"
                 )
     return chosen
@@ -274,7 +275,7 @@ def _chosen_features(
         missing = [s for s in feature_set.signals if s not in recording.table.columns]
         if missing:
             raise CalibrationError(
-                f"{_source(recording)} lacks {', '.join(missing)}, which the features need; it "
+                f"{source_of(recording)} lacks {', '.join(missing)}, which the features need; it "
                 f"has {', '.join(recording.units)}"
             )
     return feature_set
@@ -291,14 +292,14 @@ def _common_units(
         for column, unit in units.items():
             if recording.units[column] != unit:
                 raise CalibrationError(
-                    f"{_source(recording)}: {column!r} is in {recording.units[column]}, in "
-                    f"{_source(first)} in {unit}; convert it where the file is read"
+                    f"{source_of(recording)}: {column!r} is in {recording.units[column]}, in "
+                    f"{source_of(first)} in {unit}; convert it where the file is read"
                 )
         for joint in joints:
             truth, measured = recording.units[f"truth/{joint}"], units[f"measured/{joint}"]
             if truth != measured:
                 raise CalibrationError(
-                    f"{_source(recording)}: 'truth/{joint}' is in {truth}, 'measured/{joint}' in "
+                    f"{source_of(recording)}: 'truth/{joint}' is in {truth}, 'measured/{joint}' in "
                     f"{measured}; convert it where the file is read"
                 )
     return units
@@ -352,15 +353,15 @@ def _check_truth(recording: Recording, known: NDArray[np.bool_], joints: Sequenc
     what = ", ".join(f"truth/{joint}" for joint in joints)
     if not known.any():
         raise CalibrationError(
-            f"{_source(recording)}: {what} known together in none of {len(t)} rows; check that the "
-            "joint sensors ran and share the clock of the robot"
+            f"{source_of(recording)}: {what} known together in none of {len(t)} rows; check that "
+            "the joint sensors ran and share the clock of the robot"
         )
     marks = np.concatenate([t[:1], t[known], t[-1:]])
     worst = int(np.argmax(np.diff(marks)))
     longest = float(marks[worst + 1] - marks[worst])
     if longest > LONGEST_WITHOUT_TRUTH * recording.duration:
         raise CalibrationError(
-            f"{_source(recording)}: {what} missing from {marks[worst]:.2f} s to "
+            f"{source_of(recording)}: {what} missing from {marks[worst]:.2f} s to "
             f"{marks[worst + 1]:.2f} s, {100 * longest / recording.duration:.0f} % of the "
             "recording (a third is allowed); cut it to the part with truth or record it again"
         )
@@ -411,18 +412,8 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
     sessions: list[Mapping[str, Any]] = []
     for recording, count, without in zip(recordings, rows.counts, rows.without_truth, strict=True):
-        origin = recording.provenance.to_dict()
-        kept = ("source", "sha256", "session", "homing_id", "load", "start")
-        sessions.append(
-            {key: origin[key] for key in kept}
-            | {
-                "rows": count,
-                "rows_without_truth": without,
-                "duration": recording.duration,
-                "first": float(recording.t[0]),
-                "last": float(recording.t[-1]),
-            }
-        )
+        counts = {"rows": count, "rows_without_truth": without, "duration": recording.duration}
+        sessions.append(session_of(recording) | counts)
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
@@ -437,7 +428,3 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
         "homing_ids": sorted({r.provenance.homing_id for r in recordings} - {""}),
         "data_sha256": rows.data_sha256,
     }
-
-
-def _source(recording: Recording) -> str:
-    return recording.provenance.source or "recording"
