@@ -49,70 +49,36 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Thresholds of the corrector, in SI units.
+    """Thresholds of the corrector, in SI units."""
 
-    Attributes
-    ----------
-    shortest_step, longest_step : float
-        Time steps that follow one another [s].
-    dt : float
-        Time [s] in which a signal may change by `reach`; in a longer one, by more in proportion.
-    reach : ndarray, shape (n_signals,)
-    signal_lower, signal_upper : ndarray, shape (n_signals,)
-        Beyond these a sample enters no history; infinite for signals that never changed.
-    partner : ndarray of int, shape (n_signals,)
-        See `training_domain.partners`; -1 also where a signal or its partner never changed.
-    travel : ndarray, shape (n_signals,)
-        How far the partner may move while the signal stands exactly still, in its unit.
-    moves : ndarray of int, shape (n_signals,)
-        1 for signals that changed in training.
-    hold : float
-        Time for which all of those may stand exactly still [s].
-    feature_lower, feature_upper : ndarray, shape (k,)
-        Infinite for features that never changed.
-    mean : ndarray, shape (k,)
-    whitening : ndarray, shape (k, k)
-        Column by column: ``whitening[j]`` is what feature j adds to each whitened direction.
-    distance : float
-        Largest length of the whitened features.
-    correction_lower, correction_upper : ndarray, shape (n_joints,)
-        Plausible corrections [rad or m].
-    """
-
-    shortest_step: float
+    shortest_step: float  # time steps that follow one another [s]
     longest_step: float
-    dt: float
-    reach: Array
+    dt: float  # time [s] in which a signal may change by `reach`; in a longer one, by more
+    reach: Array  # (n_signals,)
+    # (n_signals,): beyond these a sample enters no history; infinite for signals that never changed
     signal_lower: Array
     signal_upper: Array
+    # (n_signals,): see `partners`; -1 also where a signal or its partner never changed
     partner: Integers
-    travel: Array
-    moves: Integers
-    hold: float
-    feature_lower: Array
+    travel: (
+        Array  # (n_signals,): how far the partner may move while the signal stands exactly still
+    )
+    moves: Integers  # (n_signals,): 1 for signals that changed in training
+    hold: float  # time for which all of those may stand exactly still [s]
+    feature_lower: Array  # (k,), infinite for features that never changed
     feature_upper: Array
-    mean: Array
-    whitening: Array
-    distance: float
-    correction_lower: Array
+    mean: Array  # (k,)
+    whitening: Array  # (k, k): row j is what feature j adds to each whitened direction
+    distance: float  # largest length of the whitened features
+    correction_lower: Array  # (n_joints,), plausible corrections [rad or m]
     correction_upper: Array
 
 
 def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_MARGIN) -> Limits:
-    """Thresholds for samples of a calibration.
+    """Thresholds for samples of a calibration; `range_margin` (0 to 1) is for `RANGE_MARGIN`.
 
-    Parameters
-    ----------
-    data : CalibrationData
-    range_margin : float
-        Instead of `RANGE_MARGIN`, 0 to 1.
-
-    Raises
-    ------
-    CalibrationError
-        If the margin is not from 0 to 1.
-    ModelFileError
-        If the calibration was made without the training domain.
+    Raises CalibrationError if it is out of range, and ModelFileError if the calibration was made
+    without the training domain.
     """
     if not 0.0 <= range_margin <= REJECT_MARGIN:
         raise CalibrationError(
@@ -135,6 +101,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     lower, upper = _widened(low, high, REJECT_MARGIN)
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
+    correction_lower, correction_upper = _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
     return Limits(
         shortest_step=shortest * seen.dt,
         longest_step=data.gap_limit,
@@ -151,8 +118,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         mean=seen.feature_mean,
         whitening=np.ascontiguousarray(seen.whitening.T),
         distance=DISTANCE_MARGIN * seen.distance,
-        correction_lower=_widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)[0],
-        correction_upper=_widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)[1],
+        correction_lower=correction_lower,
+        correction_upper=correction_upper,
     )
 
 

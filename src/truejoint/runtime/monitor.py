@@ -31,7 +31,6 @@ from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
-from truejoint.models.features import FeatureState
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -93,33 +92,17 @@ class Reason(IntFlag):
 
 @dataclass(frozen=True, eq=False)
 class MonitorTrace:
-    """What a monitor said along a recording.
+    """What a monitor said along a recording."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps [s].
-    alarm : ndarray of int, shape (n,)
-        `Alarm` after each sample.
-    reasons : ndarray of int, shape (n,)
-        `Reason` bits of the measures that are above their threshold.
-    measures : ndarray, shape (n, 5)
-        As in `Monitor.measures`.
-    """
-
-    t: Array
-    alarm: Integers
-    reasons: Integers
-    measures: Array
+    t: Array  # (n,), time stamps [s]
+    alarm: Integers  # (n,), `Alarm` after each sample
+    reasons: Integers  # (n,), `Reason` bits of the measures that are above their threshold
+    measures: Array  # (n, 5), as in `Monitor.measures`
 
     def first(self, alarm: Alarm = Alarm.CHECK, reasons: Reason | None = None) -> float:
         """Time since the first sample [s] at which `alarm` was first reached; NaN if never.
 
-        Parameters
-        ----------
-        alarm : Alarm
-        reasons : Reason, optional
-            Look only at alarms with one of these among their reasons.
+        With `reasons`, only alarms with one of these among their reasons count.
         """
         at = self.alarm >= alarm
         if reasons is not None:
@@ -187,15 +170,12 @@ class Monitor:
         self._terms = np.zeros(reference.coef.shape[1])
         self._position = np.zeros(len(joints))
         self._row = np.zeros(len(calibration.feature_set))
-        self.shifts = np.full(len(joints), np.nan)
-        self.frictions = np.full(len(joints), np.nan)
+        self.shifts, self.frictions = np.zeros((2, len(joints)))
         self.measures = np.zeros(N_MEASURES)
         self._levels = np.zeros(N_MEASURES, dtype=np.int64)
         self._travel = np.zeros((N_TRAVEL, len(joints)))
-        self._mean = np.zeros((2, len(joints)))
-        self._weight = np.zeros((2, len(joints)))
+        self._mean, self._weight = np.zeros((2, 2, len(joints)))
         self._slow = np.zeros(N_SLOW)
-        self._features = calibration.feature_set.start()
         self.reset()
         self._warm_up()
 
@@ -224,9 +204,7 @@ class Monitor:
         self._travel[ANCHOR] = np.nan
         self._mean[:] = self._weight[:] = 0.0
         self._slow[:] = 0.0
-        state: FeatureState = self._calibration.feature_set.start()
-        self._features.memory[:] = state.memory
-        self._features.clock[:] = state.clock
+        self._features = self._calibration.feature_set.start()
 
     def compared_with_truth(self) -> None:
         """Start the working time anew: the arm was checked or re-zeroed."""
