@@ -35,30 +35,15 @@ def _nothing() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Vector:
-    """One sample and what comes of it.
+    """One sample and what comes of it."""
 
-    Attributes
-    ----------
-    action : int
-        `NOTHING`, `SET_HOMING` or `REZERO`, before the sample.
-    is_homed, homing_id
-        For `SET_HOMING`.
-    t : float
-        Time stamp [s].
-    sample : ndarray, shape (n_signals,)
-    status : int
-        Bits of `Status`.
-    position, half_width : ndarray, shape (n_joints,)
-        [rad or m].
-    """
-
-    t: float
-    sample: Array
-    action: int = NOTHING
-    is_homed: bool = False
+    t: float  # time stamp [s]
+    sample: Array  # (n_signals,)
+    action: int = NOTHING  # or `SET_HOMING` or `REZERO`, before the sample
+    is_homed: bool = False  # for `SET_HOMING`
     homing_id: int = HOMING_UNKNOWN
-    status: int = 0
-    position: Array = field(default_factory=_nothing)
+    status: int = 0  # bits of `Status`
+    position: Array = field(default_factory=_nothing)  # (n_joints,) [rad or m]
     half_width: Array = field(default_factory=_nothing)
 
 
@@ -72,30 +57,12 @@ def make_vectors(
 ) -> tuple[list[Vector], Array, float]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    data : CalibrationData
-        The same with its estimators as plain data.
-    limits : Limits
-    level, range_margin : float
-        As `Corrector` takes them.
-    dtype : type
-        Samples are numbers of this type.
-
-    Returns
-    -------
-    vectors : list of Vector
-    offset : ndarray, shape (n_joints,)
-        For `REZERO` [rad or m].
-    error : float
-        How far positions and half-widths [rad or m] move when all that the corrector keeps is
-        rounded to `dtype` after every sample, and the largest position once more.
-
-    Raises
-    ------
-    ExportError
-        If fewer than half of the ordinary samples are corrected, so that they would check little.
+    The calibration is given as itself and as plain data, `level` and `range_margin` as `Corrector`
+    takes them; samples are numbers of type `dtype`. Gives the vectors, the offset (n_joints,)
+    [rad or m] for `REZERO`, and how far positions and half-widths [rad or m] move when all that the
+    corrector keeps is rounded to `dtype` after every sample, and the largest position once more.
+    Raises ExportError if fewer than half of the ordinary samples are corrected: they would check
+    little.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
