@@ -103,9 +103,9 @@ def calibrate(
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
     model.check_recordings(recordings)
-    features = _own_features(model, features)
+    own_features = _own_features(model, features)
     chosen = _chosen_joints(robot, recordings, joints)
-    feature_set = _chosen_features(robot, recordings, features)
+    feature_set = _chosen_features(robot, recordings, own_features)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
@@ -200,16 +200,16 @@ def _unfitted(
 
 def _own_features(
     model: JointRegressor, features: FeatureSet | Iterable[str] | None
-) -> FeatureSet | Iterable[str] | None:
+) -> FeatureSet | None:
     """Features asked for, which must be as many as the model takes; its own by default."""
     params = model.model_params()
     if features is None:
-        return model.family.inputs(params) if model.family.inputs else None
-    if isinstance(features, str):
-        features = [features]
-    chosen = features if isinstance(features, FeatureSet) else FeatureSet.parse(features)
-    model.family.check_size(params, len(chosen))
-    return chosen
+        own = model.family.inputs
+        return FeatureSet.parse(own(params)) if own else None
+    if not isinstance(features, FeatureSet):
+        features = FeatureSet.parse([features] if isinstance(features, str) else features)
+    model.family.check_size(params, len(features))
+    return features
 
 
 def _sequence(
@@ -263,14 +263,9 @@ def _chosen_joints(
 
 
 def _chosen_features(
-    robot: Robot, recordings: Sequence[Recording], features: FeatureSet | Iterable[str] | None
+    robot: Robot, recordings: Sequence[Recording], features: FeatureSet | None
 ) -> FeatureSet:
-    if features is None:
-        feature_set = default_features(robot, recordings[0])
-    elif isinstance(features, FeatureSet):
-        feature_set = features
-    else:
-        feature_set = FeatureSet.parse([features] if isinstance(features, str) else features)
+    feature_set = default_features(robot, recordings[0]) if features is None else features
     for recording in recordings:
         missing = [s for s in feature_set.signals if s not in recording.table.columns]
         if missing:
