@@ -32,7 +32,7 @@ from threadpoolctl import threadpool_limits
 
 from benchmarks.loop_jaws import jaw_models
 from benchmarks.loop_session import HOMING, Samples, simulated_session
-from truejoint.calibration import Calibration
+from truejoint.calibration import Calibration, write_calibration
 from truejoint.estimators import NeuralNetwork
 from truejoint.runtime import Corrector, Status
 
@@ -166,7 +166,7 @@ def show(name: str, laps: NDArray[np.float64]) -> float:
 def time_first_sample(model: Calibration, samples: Samples, folder: Path) -> None:
     """Print the time of a fresh process to its first corrected sample, cache warm."""
     path = folder / "model.safetensors"
-    model.save(path)
+    write_calibration(model, path)
     code = FIRST_SAMPLE.format(
         path=str(path), homing=HOMING, t=samples.t[0], row=samples.rows[0].tolist()
     )

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from truejoint import calibrate, read_calibration
+from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies import run_study, write_study
 from truejoint.studies.forceps.motions import record
@@ -37,7 +37,7 @@ verification = record(forceps, "verification", specimen="A", seed=1)
 settled = verification.t > 2.2
 for name in ("ukf_compensated", "play_gated", "ukf_friction"):
     model = calibrate(calibration, name)
-    model.save(folder / f"{name}.safetensors", overwrite=True)
+    write_calibration(model, folder / f"{name}.safetensors", overwrite=True)
     error = model.correct(verification)[:, 0] - verification.column("truth/jaw")
     console.print(f"{name}: {np.degrees(np.sqrt(np.mean(error[settled] ** 2))):.3f} deg RMS")
 

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import truejoint
-from truejoint import Calibration, Recording, TruejointError
+from truejoint import Calibration, Recording, TruejointError, write_calibration
 
 
 def motion(seed: int) -> Recording:
@@ -28,7 +28,7 @@ def model() -> Calibration:
 
 def test_evaluate_takes_one_or_several_and_paths(model: Calibration, tmp_path: Path) -> None:
     path = tmp_path / "jaw.safetensors"
-    model.save(path)
+    write_calibration(model, path)
     test = motion(1)
     rmse = truejoint.evaluate({"linear": [model]}, [test]).score("linear", "jaw").rmse
     for models in (model, [model], path, str(path), [path]):
@@ -66,7 +66,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.evaluate(model, motion(1), tolerance=0.2), "{'jaw': 0.2}"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jaw": "1"}), "positive"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jw": 1}), "'jaw'?"),
-        (lambda model: model.save("model.onnx"), "call it model.safetensors"),
+        (lambda model: write_calibration(model, "model.onnx"), "call it model.safetensors"),
     ],
 )
 def test_mistakes_are_one_line(

@@ -14,6 +14,7 @@ from ._version import __version__ as __version__
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate
 from .calibration import read_calibration as read_calibration
+from .calibration import write_calibration as write_calibration
 from .errors import TruejointError as TruejointError
 from .evaluation import evaluate as evaluate
 from .evaluation import write_report as write_report

@@ -19,7 +19,9 @@ from truejoint.calibration import (
     read_calibration,
     rezeroed,
     with_interval,
+    write_calibration,
 )
+from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
@@ -27,7 +29,6 @@ from truejoint.calibration.conformal import (
 )
 from truejoint.calibration.interval import (
     decode_interval,
-    encode_interval,
     inverse_span,
     range_excesses,
 )
@@ -256,10 +257,10 @@ def test_measured_coverage_is_the_share_of_samples_inside(calibration, motions, 
 
 def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_path):
     stated = with_interval(calibration, motions, rezero=1.0)
-    stated.save(tmp_path / "m.safetensors")
+    write_calibration(stated, tmp_path / "m.safetensors")
     back = read_calibration(tmp_path / "m.safetensors").interval
-    for name, array in encode_interval(stated.interval).items():
-        assert encode_interval(back)[name].tobytes() == array.tobytes(), name
+    for name, array in encode_arrays(stated.interval).items():
+        assert encode_arrays(back)[name].tobytes() == array.tobytes(), name
 
 
 @pytest.mark.parametrize(
@@ -279,7 +280,7 @@ def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_
     ],
 )
 def test_an_edited_interval_is_refused(calibration, motions, name, change):
-    arrays = encode_interval(with_interval(calibration, motions).interval)
+    arrays = encode_arrays(with_interval(calibration, motions).interval)
     arrays[name] = change(arrays.get(name, np.zeros(1)))
     with pytest.raises(ModelFileError, match="interval"):
         decode_interval(arrays, 3)

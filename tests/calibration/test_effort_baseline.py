@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, read_calibration
+from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.effort_baseline import (
     MAX_JOINTS,
     count_effort_terms,
     decode_effort_baseline,
     effort_steps,
     effort_terms,
-    encode_effort_baseline,
 )
 from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
 from truejoint.errors import ModelFileError
@@ -160,9 +160,9 @@ def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration)
 
 
 def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
-    calibration.save(tmp_path / "m.safetensors")
-    back = encode_effort_baseline(read_calibration(tmp_path / "m.safetensors").effort_baseline)
-    for name, array in encode_effort_baseline(calibration.effort_baseline).items():
+    write_calibration(calibration, tmp_path / "m.safetensors")
+    back = encode_arrays(read_calibration(tmp_path / "m.safetensors").effort_baseline)
+    for name, array in encode_arrays(calibration.effort_baseline).items():
         assert back[name].tobytes() == array.tobytes(), name
 
 
@@ -179,7 +179,7 @@ def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
     ],
 )
 def test_an_edited_effort_baseline_is_refused(calibration, name, change):
-    arrays = encode_effort_baseline(calibration.effort_baseline)
+    arrays = encode_arrays(calibration.effort_baseline)
     arrays[name] = change(arrays.get(name, np.zeros(3)))
     with pytest.raises(ModelFileError, match="reference"):
         decode_effort_baseline(arrays, 3)

@@ -80,7 +80,7 @@ def test_metadata_says_where_it_comes_from(build):
     assert metadata["homing_ids"] == ["h1", "h2"]
     assert metadata["unused_features"] == ["measured/unused", "effort/unused"]
     assert metadata["baseline_notes"] == {}
-    assert metadata["sample_interval"] == pytest.approx(1 / 30, rel=0.02)
+    assert metadata["sample_dt"] == pytest.approx(1 / 30, rel=0.02)
     other = calibrate([first, changed(second, truth__elbow=truth + 1e-9)], "linear")
     assert metadata["data_sha256"] != other.metadata["data_sha256"]
 

@@ -13,7 +13,7 @@ import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, model_file, read_calibration
+from truejoint.calibration import calibrate, model_file, read_calibration, write_calibration
 from truejoint.calibration.encoding import encode
 from truejoint.calibration.model_file import from_bytes, to_bytes
 from truejoint.errors import ModelFileError
@@ -59,7 +59,7 @@ def test_round_trip_is_bit_for_bit(tmp_path, recording, build, estimator, target
     made = calibrate(recording, estimator, features=FEATURES, target=target)
     made = made.with_metadata(held_out={"elbow": 0.1}, command="truejoint calibrate é.parquet")
     path = tmp_path / "model.safetensors"
-    made.save(path)
+    write_calibration(made, path)
     read = read_calibration(path)
     assert same(made, read, build(100, 4))
     assert read.metadata == made.metadata
@@ -81,16 +81,16 @@ def test_nothing_is_overwritten_unasked(tmp_path, calibration):
     path = tmp_path / "model.safetensors"
     path.write_bytes(b"precious")
     with pytest.raises(ModelFileError, match=r"model\.safetensors: exists already"):
-        calibration.save(path)
+        write_calibration(calibration, path)
     assert path.read_bytes() == b"precious"
-    calibration.save(path, overwrite=True)
+    write_calibration(calibration, path, overwrite=True)
     assert read_calibration(path).joints == calibration.joints
     assert [p.name for p in tmp_path.iterdir()] == ["model.safetensors"]
 
 
 def test_places_that_cannot_be_used_are_named(tmp_path, calibration):
     with pytest.raises(ModelFileError, match=r"nowhere does not exist"):
-        calibration.save(tmp_path / "nowhere" / "model.safetensors")
+        write_calibration(calibration, tmp_path / "nowhere" / "model.safetensors")
     with pytest.raises(ModelFileError, match=r"absent.*cannot be read: No such file"):
         read_calibration(tmp_path / "absent")
     with pytest.raises(ModelFileError, match="cannot be read"):
@@ -102,7 +102,7 @@ def test_model_that_could_not_be_read_back_is_not_written(tmp_path, calibration)
     path.write_bytes(b"precious")
     bulky = calibration.with_metadata(notes="x" * 2**21)
     with pytest.raises(ModelFileError, match="is not written, it could not be read back"):
-        bulky.save(path, overwrite=True)
+        write_calibration(bulky, path, overwrite=True)
     assert path.read_bytes() == b"precious"
 
 
@@ -147,8 +147,8 @@ def with_header(header: Any, data: bytes = b"") -> bytes:
         {"__metadata__": {"truejoint": "[" * 50_000}}, {"__metadata__": {"truejoint": "[]"}},
         {"__metadata__": {"truejoint": '{"format": true}'}},
         {"__metadata__": {"truejoint": '{"format": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 1, "a": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 1, "a": "\\ud800"}'}},
+        {"__metadata__": {"truejoint": '{"format": 2, "a": 1e999}'}},
+        {"__metadata__": {"truejoint": '{"format": 2, "a": "\\ud800"}'}},
     ],
     ids=lambda header: str(header)[:40],
 )  # fmt: skip
@@ -173,7 +173,7 @@ def test_hostile_headers_are_refused(tmp_path, header):
     ids=str,
 )  # fmt: skip
 def test_headers_that_lie_about_tensors_are_refused(tmp_path, entry):
-    header = {"__metadata__": {"truejoint": '{"format": 1}'}, "a": entry}
+    header = {"__metadata__": {"truejoint": '{"format": 2}'}, "a": entry}
     refused(tmp_path, with_header(header, bytes(16)), "tensor")
 
 
@@ -181,8 +181,8 @@ def test_newer_format_is_told_from_damage(tmp_path, saved):
     length = int.from_bytes(saved[:8], "little")
     header = json.loads(saved[8 : 8 + length])
     inner = json.loads(header["__metadata__"]["truejoint"])
-    header["__metadata__"]["truejoint"] = json.dumps({**inner, "format": 2, "novelty": 1})
-    refused(tmp_path, with_header(header, saved[8 + length :]), "version 2 is newer .* update")
+    header["__metadata__"]["truejoint"] = json.dumps({**inner, "format": 3, "novelty": 1})
+    refused(tmp_path, with_header(header, saved[8 + length :]), "version 3 is newer .* update")
 
 
 @settings(max_examples=400, deadline=None)

@@ -7,12 +7,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, read_calibration
+from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.encoding import decode, encode
 from truejoint.calibration.training_domain import (
     SMALLEST_VARIANCE,
     decode_training_domain,
-    encode_training_domain,
     fit_training_domain,
     partners,
 )
@@ -59,7 +59,7 @@ def test_changes_and_standstill_as_counted_by_hand():
         training_domain.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12
     )
     assert training_domain.hold == pytest.approx(0.3, rel=1e-12)
-    assert training_domain.interval == pytest.approx(0.1)
+    assert training_domain.dt == pytest.approx(0.1)
     np.testing.assert_array_equal(training_domain.signal_lower, [1.0, -0.1, 5.0])
     np.testing.assert_array_equal(training_domain.signal_upper, [9.0, 0.9, 5.0])
     np.testing.assert_array_equal(
@@ -92,7 +92,7 @@ def test_copies_of_a_feature_are_told_apart_but_not_without_end():
 
 
 def test_the_file_keeps_it_bit_for_bit(tmp_path, calibration):
-    calibration.save(tmp_path / "model.safetensors")
+    write_calibration(calibration, tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors").training_domain
     for field in fields(read):
         np.testing.assert_array_equal(
@@ -101,7 +101,7 @@ def test_the_file_keeps_it_bit_for_bit(tmp_path, calibration):
 
 
 def test_files_without_it_are_read(tmp_path, calibration, recording):
-    replace(calibration, training_domain=None).save(tmp_path / "model.safetensors")
+    write_calibration(replace(calibration, training_domain=None), tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors")
     assert read.training_domain is None
     np.testing.assert_array_equal(read.correct(recording), calibration.correct(recording))
@@ -110,7 +110,7 @@ def test_files_without_it_are_read(tmp_path, calibration, recording):
 @pytest.mark.parametrize(
     ("name", "value", "said"),
     [
-        ("interval", np.zeros(1), "inside out"),
+        ("dt", np.zeros(1), "inside out"),
         ("hold", -np.ones(1), "inside out"),
         ("distance", np.array([np.nan]), "not finite"),
         ("signal_step", -np.ones(16 + 1), "inside out"),
@@ -132,5 +132,5 @@ def test_damaged_envelopes_are_refused(calibration, name, value, said):
     with pytest.raises(ModelFileError, match=said):
         decode(document, arrays)
     shape = (n, len(calibration.feature_set), 2)
-    sound = decode_training_domain(encode_training_domain(calibration.training_domain), *shape)
+    sound = decode_training_domain(encode_arrays(calibration.training_domain), *shape)
     np.testing.assert_array_equal(sound.whitening, calibration.training_domain.whitening)

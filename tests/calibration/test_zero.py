@@ -7,7 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, find_zero, read_calibration, rezeroed
+from truejoint.calibration import (
+    calibrate,
+    find_zero,
+    read_calibration,
+    rezeroed,
+    write_calibration,
+)
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
@@ -52,7 +58,7 @@ def test_every_estimator_moves_by_the_offset_and_nothing_else(
     assert find_zero(moved.baselines["offset"], brief).offset == pytest.approx(0, abs=1e-12)
     assert moved.metadata["homing_ids"] == ["h2"]
     assert moved.metadata["rezeroed"]["rows"] == 40
-    moved.save(tmp_path / "m.safetensors")
+    write_calibration(moved, tmp_path / "m.safetensors")
     again = read_calibration(tmp_path / "m.safetensors")
     assert again.correct(test).tobytes() == moved.correct(test).tobytes()
 

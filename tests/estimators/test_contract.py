@@ -9,7 +9,7 @@ import pytest
 from sklearn.base import clone
 from tests.runtime.registered import in_loop, model, ready, unseen
 
-from truejoint.calibration import Calibration, read_calibration
+from truejoint.calibration import Calibration, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
 from truejoint.estimators.lookup import class_of
@@ -88,7 +88,7 @@ def test_it_survives_its_data_and_its_file(name, tmp_path):
     expected = made.evaluate(X, dt)
     again = class_of(made.family.name).from_data(made.data, k, n)
     np.testing.assert_array_equal(again.evaluate(X, dt), expected)
-    calibration.save(tmp_path / "model.safetensors")
+    write_calibration(calibration, tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors")
     assert read.estimator == name
     assert dict(read.model.model_params()) == dict(made.model_params())

@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
 
-from truejoint import calibrate, read_calibration
+from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators.elastic_joint import MIN_ROWS, ElasticJointFilter
 from truejoint.models import elastic_joint
@@ -154,7 +154,7 @@ def test_from_recordings_to_a_model_file_and_back(tmp_path):
     raw = unseen.error(("jaw",))
     assert error.std() < 0.1 * raw.std()
     path = tmp_path / "jaw.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     np.testing.assert_array_equal(read_calibration(path).correct(unseen), corrected)
     state = calibration.start()
     signals = np.column_stack([unseen.table[s].to_numpy() for s in calibration.signals])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from tests.estimators.conftest import Pair
 
-from truejoint.calibration import calibrate, read_calibration
+from truejoint.calibration import calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
 from truejoint.estimators.jaw import JawEstimator
@@ -24,7 +24,7 @@ def calibrated(request, pair):
 
 def test_file_and_loop_give_the_same_bits(calibrated, pair, tmp_path):
     verification = pair.recordings()[1]
-    calibrated.save(tmp_path / "jaw.safetensors")
+    write_calibration(calibrated, tmp_path / "jaw.safetensors")
     loaded = read_calibration(tmp_path / "jaw.safetensors")
     expected = calibrated.correct(verification)
     assert np.array_equal(loaded.correct(verification), expected)

@@ -57,7 +57,13 @@ from tests.runtime.registered import ready
 from tests.synthetic import build_recording
 from threadpoolctl import threadpool_limits
 
-from truejoint.calibration import calibrate, read_calibration, rezeroed, with_interval
+from truejoint.calibration import (
+    calibrate,
+    read_calibration,
+    rezeroed,
+    with_interval,
+    write_calibration,
+)
 from truejoint.calibration.model_file import read_model_file, to_bytes
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators import LinearRegressor, archive
@@ -171,7 +177,7 @@ def test_it_predicts_what_scikit_learn_does(family, regressor, n_outputs, data):
 def test_a_file_gives_it_back_bit_for_bit(family, regressor, tmp_path):
     calibration = streams.trained(regressor)
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     again = read_calibration(path)
     test = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
     assert again.correct(test).tobytes() == calibration.correct(test).tobytes()
@@ -197,7 +203,7 @@ def test_it_runs_in_the_loop_bit_for_bit(family, regressor):
 def test_it_is_judged_like_any_other(regressor, tmp_path):
     fitted = calibrate(build_recording(900), regressor, joints=["elbow"], random_state=1)
     path = tmp_path / "model.safetensors"
-    fitted.save(path)
+    write_calibration(fitted, path)
     model = read_calibration(path)
     test = build_recording(400, 1)
     scores = evaluate({model.estimator: [model]}, [test]).scores
@@ -228,7 +234,7 @@ def test_one_that_runs_by_scikit_learn_is_refused_in_the_loop(tmp_path):
     with pytest.raises(CalibrationError, match=said):
         calibration.start()
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     for model in (calibration, path):
         with pytest.raises(TruejointError, match=said) as caught:
             Corrector(model)
@@ -342,7 +348,7 @@ def test_too_large_an_archive_is_refused(monkeypatch):
 def test_without_skops_it_says_how_to_get_it(monkeypatch, tmp_path):
     calibration = streams.trained(SVR())
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     monkeypatch.setitem(sys.modules, "skops.io", None)
     for needs in (lambda: streams.trained(SVR()), lambda: read_calibration(path)):
         with pytest.raises((CalibrationError, ModelFileError), match=r"truejoint\[skops\]"):
@@ -353,7 +359,7 @@ def test_without_skops_it_says_how_to_get_it(monkeypatch, tmp_path):
 @pytest.fixture(scope="module")
 def saved(tmp_path_factory):
     path = tmp_path_factory.mktemp("archive") / "model.safetensors"
-    streams.trained(make_pipeline(PCA(2), Ridge())).save(path)
+    write_calibration(streams.trained(make_pipeline(PCA(2), Ridge())), path)
     return path
 
 
@@ -425,7 +431,7 @@ class Mine(LinearRegressor):
 def test_a_class_of_the_users_own_on_a_known_family_is_kept(tmp_path):
     calibration = streams.trained(Mine())
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     test = streams.recording(np.arange(0.0, 5.0, 1 / 30))
     assert read_calibration(path).correct(test).tobytes() == calibration.correct(test).tobytes()
 
@@ -435,4 +441,4 @@ def test_a_family_that_nobody_could_find_again_is_not_written(tmp_path):
     calibration = streams.trained(own())
     assert np.isfinite(calibration.correct(streams.recording(np.arange(0.0, 5.0, 0.1)))).all()
     with pytest.raises(CalibrationError, match="no estimator family 'own'"):
-        calibration.save(tmp_path / "model.safetensors")
+        write_calibration(calibration, tmp_path / "model.safetensors")

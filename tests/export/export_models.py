@@ -84,7 +84,7 @@ def calibration(
         model=model,
         baseline_models={},
         metadata={
-            "sample_interval": 1 / 30, "data_sha256": "0" * 64, "homing_ids": list(homing_ids),
+            "sample_dt": 1 / 30, "data_sha256": "0" * 64, "homing_ids": list(homing_ids),
         },
         training_domain=fit_training_domain([training], needed, 0.3, X, error),
         interval=None

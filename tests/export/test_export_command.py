@@ -8,6 +8,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from truejoint.calibration import write_calibration
 from truejoint.cli.export import export
 from truejoint.errors import ExportError
 from truejoint.estimators import LinearRegressor
@@ -21,7 +22,7 @@ app.command()(export)
 @pytest.fixture
 def model(tmp_path):
     path = tmp_path / "model.tj"
-    calibration(LinearRegressor()).save(path)
+    write_calibration(calibration(LinearRegressor()), path)
     return path
 
 

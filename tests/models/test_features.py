@@ -166,7 +166,7 @@ def test_history_starts_anew_after_a_gap(x, row):
         assert whole[row:].tobytes() == values_of(text, t[row:], x[row:], 0.3).tobytes()
 
 
-def test_default_gap_is_ten_sample_intervals(recording):
+def test_default_gap_is_ten_time_steps(recording):
     t = recording.t.copy()
     t[700:] += 2.0
     table = recording.table.assign(t=t)

@@ -56,7 +56,7 @@ def model(name: str) -> Calibration:
 
 
 def unseen(name: str) -> Recording:
-    """Recording that the estimator was not fitted to, of the sample interval of its training."""
+    """Recording that the estimator was not fitted to, of the time step of its training."""
     if "driver/jaw" in inputs(name):
         return grasper_recording(50)
     if inputs(name):

@@ -13,6 +13,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from truejoint.calibration import write_calibration
 from truejoint.calibration.encoding import encode
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import to_bytes
@@ -68,7 +69,7 @@ def test_corrects_bit_for_bit_as_the_calibration(tmp_path, estimator, features, 
     t = LOOP if features != HISTORY else 100.0 + np.arange(0.0, 20.0, 1 / 30)
     moving = recording(t, seed=1)
     expected = made.correct(moving)
-    made.save(tmp_path / "model.safetensors")
+    write_calibration(made, tmp_path / "model.safetensors")
     for model in (made, tmp_path / "model.safetensors"):
         corrector = ready(model, range_margin=1.0)
         samples = np.column_stack([moving.column(signal) for signal in corrector.signals])
@@ -121,7 +122,7 @@ def test_a_step_allocates_nothing():
 
 def test_loads_without_the_training_stack(tmp_path, calibration):
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     code = (
         "import sys; from truejoint.runtime import Corrector\n"
         f"c = Corrector({str(path)!r}); c.set_homing(True, 'h1')\n"
@@ -189,7 +190,7 @@ def test_rezeroing_adds_an_offset_and_makes_its_interval_hold(calibration):
 
 def test_models_that_cannot_be_checked_are_refused(tmp_path, calibration):
     path = tmp_path / "model.safetensors"
-    replace(calibration, training_domain=None).save(path)
+    write_calibration(replace(calibration, training_domain=None), path)
     with pytest.raises(ModelFileError, match=r"model\.safetensors: .*calibrate it again"):
         Corrector(path)
     with pytest.raises(ModelFileError, match="absent"):

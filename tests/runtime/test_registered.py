@@ -14,6 +14,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from truejoint.calibration import write_calibration
 from truejoint.calibration.encoding import decode, encode
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import to_bytes
@@ -86,7 +87,7 @@ def broken(calibration, recording, seed):
 def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
     calibration = model(name)
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     recording = unseen(name)
     t, samples = broken(calibration, recording, seed=3)
     statuses, positions, _, corrections = run(ready(path, range_margin=1.0), t, samples)
@@ -181,7 +182,7 @@ def test_it_loads_without_the_training_stack(tmp_path):
     lines = []
     for name in CAUSAL:
         path = tmp_path / name
-        model(name).save(path)
+        write_calibration(model(name), path)
         recording = unseen(name)
         row = recording.table[list(model(name).signals)].to_numpy()[0]
         lines.append(
@@ -203,7 +204,7 @@ def test_a_smoother_is_refused_in_one_line(tmp_path):
     with pytest.raises(CalibrationError, match="uses later rows and cannot run in a loop"):
         Corrector(calibration)
     path = tmp_path / "model.safetensors"
-    calibration.save(path)
+    write_calibration(calibration, path)
     with pytest.raises(ModelFileError, match=r"model\.safetensors: .*later rows") as caught:
         Corrector(path)
     assert "\n" not in str(caught.value)

@@ -1,6 +1,7 @@
 from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
 from .calibration import read_calibration as read_calibration
+from .calibration import write_calibration as write_calibration
 from .conformal import with_interval as with_interval
 from .fitting import calibrate as calibrate
 from .interval import Interval as Interval

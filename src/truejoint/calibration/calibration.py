@@ -21,7 +21,7 @@ from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
 from truejoint.estimators.lookup import class_of
 from truejoint.models.family import EstimatorData, find_family
-from truejoint.models.features import FeatureState, check_sample_interval, time_steps
+from truejoint.models.features import FeatureState, check_sample_dt, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot
@@ -286,20 +286,6 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             ) from None
         return replace(self, metadata={**self.metadata, **plain})
 
-    def save(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-        """Write the calibration as one safetensors file; `read_calibration` reads it back.
-
-        Raises
-        ------
-        ModelFileError
-            If the file exists and `overwrite` is false, or it cannot be written.
-        CalibrationError
-            If no installed package has the family of the estimator.
-        """
-        find_family(self.model.family.name)
-        document, arrays = encode(self)
-        write_model_file(path, document, arrays, overwrite=overwrite)
-
     def _check(self, recording: Recording) -> None:
         as_recording(recording)
         source = recording.provenance.source or "recording"
@@ -322,11 +308,34 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
                     f"made with {self.units[signal]}; convert it where the file is read"
                 )
         if self.feature_set.counts_samples or self.model.family.counts_samples:
-            check_sample_interval(recording, float(self.metadata["sample_interval"]))
+            check_sample_dt(recording, float(self.metadata["sample_dt"]))
+
+
+def write_calibration(
+    calibration: Calibration, path: str | os.PathLike[str], *, overwrite: bool = False
+) -> None:
+    """Write a calibration as one safetensors file; `read_calibration` reads it back.
+
+    Raises
+    ------
+    ModelFileError
+        If the file exists and `overwrite` is false, or it cannot be written.
+    CalibrationError
+        If no installed package has the family of the estimator.
+
+    Examples
+    --------
+    >>> write_calibration(model, "jaw.safetensors")
+    >>> read_calibration("jaw.safetensors").estimator
+    'linear'
+    """
+    find_family(calibration.model.family.name)
+    document, arrays = encode(calibration)
+    write_model_file(path, document, arrays, overwrite=overwrite)
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Read a calibration that `Calibration.save` wrote; it predicts bit for bit as before.
+    """Read a calibration that `write_calibration` wrote; it predicts bit for bit as before.
 
     Nothing in the file is run.
 
@@ -337,16 +346,16 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
 
     Examples
     --------
-    >>> model.save("jaw.safetensors")
-    >>> read_calibration("jaw.safetensors").estimator
-    'linear'
+    >>> write_calibration(model, "jaw.safetensors")
+    >>> read_calibration("jaw.safetensors").joints
+    ('jaw',)
     """
     document, arrays = read_model_file(path)
     try:
         data = decode(document, arrays)
         counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
-        if counts and not _has_interval(data.metadata):
-            raise ModelFileError("the model counts samples, and the sample interval is not stated")
+        if counts and not _has_dt(data.metadata):
+            raise ModelFileError("the model counts samples, and the time step is not stated")
         models = {"model": data.model, **data.baseline_models}
         shape = (len(data.feature_set), len(data.joints))
         fitted = {name: _fitted(name, model, *shape) for name, model in models.items()}
@@ -363,6 +372,6 @@ def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> 
         raise ModelFileError(f"estimator {name!r}: {error}") from None
 
 
-def _has_interval(metadata: Mapping[str, Any]) -> bool:
-    interval = metadata.get("sample_interval")
-    return isinstance(interval, float) and 0.0 < interval < 1e9
+def _has_dt(metadata: Mapping[str, Any]) -> bool:
+    dt = metadata.get("sample_dt")
+    return isinstance(dt, float) and 0.0 < dt < 1e9

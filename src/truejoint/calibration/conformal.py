@@ -82,7 +82,7 @@ def with_interval(
     for recording in recordings:
         if trained_on(calibration.metadata, recording):
             raise CalibrationError(
-                f"{_source(recording)} was used in the fit, so its errors are too small for an "
+                f"{source_of(recording)} was used in the fit, so its errors are too small for an "
                 "interval; give recordings that the calibration has not seen"
             )
     units = exchangeable_units(recordings, per_homing=rezero == 0.0)
@@ -114,7 +114,7 @@ def with_interval(
         size, time = residual_statistics(calibration, recordings)
         reference = replace(reference, residual=size, correlation=time)
     stated = replace(calibration, interval=interval, effort_baseline=reference)
-    return stated.with_metadata(interval_sessions=[_origin(recording) for recording in recordings])
+    return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
 
 
 def exchangeable_units(
@@ -122,12 +122,8 @@ def exchangeable_units(
 ) -> list[list[int]]:
     """Group the indices of recordings that count as one trajectory: see `with_interval`.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    per_homing : bool
-        Whether recordings after one homing belong together when there are several homings;
-        positions after one homing share its offset, so they are not independent.
+    With `per_homing`, recordings after one homing belong together where there are several homings:
+    positions after one homing share its offset, so they are not independent.
     """
     names = [recording.provenance.homing_id for recording in recordings]
     if not per_homing or len(set(names) - {""}) < 2:
@@ -144,16 +140,8 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     Each of n trajectories has the weight 1/(n + 1), spread evenly over its scores; what is left
     stands at infinity for the trajectory to come.
 
-    Parameters
-    ----------
-    scores : sequence of ndarray, shape (n_i,)
-        Of each trajectory.
-    level : float
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer trajectories than `needed_trajectories`.
+    `scores` holds those (n_i,) of each trajectory; raises CalibrationError if these are fewer than
+    `needed_trajectories`.
     """
     if len(scores) < needed_trajectories(level):
         raise CalibrationError(
@@ -170,23 +158,10 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
 
 
 def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Offset that re-zeroes a recording, from its first `duration` seconds of truth.
+    """Offset (n_joints,) that re-zeroes a recording, and the rows (n,) that it was taken from.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-        Stamps of rows with truth [s].
-    error : ndarray, shape (n, n_joints)
-        Truth minus corrected position there [rad or m].
-    duration : float
-        Time from the first of these rows [s].
-
-    Returns
-    -------
-    offset : ndarray, shape (n_joints,)
-        Median of the errors, which a few wrong readings do not move [rad or m].
-    used : ndarray of bool, shape (n,)
-        Rows that it was taken from.
+    The median of the `error` (n, n_joints), truth minus corrected [rad or m], at the first
+    `duration` [s] of the stamps `t` (n,) of rows with truth: a few wrong readings do not move it.
     """
     used = t - t[0] < duration
     return np.median(error[used], axis=0), used
@@ -223,33 +198,22 @@ def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
 def known_error(
     calibration: Calibration, recording: Recording
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Find the errors of a calibration in the rows that have truth.
+    """Stamps (m,), errors (m, n_joints) and places (n,) of the rows that have truth.
 
-    Returns
-    -------
-    t : ndarray, shape (m,)
-        Time stamps [s].
-    error : ndarray, shape (m, n_joints)
-        Truth minus corrected position [rad or m].
-    known : ndarray of bool, shape (n,)
-        Which rows of the recording these are.
-
-    Raises
-    ------
-    CalibrationError
-        If the recording does not fit, or no row has the truth of all joints.
+    Errors are truth minus corrected position [rad or m]. Raises CalibrationError if the recording
+    does not fit, or no row has the truth of all joints.
     """
     without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
     if without:
         raise CalibrationError(
-            f"{_source(recording)} has no truth of {', '.join(without)}; record it with a sensor "
+            f"{source_of(recording)} has no truth of {', '.join(without)}; record it with a sensor "
             "at the joint, if only for a moment"
         )
     error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
     known = np.asarray(np.isfinite(error).all(axis=1))
     if not known.any():
         raise CalibrationError(
-            f"{_source(recording)}: no row has the truth of {', '.join(calibration.joints)}; an "
+            f"{source_of(recording)}: no row has the truth of {', '.join(calibration.joints)}; an "
             "interval is made of, and judged by, true positions"
         )
     return recording.t[known], error[known], known
@@ -259,23 +223,13 @@ def _scores(
     calibration: Calibration, recording: Recording, rezero: float, growth: float
 ) -> tuple[Array, Array, Array]:
     """Scores (m, n_joints) of the model, the fixed offset and the measured position."""
-    t, error, known = known_error(calibration, recording)
     if "offset" not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
-    offset_error = known_error(calibration.baselines["offset"], recording)[1]
-    raw_error = recording.error(calibration.joints)[known]
-    scored = np.ones(len(t), dtype=bool)
-    if rezero > 0.0:
-        shift, used = zero_offset(t, error, rezero)
-        error, scored = error - shift, ~used
-        offset_error = offset_error - zero_offset(t, offset_error, rezero)[0]
-        check_scored(recording, scored, rezero)
-    widening = 1.0 + growth * calibration.range_excess(recording)[known][scored]
-    return (
-        np.abs(error[scored]) / widening[:, None],
-        np.abs(offset_error[scored]),
-        np.abs(raw_error[scored]),
-    )
+    error, rows = scored_error(calibration, recording, rezero)
+    offset_error, _ = scored_error(calibration.baselines["offset"], recording, rezero)
+    widening = 1.0 + growth * calibration.range_excess(recording)[rows]
+    raw_error = recording.error(calibration.joints)[rows]
+    return np.abs(error) / widening[:, None], np.abs(offset_error), np.abs(raw_error)
 
 
 def _thresholds(units: Sequence[Sequence[Array]], level: float) -> list[float]:
@@ -287,16 +241,28 @@ def _thresholds(units: Sequence[Sequence[Array]], level: float) -> list[float]:
     ]
 
 
-def check_scored(recording: Recording, scored: NDArray[np.bool_], rezero: float) -> None:
-    """Raise CalibrationError when no row (n,) is left to judge after re-zeroing."""
-    if not scored.any():
+def scored_error(
+    calibration: Calibration, recording: Recording, rezero: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """Errors (m, n_joints) [rad or m] that are judged, and the rows (m,) that they are of.
+
+    Those of all rows with truth or, where the first `rezero` [s] of them set the offset, of those
+    after; raises CalibrationError as `known_error`, or when nothing is left.
+    """
+    t, error, known = known_error(calibration, recording)
+    rows = np.flatnonzero(known)
+    if rezero > 0.0:
+        offset, used = zero_offset(t, error, rezero)
+        error, rows = (error - offset)[~used], rows[~used]
+    if not len(rows):
         raise CalibrationError(
-            f"{_source(recording)}: all of its truth lies within the {rezero:g} s that re-zero it; "
-            "nothing is left to judge, so give a longer recording"
+            f"{source_of(recording)}: all of its truth lies within the {rezero:g} s that re-zero "
+            "it; nothing is left to judge, so give a longer recording"
         )
+    return error, rows
 
 
-def _origin(recording: Recording) -> dict[str, Any]:
+def session_of(recording: Recording) -> dict[str, Any]:
     """Tell a recording from others, as JSON values."""
     kept = ("source", "sha256", "session", "homing_id", "load", "start")
     origin = recording.provenance.to_dict()
@@ -306,5 +272,6 @@ def _origin(recording: Recording) -> dict[str, Any]:
     }
 
 
-def _source(recording: Recording) -> str:
+def source_of(recording: Recording) -> str:
+    """File or robot that a recording is of, for a message."""
     return recording.provenance.source or "recording"

@@ -14,6 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.calibration.arrays import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 
@@ -46,34 +47,20 @@ N_TRAVEL: Final = 5
 class EffortBaseline:
     """What was seen while the calibration held; made by `fit_effort_baseline`.
 
-    Attributes
-    ----------
-    lower, upper : ndarray, shape (n_joints,)
-        Range of each measured position [rad or m].
-    monitored : ndarray, shape (n_joints,)
-        1 where the efforts of a joint are known well enough to be compared, 0 elsewhere.
-    coef : ndarray, shape (n_joints, n_terms)
-        Effort of each joint [its unit] over `effort_terms`.
-    scale : ndarray, shape (n_joints,)
-        Standard deviation of the effort about that.
-    shift_limit, friction_limit : ndarray, shape (n_joints,)
-        How far, in units of `scale`, the mean over both directions and half their difference may
-        lie from the reference before it means something.
-    residual : ndarray, shape (n_joints,)
-        Standard deviation of the corrected position about its mean error in a motion [rad or m].
-    correlation : ndarray, shape (n_joints,)
-        Time [s] over which such errors resemble each other.
+    Each of shape (n_joints,), but for `coef`.
     """
 
-    lower: Array
+    lower: Array  # range of each measured position [rad or m]
     upper: Array
-    monitored: Array
-    coef: Array
-    scale: Array
+    monitored: Array  # 1 where efforts are known well enough to be compared, 0 elsewhere
+    coef: Array  # (n_joints, n_terms), effort [its unit] over `effort_terms`
+    scale: Array  # standard deviation of the effort about that
+    # How far, in units of `scale`, the mean over both directions and half their difference may lie
+    # from the reference before it means something.
     shift_limit: Array
     friction_limit: Array
-    residual: Array
-    correlation: Array
+    residual: Array  # standard deviation of corrected positions about their mean error [rad or m]
+    correlation: Array  # time over which such errors resemble each other [s]
 
 
 def count_effort_terms(n_joints: int) -> int:
@@ -86,15 +73,8 @@ def effort_terms(position: Array, speed: float, lower: Array, upper: Array, out:
     """Terms that a joint's effort is linear in.
 
     Gravity as a quadratic in all positions, Coulomb friction that varies with them, and viscous
-    friction of the joint's own speed.
-
-    Parameters
-    ----------
-    position, lower, upper : ndarray, shape (n_joints,)
-        Measured positions and their ranges [rad or m].
-    speed : float
-        Of the joint itself, in ranges per second; not 0.
-    out : ndarray, shape (n_terms,)
+    friction of the joint's own `speed` [ranges/s, not 0]. `position`, `lower` and `upper`
+    (n_joints,) [rad or m], `out` (n_terms,).
     """
     n = position.shape[0]
     direction = 1.0 if speed > 0.0 else -1.0
@@ -119,23 +99,10 @@ def travelled(
     """Speed of joint `j` when it has moved one more step the same way, in range; 0 otherwise.
 
     Counting travel and not time makes it the same at 30 Hz and at 1 kHz, and blind to standstill,
-    where static friction may hold any effort.
-
-    Parameters
-    ----------
-    j : int
-    t : float
-        Time stamp [s].
-    position, lower, upper : ndarray, shape (n_joints,)
-        Measured positions and their ranges [rad or m].
-    travel : ndarray, shape (5, n_joints)
-        State, changed in place: position and time of the last step, its direction, travel since
-        the reversal, travel of the last step (in ranges); NaN in the first row to start with.
-
-    Returns
-    -------
-    float
-        In ranges per second, signed.
+    where static friction may hold any effort. The speed is in ranges per second, signed; `t` [s],
+    `position`, `lower` and `upper` (n_joints,) [rad or m]. `travel` (5, n_joints) is changed in
+    place: position and time of the last step, its direction, travel since the reversal, travel of
+    the last step (in ranges); NaN in the first row to start with.
     """
     if not np.isfinite(travel[ANCHOR, j]):
         travel[ANCHOR, j] = position[j]
@@ -179,20 +146,10 @@ def average_effort(
 def effort_steps(
     t: Array, position: Array, effort: Array, lower: Array, upper: Array, rows: Array
 ) -> int:
-    """Collect the steps of all joints in a recording.
+    """Collect the steps of all joints in a recording; returns how many there are.
 
-    Parameters
-    ----------
-    t : ndarray, shape (n,)
-    position, effort : ndarray, shape (n, n_joints)
-    lower, upper : ndarray, shape (n_joints,)
-    rows : ndarray, shape (n * n_joints, 4 + n_terms)
-        Receives joint, effort, speed, travel and terms of each step.
-
-    Returns
-    -------
-    int
-        How many rows were filled.
+    `rows` (n * n_joints, 4 + n_terms) receives joint, effort, speed, travel and terms of each, of
+    `t` (n,), `position` and `effort` (n, n_joints), `lower` and `upper` (n_joints,).
     """
     n_joints = position.shape[1]
     travel = np.zeros((N_TRAVEL, n_joints))
@@ -226,23 +183,16 @@ def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float,
     return shift, friction
 
 
-def encode_effort_baseline(reference: EffortBaseline) -> dict[str, Array]:
-    """Arrays for the model file, by name."""
-    return {field.name: getattr(reference, field.name) for field in fields(reference)}
-
-
 def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> EffortBaseline:
-    """Inverse of `encode_effort_baseline`; raises ModelFileError when any part is wrong."""
+    """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
     shapes = {field.name: (n_joints,) for field in fields(EffortBaseline)}
     wanted = {**shapes, "coef": (n_joints, count_effort_terms(n_joints))}
-    if {name: array.shape for name, array in arrays.items()} != wanted:
-        raise ModelFileError("the arrays of the reference are not those of the model's joints")
+    reference = decode_arrays(EffortBaseline, "reference", arrays, wanted)
     positive = ("scale", "shift_limit", "friction_limit", "residual", "correlation")
     if (
-        not all(np.isfinite(array).all() for array in arrays.values())
-        or not all((arrays[name] > 0.0).all() for name in positive)
-        or not (arrays["lower"] < arrays["upper"]).all()
-        or not np.isin(arrays["monitored"], (0.0, 1.0)).all()
+        not all((arrays[name] > 0.0).all() for name in positive)
+        or not (reference.lower < reference.upper).all()
+        or not np.isin(reference.monitored, (0.0, 1.0)).all()
     ):
         raise ModelFileError("the reference holds values that no recording gives")
-    return EffortBaseline(**arrays)
+    return reference

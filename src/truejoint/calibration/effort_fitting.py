@@ -32,20 +32,10 @@ Array = NDArray[np.float64]
 def fit_effort_baseline(
     calibration: Calibration, recordings: Sequence[Recording]
 ) -> EffortBaseline | None:
-    """Learn efforts and errors from recordings in which the calibration holds.
+    """Learn efforts and errors from recordings, with truth, in which the calibration holds.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    recordings : sequence of Recording
-        With truth; those of the fit, or later ones.
-
-    Returns
-    -------
-    EffortBaseline or None
-        None when there are more than 12 joints or one of them never moves. A joint is `monitored`
-        when its effort is a signal of the calibration and it travels at least five of its ranges
-        each way.
+    None when there are more than 12 joints or one of them never moves. A joint is `monitored` when
+    its effort is a signal of the calibration and it travels at least five of its ranges each way.
     """
     joints = calibration.joints
     positions = [recording.columns("measured", joints) for recording in recordings]
@@ -162,11 +152,11 @@ def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
 
 def _correlation_time(t: Array, error: Array) -> float:
     """Time [s] after which the autocorrelation of errors (n,) first falls below 1/e."""
-    interval = float(np.median(np.diff(t)))
+    dt = float(np.median(np.diff(t)))
     n = len(error)
     spectrum = np.fft.rfft(error, 2 * n)
     covariance = np.fft.irfft(spectrum * spectrum.conj())[:n]
     if not covariance[0] > 0.0:
-        return interval
+        return dt
     below = np.flatnonzero(covariance < covariance[0] / np.e)
-    return interval * float(below[0] if below.size else n)
+    return dt * float(below[0] if below.size else n)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
@@ -11,17 +11,10 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.calibration.effort_baseline import (
-    EffortBaseline,
-    decode_effort_baseline,
-    encode_effort_baseline,
-)
-from truejoint.calibration.interval import Interval, decode_interval, encode_interval
-from truejoint.calibration.training_domain import (
-    TrainingDomain,
-    decode_training_domain,
-    encode_training_domain,
-)
+from truejoint.calibration.arrays import encode_arrays
+from truejoint.calibration.effort_baseline import EffortBaseline, decode_effort_baseline
+from truejoint.calibration.interval import Interval, decode_interval
+from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
 from truejoint.errors import CalibrationError, ModelFileError, RobotError
 from truejoint.models.family import EstimatorData, Target, is_number
 from truejoint.models.features import FeatureSet
@@ -37,9 +30,7 @@ Model = TypeVar("Model")
 MAX_JOINTS: Final = 64
 
 _KIND: Final = "calibration"
-_TRAINING_DOMAIN: Final = "training_domain"
-_INTERVAL: Final = "interval"
-_EFFORT_BASELINE: Final = "effort_baseline"
+_EXTRAS: Final = ("training_domain", "interval", "effort_baseline")  # beside the estimators
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
@@ -79,14 +70,12 @@ class CalibrationData(Generic[Model]):
     metadata : mapping
         Where it comes from, as JSON values.
     training_domain : TrainingDomain, optional
-        What the training rows looked like, for the checks of a control loop; None in files that
-        were made without.
+        What the training rows looked like, for the checks of a control loop.
     interval : Interval, optional
         How far off a corrected position may be; None until trajectories that the fit has not
         seen were given for it.
     effort_baseline : EffortBaseline, optional
-        How the arm behaves while the calibration holds, for the monitors; None in files that
-        were made without.
+        How the arm behaves while the calibration holds, for the monitors.
     """
 
     robot: str
@@ -128,18 +117,12 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
         "baselines": {name: _encode_estimator(m) for name, m in data.baseline_models.items()},
         "metadata": dict(data.metadata),
     }
-    arrays = {f"model/{name}": array for name, array in data.model.arrays_.items()}
-    for baseline, model in data.baseline_models.items():
-        arrays |= {f"{baseline}/{name}": array for name, array in model.arrays_.items()}
-    if data.training_domain is not None:
-        training_domain = encode_training_domain(data.training_domain)
-        arrays |= {f"{_TRAINING_DOMAIN}/{name}": array for name, array in training_domain.items()}
-    if data.interval is not None:
-        interval = encode_interval(data.interval)
-        arrays |= {f"{_INTERVAL}/{name}": array for name, array in interval.items()}
-    if data.effort_baseline is not None:
-        baseline_arrays = encode_effort_baseline(data.effort_baseline)
-        arrays |= {f"{_EFFORT_BASELINE}/{name}": array for name, array in baseline_arrays.items()}
+    parts = {"model": data.model.arrays_}
+    parts |= {name: model.arrays_ for name, model in data.baseline_models.items()}
+    for extra in _EXTRAS:
+        if getattr(data, extra) is not None:
+            parts[extra] = encode_arrays(getattr(data, extra))
+    arrays = {f"{part}/{name}": a for part, found in parts.items() for name, a in found.items()}
     return document, arrays
 
 
@@ -168,7 +151,7 @@ def decode(
         name: _decode_estimator(entry, name, _within(arrays, name))
         for name, entry in _estimators(document).items()
     }
-    known = {*models, _TRAINING_DOMAIN, _INTERVAL, _EFFORT_BASELINE}
+    known = {*models, *_EXTRAS}
     left_over = {name for name in arrays if name.partition("/")[0] not in known}
     if left_over:
         raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
@@ -196,24 +179,14 @@ def decode(
     )
     if set(data.units) != set(data.signals):
         raise ModelFileError("the units are not those of the columns that the model needs")
-    return _with_extras(data, arrays)
-
-
-def _with_extras(
-    data: CalibrationData[EstimatorData], arrays: Mapping[str, Array]
-) -> CalibrationData[EstimatorData]:
-    """Add what a file may hold beside the estimators."""
-    n_joints = len(data.joints)
-    shape = (len(data.signals), len(data.feature_set), n_joints)
-    domain = _within(arrays, _TRAINING_DOMAIN)
-    interval = _within(arrays, _INTERVAL)
-    baseline = _within(arrays, _EFFORT_BASELINE)
-    return replace(
-        data,
-        training_domain=decode_training_domain(domain, *shape) if domain else None,
-        interval=decode_interval(interval, n_joints) if interval else None,
-        effort_baseline=decode_effort_baseline(baseline, n_joints) if baseline else None,
-    )
+    n_joints, shape = len(joints), (len(data.signals), len(feature_set), len(joints))
+    decoders: dict[str, Callable[[Mapping[str, Array]], Any]] = {
+        "training_domain": lambda found: decode_training_domain(found, *shape),
+        "interval": lambda found: decode_interval(found, n_joints),
+        "effort_baseline": lambda found: decode_effort_baseline(found, n_joints),
+    }
+    extras = {name: _within(arrays, name) for name in _EXTRAS}
+    return replace(data, **{n: decoders[n](found) for n, found in extras.items() if found})
 
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
@@ -234,7 +207,7 @@ def _plain(value: Any) -> Any:
 
 def _estimators(document: Mapping[str, Any]) -> dict[str, Any]:
     baselines = document["baselines"]
-    known = {"model", _TRAINING_DOMAIN, _INTERVAL, _EFFORT_BASELINE}
+    known = {"model", *_EXTRAS}
     if not isinstance(baselines, dict) or known & set(baselines):
         raise ModelFileError("the baselines are not estimators by name")
     for name in baselines:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sklearn.base import clone
 
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conformal import session_of, source_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
@@ -26,10 +27,10 @@ from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
-    check_sample_interval,
+    check_sample_dt,
     default_features,
     default_gap_limit,
-    sample_interval,
+    sample_dt,
     time_steps,
 )
 from truejoint.recordings import Recording
@@ -103,15 +104,15 @@ def calibrate(
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
     model.check_recordings(recordings)
-    features = _own_features(model, features)
+    own_features = _own_features(model, features)
     chosen = _chosen_joints(robot, recordings, joints)
-    feature_set = _chosen_features(robot, recordings, features)
-    interval, gap_limit = sample_interval(recordings), default_gap_limit(recordings)
+    feature_set = _chosen_features(robot, recordings, own_features)
+    dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
-            check_sample_interval(recording, interval)
+            check_sample_dt(recording, dt)
     units = _common_units(recordings, feature_set, chosen)
-    stride = _stride(fit_rate, interval)
+    stride = _stride(fit_rate, dt)
     rows = _gather(recordings, feature_set, chosen, gap_limit, stride)
     unused = _unused_features(rows.X, feature_set, robot)
     _check_count(rows, model, len(feature_set) - len(unused))
@@ -173,7 +174,7 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
         other = recording.robot
         if (other.name, other.arm) != (robot.name, robot.arm):
             raise CalibrationError(
-                f"{_source(recording)} is of {other.title}, {_source(recordings[0])} of "
+                f"{source_of(recording)} is of {other.title}, {source_of(recordings[0])} of "
                 f"{robot.title}; calibrate each arm on its own recordings"
             )
     return robot
@@ -200,16 +201,16 @@ def _unfitted(
 
 def _own_features(
     model: JointRegressor, features: FeatureSet | Iterable[str] | None
-) -> FeatureSet | Iterable[str] | None:
+) -> FeatureSet | None:
     """Features asked for, which must be as many as the model takes; its own by default."""
     params = model.model_params()
     if features is None:
-        return model.family.inputs(params) if model.family.inputs else None
-    if isinstance(features, str):
-        features = [features]
-    chosen = features if isinstance(features, FeatureSet) else FeatureSet.parse(features)
-    model.family.check_size(params, len(chosen))
-    return chosen
+        own = model.family.inputs
+        return FeatureSet.parse(own(params)) if own else None
+    if not isinstance(features, FeatureSet):
+        features = FeatureSet.parse([features] if isinstance(features, str) else features)
+    model.family.check_size(params, len(features))
+    return features
 
 
 def _sequence(
@@ -242,8 +243,8 @@ def _chosen_joints(
         chosen = tuple(j for j in robot.positioning if all(j in known for known in with_truth))
         if not chosen:
             raise CalibrationError(
-                f"{_source(recordings[0])} has no truth column of {', '.join(robot.positioning)}; "
-                "a calibration needs the true position of a joint that positions the tool"
+                f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
+                "; a calibration needs the true position of a joint that positions the tool"
             )
     else:
         robot.index(list(joints))
@@ -256,26 +257,21 @@ def _chosen_joints(
         for column in (f"{q}/{joint}" for q in ("measured", "truth") for joint in chosen):
             if column not in recording.table.columns:
                 raise CalibrationError(
-                    f"{_source(recording)} has no column {column!r}, which calibrating "
+                    f"{source_of(recording)} has no column {column!r}, which calibrating "
                     f"{', '.join(chosen)} needs; it has {', '.join(recording.units)}"
                 )
     return chosen
 
 
 def _chosen_features(
-    robot: Robot, recordings: Sequence[Recording], features: FeatureSet | Iterable[str] | None
+    robot: Robot, recordings: Sequence[Recording], features: FeatureSet | None
 ) -> FeatureSet:
-    if features is None:
-        feature_set = default_features(robot, recordings[0])
-    elif isinstance(features, FeatureSet):
-        feature_set = features
-    else:
-        feature_set = FeatureSet.parse([features] if isinstance(features, str) else features)
+    feature_set = default_features(robot, recordings[0]) if features is None else features
     for recording in recordings:
         missing = [s for s in feature_set.signals if s not in recording.table.columns]
         if missing:
             raise CalibrationError(
-                f"{_source(recording)} lacks {', '.join(missing)}, which the features need; it "
+                f"{source_of(recording)} lacks {', '.join(missing)}, which the features need; it "
                 f"has {', '.join(recording.units)}"
             )
     return feature_set
@@ -292,14 +288,14 @@ def _common_units(
         for column, unit in units.items():
             if recording.units[column] != unit:
                 raise CalibrationError(
-                    f"{_source(recording)}: {column!r} is in {recording.units[column]}, in "
-                    f"{_source(first)} in {unit}; convert it where the file is read"
+                    f"{source_of(recording)}: {column!r} is in {recording.units[column]}, in "
+                    f"{source_of(first)} in {unit}; convert it where the file is read"
                 )
         for joint in joints:
             truth, measured = recording.units[f"truth/{joint}"], units[f"measured/{joint}"]
             if truth != measured:
                 raise CalibrationError(
-                    f"{_source(recording)}: 'truth/{joint}' is in {truth}, 'measured/{joint}' in "
+                    f"{source_of(recording)}: 'truth/{joint}' is in {truth}, 'measured/{joint}' in "
                     f"{measured}; convert it where the file is read"
                 )
     return units
@@ -338,13 +334,13 @@ def _gather(
     )
 
 
-def _stride(fit_rate: float | None, interval: float) -> int:
-    """Every how many rows one is fitted to, of rows that are `interval` [s] apart."""
+def _stride(fit_rate: float | None, dt: float) -> int:
+    """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
     if fit_rate is None:
         return 1
     if not (math.isfinite(fit_rate) and fit_rate > 0):
         raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz")
-    return max(1, round(1.0 / (fit_rate * interval)))
+    return max(1, round(1.0 / (fit_rate * dt)))
 
 
 def _check_truth(recording: Recording, known: NDArray[np.bool_], joints: Sequence[str]) -> None:
@@ -353,15 +349,15 @@ def _check_truth(recording: Recording, known: NDArray[np.bool_], joints: Sequenc
     what = ", ".join(f"truth/{joint}" for joint in joints)
     if not known.any():
         raise CalibrationError(
-            f"{_source(recording)}: {what} known together in none of {len(t)} rows; check that the "
-            "joint sensors ran and share the clock of the robot"
+            f"{source_of(recording)}: {what} known together in none of {len(t)} rows; check that "
+            "the joint sensors ran and share the clock of the robot"
         )
     marks = np.concatenate([t[:1], t[known], t[-1:]])
     worst = int(np.argmax(np.diff(marks)))
     longest = float(marks[worst + 1] - marks[worst])
     if longest > LONGEST_WITHOUT_TRUTH * recording.duration:
         raise CalibrationError(
-            f"{_source(recording)}: {what} missing from {marks[worst]:.2f} s to "
+            f"{source_of(recording)}: {what} missing from {marks[worst]:.2f} s to "
             f"{marks[worst + 1]:.2f} s, {100 * longest / recording.duration:.0f} % of the "
             "recording (a third is allowed); cut it to the part with truth or record it again"
         )
@@ -412,18 +408,8 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
     sessions: list[Mapping[str, Any]] = []
     for recording, count, without in zip(recordings, rows.counts, rows.without_truth, strict=True):
-        origin = recording.provenance.to_dict()
-        kept = ("source", "sha256", "session", "homing_id", "load", "start")
-        sessions.append(
-            {key: origin[key] for key in kept}
-            | {
-                "rows": count,
-                "rows_without_truth": without,
-                "duration": recording.duration,
-                "first": float(recording.t[0]),
-                "last": float(recording.t[-1]),
-            }
-        )
+        counts = {"rows": count, "rows_without_truth": without, "duration": recording.duration}
+        sessions.append(session_of(recording) | counts)
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
@@ -433,12 +419,8 @@ def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
         "rows": len(rows.X),
         "rows_without_truth": sum(rows.without_truth),
         "duration": float(sum(recording.duration for recording in recordings)),
-        "sample_interval": sample_interval(recordings),
+        "sample_dt": sample_dt(recordings),
         "sessions": sessions,
         "homing_ids": sorted({r.provenance.homing_id for r in recordings} - {""}),
         "data_sha256": rows.data_sha256,
     }
-
-
-def _source(recording: Recording) -> str:
-    return recording.provenance.source or "recording"

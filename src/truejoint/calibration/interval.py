@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.calibration.arrays import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
 
@@ -19,8 +20,6 @@ LEVELS: Final = (0.8, 0.9, 0.95)
 GROWTH: Final = 2.0
 """Growth of the interval outside the trained range: see `Interval.growth`."""
 MAX_LEVELS: Final = 16
-
-_SCALARS: Final = ("growth", "rezero", "trajectories", "homings")
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,48 +152,20 @@ def range_excesses(X: Array, lower: Array, upper: Array, per_span: Array, out: A
         out[row] = range_excess(X[row], lower, upper, per_span)
 
 
-def encode_interval(interval: Interval) -> dict[str, Array]:
-    """Arrays for the model file, by name."""
-    return {
-        field.name: np.atleast_1d(np.asarray(getattr(interval, field.name), dtype=np.float64))
-        for field in fields(interval)
-    }
-
-
 def decode_interval(arrays: Mapping[str, Array], n_joints: int) -> Interval:
-    """Inverse of `encode_interval`; raises ModelFileError when any part is not as it must be."""
-    names = {field.name for field in fields(Interval)}
-    if set(arrays) != names or arrays["levels"].ndim != 1:
-        raise ModelFileError("the arrays of the interval are not those of one")
-    n_levels = len(arrays["levels"])
-    widths = names - {"levels", *_SCALARS}
-    shapes_fit = all(arrays[name].shape == (n_levels, n_joints) for name in widths)
+    """Inverse of `encode_arrays`; raises ModelFileError when any part is not as it must be."""
+    n_levels = arrays.get("levels", np.empty(0)).size
+    widths = ("half_widths", "offset_half_widths", "raw_half_widths")
+    shapes = {"levels": (n_levels,), **dict.fromkeys(widths, (n_levels, n_joints))}
+    interval = decode_arrays(Interval, "interval", arrays, shapes)
+    levels, count = interval.levels, arrays["trajectories"][0]
     if not (
         1 <= n_levels <= MAX_LEVELS
-        and shapes_fit
-        and all(arrays[name].shape == (1,) for name in _SCALARS)
-    ):
-        raise ModelFileError("the arrays of the interval do not fit the joints of the model")
-    if not all(np.isfinite(arrays[name]).all() for name in names):
-        raise ModelFileError("the interval is not finite")
-    levels, count = arrays["levels"], arrays["trajectories"][0]
-    ascending = (np.diff(levels) > 0.0).all() and levels[0] > 0.0 and levels[-1] < 1.0
-    good = (
-        ascending
-        and all(arrays[name].min() >= 0.0 for name in (*widths, *_SCALARS))
+        and (np.diff(levels) > 0.0).all()
+        and 0.0 < levels[0] <= levels[-1] < 1.0
+        and all((array >= 0.0).all() for array in arrays.values())
         and all((np.diff(arrays[name], axis=0) >= 0.0).all() for name in widths)
-        and count <= 1e9
-        and count >= needed_trajectories(float(levels[-1]))
-    )
-    if not good:
+        and needed_trajectories(float(levels[-1])) <= count <= 1e9
+    ):
         raise ModelFileError("the interval states levels or widths that no calibration gives")
-    return Interval(
-        levels=levels,
-        half_widths=arrays["half_widths"],
-        offset_half_widths=arrays["offset_half_widths"],
-        raw_half_widths=arrays["raw_half_widths"],
-        growth=float(arrays["growth"][0]),
-        rezero=float(arrays["rezero"][0]),
-        trajectories=int(count),
-        homings=int(min(arrays["homings"][0], 1e9)),
-    )
+    return interval

@@ -10,11 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.calibration.conformal import (
-    check_scored,
-    known_error,
-    zero_offset,
-)
+from truejoint.calibration.conformal import scored_error
 from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -85,15 +81,10 @@ def measure_coverage(
     row = interval.index(level)
     shares, widths = [], []
     for recording in recordings:
-        t, error, known = known_error(calibration, recording)
-        scored = np.ones(len(t), dtype=bool)
-        if interval.rezero > 0.0:
-            offset, used = zero_offset(t, error, interval.rezero)
-            error, scored = error - offset, ~used
-        allowed = calibration.half_widths(recording, level)[known]
-        check_scored(recording, scored, interval.rezero)
-        shares.append((np.abs(error) <= allowed)[scored].mean(axis=0))
-        widths.append(allowed[scored].mean(axis=0))
+        error, rows = scored_error(calibration, recording, interval.rezero)
+        allowed = calibration.half_widths(recording, level)[rows]
+        shares.append((np.abs(error) <= allowed).mean(axis=0))
+        widths.append(allowed.mean(axis=0))
     return Coverage(
         level, np.array(shares), np.mean(widths, axis=0), interval.offset_half_widths[row]
     )

@@ -23,7 +23,7 @@ from truejoint.files import write_atomically
 
 Array = NDArray[np.float64]
 
-FORMAT_VERSION: Final = 1
+FORMAT_VERSION: Final = 2
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
 MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512
@@ -55,21 +55,9 @@ def write_model_file(
 ) -> None:
     """Write a model file, whole or not at all.
 
-    Parameters
-    ----------
-    path : path-like
-    document : mapping
-        JSON values that describe the model.
-    arrays : mapping of str to ndarray
-        float64, one or two dimensions.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-
-    Raises
-    ------
-    ModelFileError
-        If the file exists, is named like another format, cannot be written, or would break a bound
-        that reading enforces.
+    The document holds JSON values, the arrays are float64 of one or two dimensions. Raises
+    ModelFileError if the file exists, is named like another format, cannot be written, or would
+    break a bound that reading enforces.
     """
     path = check_name(path)
     data = to_bytes(document, arrays)
@@ -85,10 +73,7 @@ def write_model_file(
 def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:
     """Read the document and the arrays of a model file.
 
-    Raises
-    ------
-    ModelFileError
-        If the file is missing, too large, truncated, edited, or of a newer format.
+    Raises ModelFileError if it is missing, too large, truncated, edited, or of a newer format.
     """
     path = Path(path)
     try:

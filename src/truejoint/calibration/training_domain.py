@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.calibration.arrays import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 
@@ -24,41 +25,22 @@ SMALLEST_VARIANCE: Final = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class TrainingDomain:
-    """Bounds of the training rows, all observed, none assumed.
+    """Bounds of the training rows, all observed, none assumed."""
 
-    Attributes
-    ----------
-    interval : float
-        Median time between rows [s].
-    signal_lower, signal_upper : ndarray, shape (n_signals,)
-        Range of each signal that the calibration needs, in its unit.
-    signal_step : ndarray, shape (n_signals,)
-        Largest change from one row to the next, in its unit.
-    signal_travel : ndarray, shape (n_signals,)
-        Largest share of its range that the partner of a signal (`partners`) moved while the
-        signal itself stood exactly still.
-    hold : float
-        Longest time for which no signal changed at all [s].
-    feature_mean : ndarray, shape (k,)
-    whitening : ndarray, shape (k, k)
-        Makes features less their mean uncorrelated and of unit variance; zero where a feature
-        never changed.
-    distance : float
-        Largest length of a whitened row.
-    error_lower, error_upper : ndarray, shape (n_joints,)
-        Range of truth minus measured [rad or m].
-    """
-
-    interval: float
-    signal_lower: Array
+    dt: float  # median time between rows [s]
+    signal_lower: Array  # (n_signals,), range of each signal that is needed, in its unit
     signal_upper: Array
-    signal_step: Array
+    signal_step: Array  # (n_signals,), largest change from one row to the next
+    # (n_signals,), largest share of its range that the partner of a signal (`partners`) moved while
+    # the signal itself stood exactly still
     signal_travel: Array
-    hold: float
-    feature_mean: Array
+    hold: float  # longest time for which no signal changed at all [s]
+    feature_mean: Array  # (k,)
+    # (k, k), makes features less their mean uncorrelated and of unit variance; zero where a feature
+    # never changed
     whitening: Array
-    distance: float
-    error_lower: Array
+    distance: float  # largest length of a whitened row
+    error_lower: Array  # (n_joints,), range of truth minus measured [rad or m]
     error_upper: Array
 
 
@@ -69,19 +51,11 @@ def fit_training_domain(
     features: Array,
     error: Array,
 ) -> TrainingDomain:
-    """TrainingDomain of training recordings.
+    """Training domain of recordings.
 
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    signals : sequence of str
-        Columns that the calibration needs.
-    gap_limit : float
-        Time without a row [s] across which no change is looked at.
-    features : ndarray, shape (n, k)
-        Features of the rows with truth.
-    error : ndarray, shape (n, n_joints)
-        Truth minus measured of the same rows [rad or m].
+    `signals` are the columns that the calibration needs, `gap_limit` [s] is the time without a row
+    across which no change is looked at, `features` (n, k) and `error` (n, n_joints) [rad or m],
+    truth minus measured, are those of the rows with truth.
     """
     tables = [
         np.ascontiguousarray(np.column_stack([r.column(signal) for signal in signals]))
@@ -96,7 +70,7 @@ def fit_training_domain(
     span = np.where(upper > lower, upper - lower, 1.0)
     mean, whitening = _whitening(features)
     return TrainingDomain(
-        interval=float(np.median(np.concatenate([np.diff(t) for t in times]))),
+        dt=float(np.median(np.concatenate([np.diff(t) for t in times]))),
         signal_lower=lower,
         signal_upper=upper,
         signal_step=step,
@@ -124,46 +98,28 @@ def partners(signals: Sequence[str]) -> Integers:
     return partner
 
 
-def encode_training_domain(domain: TrainingDomain) -> dict[str, Array]:
-    """Arrays for the model file, by name."""
-    return {
-        field.name: np.atleast_1d(np.asarray(getattr(domain, field.name), dtype=np.float64))
-        for field in fields(domain)
-    }
-
-
 def decode_training_domain(
     arrays: Mapping[str, Array], n_signals: int, n_features: int, n_joints: int
 ) -> TrainingDomain:
-    """Inverse of `encode_training_domain`; raises ModelFileError when any part is wrong."""
-    per_signal, per_joint = (n_signals,), (n_joints,)
+    """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
     shapes = {
-        "interval": (1,),
-        "signal_lower": per_signal,
-        "signal_upper": per_signal,
-        "signal_step": per_signal,
-        "signal_travel": per_signal,
-        "hold": (1,),
+        **dict.fromkeys(
+            ("signal_lower", "signal_upper", "signal_step", "signal_travel"), (n_signals,)
+        ),
         "feature_mean": (n_features,),
         "whitening": (n_features, n_features),
-        "distance": (1,),
-        "error_lower": per_joint,
-        "error_upper": per_joint,
+        **dict.fromkeys(("error_lower", "error_upper"), (n_joints,)),
     }
-    if {name: array.shape for name, array in arrays.items()} != shapes:
-        raise ModelFileError("the arrays of the training domain are not those of the model")
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise ModelFileError("the training domain is not finite")
+    domain = decode_arrays(TrainingDomain, "training domain", arrays, shapes)
     sizes = ("signal_step", "signal_travel", "hold", "distance")
     if (
         any((arrays[name] < 0.0).any() for name in sizes)
-        or not 0.0 < arrays["interval"][0] < 1e9
-        or (arrays["signal_lower"] > arrays["signal_upper"]).any()
-        or (arrays["error_lower"] > arrays["error_upper"]).any()
+        or not 0.0 < domain.dt < 1e9
+        or (domain.signal_lower > domain.signal_upper).any()
+        or (domain.error_lower > domain.error_upper).any()
     ):
         raise ModelFileError("the training domain is inside out")
-    alone = {n: float(arrays[n][0]) for n in ("interval", "hold", "distance")}
-    return TrainingDomain(**{**arrays, **alone})  # type: ignore[arg-type]  # names were compared
+    return domain
 
 
 @compiled

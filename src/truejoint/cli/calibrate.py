@@ -110,7 +110,7 @@ def calibrate(
     if testing:
         scores = truejoint.evaluate(fitted, testing).to_dict()["scores"]
         fitted = fitted.with_metadata(held_out=scores)
-    fitted.save(output, overwrite=force)
+    truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
     else:

@@ -87,7 +87,8 @@ def check(
         with progress("Comparing with the truth"):
             result = truejoint.runtime.check_calibration(calibration, loaded[0], level)
         if rezero is not None:
-            truejoint.calibration.rezeroed(calibration, loaded[0]).save(rezero, overwrite=force)
+            moved = truejoint.calibration.rezeroed(calibration, loaded[0])
+            truejoint.write_calibration(moved, rezero, overwrite=force)
         _report_check(calibration, result, rezero, as_json)
         holds = result.holds
     if holds is False:

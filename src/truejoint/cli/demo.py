@@ -58,7 +58,7 @@ def demo(
 
     say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")
     model, _ = fit(training, configured("dnn", []), random_state=seed)
-    model.save(folder / "left_arm.safetensors", overwrite=True)
+    truejoint.write_calibration(model, folder / "left_arm.safetensors", overwrite=True)
 
     say("5. Judging it on the random motion")
     with progress("   Correcting and comparing with the joint encoders"):

@@ -15,7 +15,7 @@ from truejoint.estimators.elastic_joint_identification import (
     SETTLED,
     Motion,
     identify,
-    mean_interval,
+    mean_dt,
     regress,
     run,
 )
@@ -27,7 +27,7 @@ from truejoint.models.filtered import histories
 
 LEAST_LOAD_SPREAD: Final = 0.1
 """Least range of the loads calibrated with, in standard deviations of the driver's torque."""
-_FILTER_INTERVAL: Final = 0.02  # [s] between the rows that the fit filters
+_FILTER_DT: Final = 0.02  # [s] between the rows that the fit filters
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +85,7 @@ class ElasticJointFilter(JointRegressor):
         self._check_motion(X, known, dt)
         angle, torque = X[:, 0], X[:, 1]
         low, high = float(angle.min()), float(angle.max())
-        scales = np.array([0.5 * (low + high), 0.5 * (high - low), torque.std(), mean_interval(dt)])
+        scales = np.array([0.5 * (low + high), 0.5 * (high - low), torque.std(), mean_dt(dt)])
         whole = _motion(X, scales, dt)
         kept = _thinned(dt, known)
         motion, targets = whole.pick(kept), y[kept]
@@ -169,7 +169,7 @@ class ElasticJointFilter(JointRegressor):
             ElasticJoint.from_arrays(arrays),
             motion,
             smoothed=smoothed,
-            interval=float(arrays["scales"][3]),
+            dt=float(arrays["scales"][3]),
         )
         outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
         model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
@@ -183,7 +183,7 @@ class ElasticJointFilter(JointRegressor):
 
 
 def _motion(X: Array, scales: Array, dt: Array) -> Motion:
-    middle, half_range, torque, _interval = scales
+    middle, half_range, torque, _dt = scales
     return Motion(
         np.ascontiguousarray((X[:, 0] - middle) / half_range),
         np.ascontiguousarray(X[:, 1] / torque),
@@ -193,7 +193,7 @@ def _motion(X: Array, scales: Array, dt: Array) -> Motion:
 
 def _thinned(dt: Array, known: Flags) -> NDArray[np.int64]:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
-    stride = max(1, round(_FILTER_INTERVAL / mean_interval(dt)))
+    stride = max(1, round(_FILTER_DT / mean_dt(dt)))
     fresh = dt == 0.0
     count = np.arange(len(dt)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
     return np.flatnonzero(known | (count % stride == 0))

@@ -185,21 +185,22 @@ def _memory(left: Array, travel: Array) -> float:
 
 
 def run(
-    joint: ElasticJoint, motion: Motion, *, smoothed: bool = False, interval: float | None = None
+    joint: ElasticJoint, motion: Motion, *, smoothed: bool = False, dt: float | None = None
 ) -> tuple[Array, Array]:
     """States (n, m + 2) and covariances (n, m + 2, m + 2) by filter or smoother, in each history.
 
-    The torque's noise is reckoned with rows `interval` [s] apart; their mean by default.
+    The torque's noise is reckoned with rows `dt` [s] apart; their mean by default.
     """
-    if interval is None:
-        interval = mean_interval(motion.steps)
-    unscented = UnscentedFilter(joint.state_space(interval))
+    if dt is None:
+        dt = mean_dt(motion.steps)
+    unscented = UnscentedFilter(joint.state_space(dt))
     u = np.column_stack([motion.angle, motion.moved])
-    z, dt = motion.torque, motion.steps
-    return run_histories(unscented, joint.prior(), z, u, dt, smoothed=smoothed)
+    return run_histories(
+        unscented, joint.prior(), motion.torque, u, motion.steps, smoothed=smoothed
+    )
 
 
-def mean_interval(steps: Array) -> float:
+def mean_dt(steps: Array) -> float:
     """Mean time between rows [s] within histories; 5 ms where there is only one row."""
     moving = steps[steps > 0.0]
     return float(moving.mean()) if len(moving) else 5e-3

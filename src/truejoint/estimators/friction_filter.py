@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.compiled import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.jaw import JawEstimator, median_interval
+from truejoint.estimators.jaw import JawEstimator, median_dt
 from truejoint.estimators.play import ridge
 from truejoint.models import friction_filter, friction_smoother
 from truejoint.models.family import Family
@@ -115,7 +115,7 @@ class FrictionFilter(JawEstimator):
             "drive": fits[1],
             "scale": np.array([scale]),
             "misfit": np.maximum(misfit[::-1], 1e-9),
-            "interval": np.array([median_interval(dt)]),
+            "dt": np.array([median_dt(dt)]),
         }
         friction_filter.friction_filter(self.model_params(), arrays)
         return arrays

@@ -77,7 +77,7 @@ class JawEstimator(JointRegressor):
             )
 
 
-def median_interval(dt: Array) -> float:
+def median_dt(dt: Array) -> float:
     """Median of the time between rows [s] within histories; 5 ms where there is only one row."""
     moved = dt[dt > 0.0]
     return float(np.median(moved)) if len(moved) else 5e-3

@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.compiled import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.jaw import JawEstimator, median_interval
+from truejoint.estimators.jaw import JawEstimator, median_dt
 from truejoint.estimators.rational import fit_rational
 from truejoint.models import jaw_filter
 from truejoint.models.family import Family, Params
@@ -105,7 +105,7 @@ class JawFilter(JawEstimator):
         if self.compensation == "constant":
             return {"constant": np.array([-float(np.mean(error))])}
         model = fit_rational(X[known, 0], X[known, 1], error, self.fit_method)
-        gain = self.loop_gain(median_interval(dt))
+        gain = self.loop_gain(median_dt(dt))
         return {
             "scale": model.scale, "error_coef": model.coefficients, "loop_gain": np.array([gain])
         }  # fmt: skip

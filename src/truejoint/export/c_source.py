@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from textwrap import wrap
 from typing import Any, Final, Literal, get_args
 
 import jinja2
@@ -42,12 +43,7 @@ def check_prefix(prefix: str) -> str:
 def number(value: float, precision: Precision) -> str:
     """Hexadecimal C99 constant that is exactly `value`, or the float nearest to it.
 
-    Infinity and NaN become the macros of math.h.
-
-    Raises
-    ------
-    ExportError
-        If a finite value does not fit a float.
+    Infinity and NaN become the macros of math.h; raises ExportError if a number does not fit.
     """
     if not np.isfinite(value):
         return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
@@ -60,23 +56,12 @@ def number(value: float, precision: Precision) -> str:
 
 def table(values: ArrayLike, precision: Precision) -> str:
     """Braced initialiser of the values of an array, row by row, in lines of text."""
-    flat = np.asarray(values, dtype=float).ravel()
-    return _braced(number(value, precision) for value in flat)
-
-
-def integer_table(values: ArrayLike) -> str:
-    """Braced initialiser of integers."""
-    return _braced(str(int(value)) for value in np.asarray(values).ravel())
-
-
-def _braced(items: Iterator[str]) -> str:
-    lines, line = [], "   "
-    for item in items:
-        if len(line) + len(item) + 2 > _WIDTH:
-            lines.append(line)
-            line = "   "
-        line += f" {item},"
-    return "\n".join(["{", *lines, line, "}"])
+    items = [f"{number(value, precision)}," for value in np.asarray(values, dtype=float).ravel()]
+    pad = "    "
+    lines = wrap(
+        " ".join(items), _WIDTH, initial_indent=pad, subsequent_indent=pad, break_on_hyphens=False
+    )
+    return "\n".join(["{", *lines, "}"])
 
 
 def comment(text: object) -> str:
@@ -99,7 +84,6 @@ def render(template: str, context: Mapping[str, Any], precision: Precision) -> s
         "exact": lambda value: number(value, "double"),
         "table": lambda values: table(values, precision),
         "exact_table": lambda values: table(values, "double"),
-        "integers": integer_table,
         "comment": comment,
     }
     environment.filters.update(filters)
@@ -113,10 +97,7 @@ def write_files(
 ) -> tuple[Path, ...]:
     """Write `contents` by file name into `folder`, none of them if one may not be written.
 
-    Raises
-    ------
-    ExportError
-        If a file exists and `overwrite` is false, or one cannot be written.
+    Raises ExportError if a file exists and `overwrite` is false, or one cannot be written.
     """
     folder = Path(folder)
     paths = tuple(folder / name for name in contents)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import ExportError
-from truejoint.export.c_values import Kind, Known, Root, Scalar, Style, View, add, linear
+from truejoint.export.c_statements import wrapped
+from truejoint.export.c_values import Kind, Known, Scalar, Style, View, add, linear
 from truejoint.layout import Field, Memory
 
 Side = Literal["numbers", "memory"]
@@ -23,30 +24,20 @@ class Unprintable(ExportError):
 
 @dataclass(eq=False)
 class Struct:
-    """One memory, and those within it.
+    """One memory, those within it, and what of it some kernel changes."""
 
-    Attributes
-    ----------
-    name : str
-        Of pointers to it.
-    type : str
-        Of the C struct.
-    memory : Memory
-    parts : dict of str to Struct
-    """
-
-    name: str
-    type: str
+    name: str  # of pointers to it
+    type: str  # of the C struct
     memory: Memory
+    written: set[str] = field(default_factory=set)  # grows until another pass finds no more
     parts: dict[str, Struct] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self._by_index: dict[tuple[Side, int], Field] = {}
+        self.fields: dict[tuple[Side, int], Field] = {}  # by the index that kernels use
         for f in self.memory.layout.fields.values():
             side: Side = "memory" if f.kind == "scalar" else "numbers"
-            for i in range(_PART if f.kind == "part" else 1):
-                self._by_index[side, f.index + i] = f
-        for f in self.memory.layout.fields.values():
+            size = _PART if f.kind == "part" else 1
+            self.fields |= {(side, f.index + i): f for i in range(size)}
             if f.kind == "part":
                 name = f"{self.type.removesuffix('_state')}_{f.name}_state"
                 self.parts[f.name] = Struct(f.name, name, self._part(f))
@@ -54,38 +45,26 @@ class Struct:
     def _part(self, f: Field) -> Memory:
         """Memory of a part as it stands within this one."""
         mine, part = self.memory, self.memory.parts[f.name]
-        place = mine.numbers[f.index : f.index + _PART].tolist()
-        numbers = mine.numbers[place[0] : place[0] + place[2]]
-        memory = mine.memory[place[1] : place[1] + place[3]]
+        start, memory_start, size, memory_size = mine.numbers[f.index : f.index + _PART].tolist()
+        numbers = mine.numbers[start : start + size]
+        memory = mine.memory[memory_start : memory_start + memory_size]
         return Memory(part.layout, numbers, memory, part.shapes, part.parts, part.functions)
-
-    def named(self, side: Side, index: int) -> Field | None:
-        """Field of an index, None where there is none."""
-        return self._by_index.get((side, index))
 
     def array_at(self, side: Side, place: int) -> Field:
         """Array field that holds a place of the flat memory."""
         kind = "array" if side == "memory" else "integers"
         for f in self.memory.layout.fields.values():
             start = int(self.memory.numbers[f.index])
-            if f.kind == kind and start <= place < start + self.size(f):
+            if f.kind == kind and start <= place < start + self.values(f).size:
                 return f
         raise Unprintable(f"{self.name}: no {kind} field holds place {place} of its {side}")
 
-    def size(self, f: Field) -> int:
-        """Length of an array field."""
-        return int(np.prod(self.memory.shapes[f.name]))
-
     def values(self, f: Field) -> NDArray[Any]:
-        """Elements of an array field."""
-        view: NDArray[Any] = self.memory.view(f.name).ravel()
-        return view
-
-    def value(self, f: Field) -> Any:
-        """Value of a scalar, integer or address."""
-        if f.kind == "scalar":
-            return float(self.memory.memory[f.index])
-        return int(self.memory.numbers[f.index])
+        """Elements of an array field, or the one number of another, in one dimension."""
+        if f.name in self.memory.shapes:
+            return np.asarray(self.memory.view(f.name)).ravel()
+        source: Any = self.memory.memory if f.kind == "scalar" else self.memory.numbers
+        return np.asarray(source[f.index : f.index + 1])
 
     def walk(self) -> Iterator[Struct]:
         """Parts first, then this one."""
@@ -93,27 +72,55 @@ class Struct:
             yield from part.walk()
         yield self
 
+    @property
+    def changes(self) -> bool:
+        """Whether anything in it or its parts is changed."""
+        return any(part.written for part in self.walk())
+
+    def members(self) -> list[Field]:
+        """Fields of the C struct: those that change, and parts in which anything does."""
+        return [
+            f
+            for f in self.memory.layout.fields.values()
+            if (self.parts[f.name].changes if f.kind == "part"
+                else f.name in self.written and self.values(f).size)
+        ]  # fmt: skip
+
+    def declaration(self, style: Style, own: Mapping[str, str]) -> str:
+        """Typedef of the C struct, its fields and `own` integers explained."""
+        lines = ["typedef struct {", *(f"    int {name}; /* {own[name]} */" for name in own)]
+        for f in self.members():
+            is_part = f.kind == "part"
+            kind = self.parts[f.name].type if is_part else style.type(kind_of(f))
+            size = f"[{self.values(f).size}]" if f.name in self.memory.shapes else ""
+            lines.append(f"    {kind} {f.name}{size}; /* {f.meaning} */")
+        return "\n".join([*lines, f"}} {self.type};"])
+
+    def initial(self, style: Style, own: Mapping[str, str], depth: int = 0) -> list[str]:
+        """Lines of a braced initialiser with what its fields hold before the first step."""
+        pad = "    " * depth
+        lines = [f"{pad}{{", *(f"    0, /* {name} */" for name in own)]
+        for f in self.members():
+            if f.kind == "part":
+                lines += self.parts[f.name].initial(style, {}, depth + 1)
+                lines[-1] += f" /* {f.name} */"
+                continue
+            values = self.values(f)
+            texts = element_texts(f, values if values.any() else values[:1], style)
+            text = "{" + ", ".join(texts) + "}" if f.name in self.memory.shapes else texts[0]
+            lines += wrapped(f"{text}, /* {f.name} */", f"{pad}    ")
+        return [*lines, f"{pad}}}{',' if depth else ''}"]
+
 
 @dataclass(frozen=True)
 class Handle:
-    """The numbers or the memory of a struct, as a kernel holds them.
-
-    Attributes
-    ----------
-    struct : Struct
-    side : {"numbers", "memory"}
-    text : str
-        The struct, or a pointer to it, in C.
-    is_pointer : bool
-    owner : str
-        Parameter of the function that it comes from.
-    """
+    """The numbers or the memory of a struct, as a kernel holds them."""
 
     struct: Struct
     side: Side
-    text: str
+    text: str  # the struct, or a pointer to it, in C
     is_pointer: bool
-    owner: str
+    owner: str  # parameter of the function that it comes from
 
     def field_text(self, name: str) -> str:
         """Give a field of the struct in C."""
@@ -126,17 +133,12 @@ class Handle:
 
 
 class Constants:
-    """Names at file scope, and the arrays among them.
-
-    Parameters
-    ----------
-    style : Style
-    """
+    """Names at file scope, and the numbers and arrays among them."""
 
     def __init__(self, style: Style) -> None:
         self.style = style
-        self.arrays: dict[tuple[Struct, str], str] = {}
-        self.defines: dict[str, tuple[Any, str]] = {}
+        self.arrays: dict[tuple[Struct, Field], str] = {}
+        self.defines: dict[str, Any] = {}
         self.names: set[str] = set()
 
     def name(self, wanted: str, longer: str) -> str:
@@ -146,141 +148,60 @@ class Constants:
         self.names.add(free)
         return free
 
-    def array(self, struct: Struct, name: str) -> str:
-        """Name of a constant array."""
-        if (struct, name) not in self.arrays:
-            self.arrays[struct, name] = self.name(name, f"{struct.name}_{name}")
-        return self.arrays[struct, name]
-
-    def define(self, name: str, value: Any, meaning: str) -> str:
+    def define(self, name: str, value: Any) -> str:
         """Name of a constant number of a module."""
         wanted = name.strip("_").upper()
         for option in (wanted, *(f"{wanted}_{i}" for i in range(2, 100))):
-            held = self.defines.setdefault(option, (value, meaning))[0]
+            held = self.defines.setdefault(option, value)
             if held == value and isinstance(held, type(value)):
                 self.names.add(option)
                 return option
         raise Unprintable(f"{name}: too many constants of this name")
 
+    def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
+        """View of a struct's flat memory from a place on, as a part of the array there."""
+        struct, position = handle.struct, linear(place)
+        if isinstance(position.origin, tuple) and position.origin[0] is struct:
+            f: Field = position.origin[1]
+        else:
+            f = struct.array_at(handle.side, position.base)
+        start = Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
+        offset = add(place, start, -1)
+        kind, root = kind_of(f, self.style), (struct, f.name)
+        if f.name in struct.written:
+            return View(handle.field_text(f.name), offset, shape, kind, root, offset)
+        if (struct, f) not in self.arrays:
+            self.arrays[struct, f] = self.name(f.name, f"{struct.name}_{f.name}")
+        values = struct.values(f)
+        return View(self.arrays[struct, f], offset, shape, kind, root, offset, values)
 
-@dataclass
-class Written:
-    """Fields that some kernel changes; it grows until another pass finds no more."""
-
-    fields: set[tuple[Struct, str]] = field(default_factory=set)
-
-    def __contains__(self, key: object) -> bool:
-        return key in self.fields
-
-    def has_any(self, struct: Struct) -> bool:
-        """Whether anything in a struct or its parts is changed."""
-        mine = {name for owner, name in self.fields if owner is struct}
-        return bool(mine) or any(self.has_any(part) for part in struct.parts.values())
-
-
-def view_of(
-    handle: Handle, place: Scalar, shape: tuple[Scalar, ...], written: Written, constants: Constants
-) -> View:
-    """View of a struct's flat memory from a place on, as a part of the array that stands there."""
-    struct, side = handle.struct, handle.side
-    position = linear(place)
-    if isinstance(position.origin, tuple) and position.origin[0] is struct:
-        f: Field = position.origin[1]
-    else:
-        f = struct.array_at(side, position.base)
-    offset = add(place, Known(int(struct.memory.numbers[f.index]), origin=(struct, f)), -1)
-    kind: Kind = "int" if side == "numbers" else "time" if f.is_time else "real"
-    if kind == "time" and not constants.style.single:
-        kind = "real"
-    if (struct, f.name) in written:
-        text = handle.field_text(f.name)
-        return View(text, offset, shape, kind, Root(struct, f.name), offset)
-    name = constants.array(struct, f.name)
-    return View(name, offset, shape, kind, Root(struct, f.name), offset, struct.values(f))
+    def tables(self, names: set[str]) -> list[str]:
+        """Definitions of the arrays of these names."""
+        texts = []
+        for (owner, f), name in self.arrays.items():
+            if name in names:
+                items = element_texts(f, owner.values(f), self.style)
+                first, *rest = wrapped(", ".join(items), "    ")
+                body = "\n".join([first, *(line[4:] for line in rest)])
+                head = f"static const {self.style.type(kind_of(f))} {name}[{len(items)}]"
+                texts.append(f"/* {f.meaning} */\n{head} = {{\n{body}\n}};")
+        return texts
 
 
-def initial_values(struct: Struct, written: Written, style: Style, own: Mapping[str, str]) -> str:
-    """Braced initialiser of a struct with what its fields hold before the first step."""
-    lines = _initial_lines(struct, written, style, 0)
-    return "\n".join([lines[0], *(f"    0, /* {name} */" for name in own), *lines[1:]])
-
-
-def _initial_lines(struct: Struct, written: Written, style: Style, depth: int) -> list[str]:
-    pad = "    " * (depth + 1)
-    lines = ["{" if depth == 0 else f"{'    ' * depth}{{"]
-    for f in members(struct, written):
-        if f.kind == "part":
-            lines += _initial_lines(struct.parts[f.name], written, style, depth + 1)
-            lines[-1] += f" /* {f.name} */"
-            continue
-        is_array = f.name in struct.memory.shapes
-        values = struct.values(f).tolist() if is_array else [struct.value(f)]
-        _, texts = element_texts(f, values if any(values) else values[:1], style)
-        text = "{" + ", ".join(texts) + "}" if is_array else texts[0]
-        lines += wrapped(f"{text}, /* {f.name} */", pad)
-    lines.append(f"{'    ' * depth}}}{',' if depth else ''}")
-    return lines
-
-
-def element_texts(f: Field, values: Sequence[Any], style: Style) -> tuple[str, list[str]]:
-    """C type and constants of the elements of a field; raises ExportError if one does not fit."""
+def kind_of(f: Field, style: Style | None = None) -> Kind:
+    """Kind of the numbers of a field; in double precision, of a `style`, time is like the rest."""
     if f.kind in ("integer", "integers"):
-        return "int", [str(value) for value in values]
-    kind: Kind = "time" if f.is_time else "real"
+        return "int"
+    return "time" if f.is_time and (style is None or style.single) else "real"
+
+
+def element_texts(f: Field, values: NDArray[Any], style: Style) -> list[str]:
+    """Constants of elements of a field; raises ExportError if one does not fit."""
+    kind = kind_of(f)
+    if kind == "int":
+        return [str(value) for value in values.tolist()]
     if style.single and kind == "real":
-        large = [v for v in values if np.isfinite(v) and abs(v) > float(np.finfo(np.float32).max)]
-        if large:
-            raise ExportError(f"{large[0]!r} does not fit a float; export in double")
-    return style.type(kind), [style.literal(value, kind) for value in values]
-
-
-def wrapped(text: str, pad: str, width: int = 100) -> list[str]:
-    """Lines of a statement or initialiser, broken at spaces where it is too long."""
-    lines, indent = [], pad
-    while len(indent) + len(text) > width:
-        room = width - len(indent)
-        cut = max(_last(text, ", ", room), _last(text, " = ", room), *_operators(text, room))
-        if cut <= 0:
-            break
-        lines.append(indent + text[:cut].rstrip())
-        text, indent = text[cut:].lstrip(), pad + "    "
-    return [*lines, indent + text]
-
-
-def _last(text: str, mark: str, room: int) -> int:
-    """Where to go on after the last mark within room."""
-    at = text.rfind(mark, 0, room)
-    return at + len(mark) if at > 0 else -1
-
-
-def _operators(text: str, room: int) -> list[int]:
-    marks = (" && ", " || ", " + ", " - ", " * ", " / ", " | ", " ? ", " : ")
-    return [text.rfind(mark, 0, room) for mark in marks]
-
-
-def members(struct: Struct, written: Written) -> list[Field]:
-    """Fields of the C struct: those that change, and parts in which anything does."""
-    found = []
-    for f in struct.memory.layout.fields.values():
-        if f.kind == "part":
-            changes = written.has_any(struct.parts[f.name])
-        else:
-            changes = (struct, f.name) in written
-        if changes and (f.name not in struct.memory.shapes or struct.size(f)):
-            found.append(f)
-    return found
-
-
-def declaration(struct: Struct, written: Written, style: Style, own: Mapping[str, str]) -> str:
-    """Typedef of the C struct, its fields explained."""
-    lines = ["typedef struct {", *(f"    int {name}; /* {own[name]} */" for name in own)]
-    for f in members(struct, written):
-        size = f"[{struct.size(f)}]" if f.name in struct.memory.shapes else ""
-        if f.kind == "part":
-            kind = struct.parts[f.name].type
-        elif f.kind in ("integer", "integers"):
-            kind = "int"
-        else:
-            kind = style.type("time" if f.is_time else "real")
-        lines.append(f"    {kind} {f.name}{size}; /* {f.meaning} */")
-    return "\n".join([*lines, f"}} {struct.type};"])
+        large = values[np.isfinite(values) & (np.abs(values) > float(np.finfo(np.float32).max))]
+        if large.size:
+            raise ExportError(f"{large.tolist()[0]!r} does not fit a float; export in double")
+    return [style.literal(value, kind) for value in values.tolist()]

@@ -31,59 +31,48 @@ def tree_of(python: Any) -> tuple[ast.FunctionDef, dict[int, str]]:
 
 
 @cache
-def definitions(module: str) -> dict[str, tuple[ast.expr | None, str, str]]:
-    """Constants of a module by name: expression, and module and name if imported."""
-    found: dict[str, tuple[ast.expr | None, str, str]] = {}
+def definitions(module: str) -> dict[str, tuple[Any, ...]]:
+    """Constants of a module by name: the expression, or None with module and name if imported."""
+    found: dict[str, tuple[Any, ...]] = {}
     for node in ast.parse(inspect.getsource(sys.modules[module])).body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            found[node.target.id] = (node.value, "", "")
-        elif isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            found[node.targets[0].id] = (node.value, "", "")
+        if isinstance(node, (ast.AnnAssign, ast.Assign)):
+            target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
+            if isinstance(target, ast.Name):
+                found[target.id] = (node.value,)
         elif isinstance(node, ast.ImportFrom) and node.module:
             for alias in node.names:
                 found[alias.asname or alias.name] = (None, node.module, alias.name)
     return found
 
 
-def assigned(nodes: Iterable[ast.stmt]) -> set[str]:
+def assigned(statements: Iterable[ast.stmt]) -> set[str]:
     """Names of scalars and arrays that statements assign to."""
-    names = set()
-    for statement in nodes:
-        for node in ast.walk(statement):
-            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
-                names.add(node.id)
+    nodes = [node for statement in statements for node in ast.walk(statement)]
     loops = {
-        node.target.id
-        for statement in nodes
-        for node in ast.walk(statement)
-        if isinstance(node, ast.For) and isinstance(node.target, ast.Name)
+        n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)
     }
-    return names - loops
-
-
-def _loads(name: str, nodes: Iterable[ast.AST]) -> bool:
-    return any(
-        isinstance(node, ast.Name) and node.id == name and isinstance(node.ctx, ast.Load)
-        for root in nodes
-        for node in ast.walk(root)
-    )
+    stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
+    return stored - loops
 
 
 def first_use(name: str, body: Sequence[ast.stmt]) -> str:
     """Whether a name is first "read" or first "set" by statements, or neither for certain."""
+
+    def loads(roots: Iterable[ast.AST]) -> bool:
+        nodes = (node for root in roots for node in ast.walk(root) if isinstance(node, ast.Name))
+        return any(node.id == name and isinstance(node.ctx, ast.Load) for node in nodes)
+
     for s in body:
         if isinstance(s, (ast.If, ast.For)):
-            if _loads(name, [s.test if isinstance(s, ast.If) else s.iter]):
-                return "read"
             uses = {first_use(name, s.body), first_use(name, s.orelse)}
-            if "read" in uses:
+            if "read" in uses or loads([s.test if isinstance(s, ast.If) else s.iter]):
                 return "read"
             if uses == {"set"}:
                 return "set"
             continue
-        parts = [n for n in ast.iter_child_nodes(s) if isinstance(n, ast.expr)]
-        if _loads(name, parts) or (isinstance(s, ast.AugAssign) and name in assigned([s])):
+        sets = name in assigned([s])
+        if loads(ast.iter_child_nodes(s)) or (sets and isinstance(s, ast.AugAssign)):
             return "read"
-        if name in assigned([s]):
+        if sets:
             return "set"
     return ""

@@ -16,37 +16,17 @@ Kind = Literal["bool", "int", "real", "time"]
 _ORDER: Final[tuple[Kind, ...]] = ("bool", "int", "real", "time")
 
 # How tightly operators of C bind.
-PRIMARY: Final = 16
-UNARY: Final = 15
-PRODUCT: Final = 13
-SUM: Final = 12
-SHIFT: Final = 11
-ORDER: Final = 10
-EQUALITY: Final = 9
-BIT_AND: Final = 8
-BIT_OR: Final = 6
-AND: Final = 5
-OR: Final = 4
-CHOICE: Final = 3
-LOWEST: Final = 0
+PRIMARY, UNARY, PRODUCT, SUM, SHIFT, ORDER, EQUALITY = 16, 15, 13, 12, 11, 10, 9
+BIT_AND, BIT_OR, AND, OR, CHOICE = 8, 6, 5, 4, 3
 
 
 @dataclass(frozen=True)
 class Known:
-    """A number that is known when printing.
-
-    Attributes
-    ----------
-    value : bool, int or float
-    symbol : str
-        Its name in C, or several joined by ``|``; empty for a plain literal.
-    origin : object
-        Field of a memory that it is the address or the beginning of.
-    """
+    """A number that is known when printing."""
 
     value: Any
-    symbol: str = ""
-    origin: Any = None
+    symbol: str = ""  # its name in C, or several joined by ``|``; empty for a plain literal
+    origin: Any = None  # field of a memory that it is the address or the beginning of
 
     @property
     def kind(self) -> Kind:
@@ -58,20 +38,11 @@ class Known:
 
 @dataclass(frozen=True)
 class Expr:
-    """A number that the C computes.
-
-    Attributes
-    ----------
-    text : str
-        The C expression.
-    kind : Kind
-    level : int
-        How tightly its outermost operator binds.
-    """
+    """A number that the C computes."""
 
     text: str
     kind: Kind
-    level: int = PRIMARY
+    level: int = PRIMARY  # how tightly its outermost operator binds
 
 
 @dataclass(frozen=True)
@@ -88,56 +59,33 @@ Scalar = Known | Expr | Linear
 
 
 @dataclass(frozen=True)
-class Root:
-    """What an array is a part of: a field, a constant, or a parameter of the function.
-
-    Attributes
-    ----------
-    owner : object
-        Struct of a field, function of a parameter; None for a constant.
-    name : str
-    """
-
-    owner: Any
-    name: str
-
-
-@dataclass(frozen=True)
 class View:
-    """An array, row by row, within what a C expression points to.
+    """An array, row by row, within what a C expression points to."""
 
-    Attributes
-    ----------
-    text : str
-        Name of an array or pointer.
-    offset : Scalar
-        Of the first element.
-    shape : tuple of Scalar
-    kind : Kind
-        Of its elements.
-    root : Root
-    start : Scalar
-        Of its first element within the root.
-    values : ndarray, optional
-        What the whole of `text` holds, where nothing writes it.
-    pointer : object
-        Local pointer that it goes through.
-    """
-
-    text: str
-    offset: Scalar
+    text: str  # name of an array or pointer
+    offset: Scalar  # of the first element
     shape: tuple[Scalar, ...]
-    kind: Kind
-    root: Root
-    start: Scalar
-    values: NDArray[Any] | None = None
-    pointer: Any = None
+    kind: Kind  # of its elements
+    root: tuple[Any, str]  # struct and field, or function and parameter, that it is a part of
+    start: Scalar  # of its first element within the root
+    values: NDArray[Any] | None = None  # what the whole of `text` holds, where nothing writes it
+    pointer: Any = None  # local pointer that it goes through, and the view that this points to
 
     def part(self, offset: Scalar, shape: tuple[Scalar, ...]) -> View:
         """Part of this one from `offset` on."""
         return replace(
             self, offset=add(self.offset, offset), start=add(self.start, offset), shape=shape
         )
+
+    def ends_before(self, other: View) -> bool:
+        """Whether it is certain to end where a view of the same array begins, or before."""
+        size: Scalar = Known(1)
+        for length in self.shape:
+            if not isinstance(length, Known):
+                return False
+            size = scale(size, length.value)
+        gap = add(add(other.start, self.start, -1), size, -1)
+        return isinstance(gap, Known) and gap.value >= 0
 
 
 def join(kinds: Sequence[Kind]) -> Kind:
@@ -162,13 +110,18 @@ def settle(value: Linear) -> Scalar:
     return replace(value, terms=terms)
 
 
+def either_origin(a: Any, b: Any) -> Any:
+    """Origin of a sum: that of the one number that has one."""
+    return a if b is None else b if a is None else None
+
+
 def add(a: Scalar, b: Scalar, sign: int = 1) -> Scalar:
     """Sum, or with `sign` -1 difference, of two integers."""
     x, y = linear(a), linear(b)
     terms = dict(x.terms)
     for expression, factor in y.terms:
         terms[expression] = terms.get(expression, 0) + sign * factor
-    origin = x.origin if y.origin is None else y.origin if x.origin is None else None
+    origin = either_origin(x.origin, y.origin)
     return settle(Linear(tuple(terms.items()), x.base + sign * y.base, origin))
 
 
@@ -178,7 +131,7 @@ def scale(a: Scalar, factor: int) -> Scalar:
     return settle(Linear(tuple((e, f * factor) for e, f in x.terms), x.base * factor))
 
 
-def within(text: str, level: int, needed: int) -> str:
+def _within(text: str, level: int, needed: int) -> str:
     """Expression, in parentheses if it binds less than it must."""
     return text if level >= needed else f"({text})"
 
@@ -187,11 +140,9 @@ def _sum_text(value: Linear) -> str:
     text = ""
     for expression, factor in value.terms:
         size = abs(factor)
-        term = within(expression.text, expression.level, SUM if size == 1 else PRODUCT + 1)
-        if size != 1:
-            term = f"{size} * {term}"
-        elif text and factor < 0:
-            term = within(expression.text, expression.level, PRODUCT)
+        needed = PRODUCT + 1 if size != 1 else PRODUCT if text and factor < 0 else SUM
+        term = _within(expression.text, expression.level, needed)
+        term = term if size == 1 else f"{size} * {term}"
         sign = " - " if factor < 0 else " + "
         text = f"{text}{sign}{term}" if text else ("-" if factor < 0 else "") + term
     if value.base:
@@ -201,13 +152,7 @@ def _sum_text(value: Linear) -> str:
 
 @dataclass(frozen=True)
 class Style:
-    """How numbers are written.
-
-    Attributes
-    ----------
-    single : bool
-        Whether the arithmetic is in float.
-    """
+    """How numbers are written: in float where the arithmetic is `single`, else in double."""
 
     single: bool
 
@@ -234,17 +179,17 @@ class Style:
         text = f"{np.float32(math.copysign(size, value))!s}f"
         return text if "." in text or "e" in text else text[:-1] + ".0f"
 
-    def text(self, value: Scalar, needed: int = LOWEST, kind: Kind | None = None) -> str:
+    def text(self, value: Scalar, needed: int = 0, kind: Kind | None = None) -> str:
         """Value as C, for a place that binds as tightly as `needed` and is of that kind."""
         if isinstance(value, Linear):
             single = value.base == 0 and len(value.terms) == 1
-            level = PRODUCT if single else SUM
-            return within(_sum_text(value), level, needed)
+            return _within(_sum_text(value), PRODUCT if single else SUM, needed)
         if isinstance(value, Expr):
-            return within(value.text, value.level, needed)
+            return _within(value.text, value.level, needed)
         if value.symbol:
-            return within(value.symbol, BIT_OR if "|" in value.symbol else PRIMARY, needed)
+            return _within(value.symbol, BIT_OR if "|" in value.symbol else PRIMARY, needed)
         if isinstance(value.value, (bool, int)) and kind not in ("real", "time"):
-            return within(str(int(value.value)), UNARY if value.value < 0 else PRIMARY, needed)
-        text = self.literal(float(value.value), kind or "real")
-        return within(text, UNARY if text.startswith("-") else PRIMARY, needed)
+            text = str(int(value.value))
+        else:
+            text = self.literal(float(value.value), kind or "real")
+        return _within(text, UNARY if text.startswith("-") else PRIMARY, needed)

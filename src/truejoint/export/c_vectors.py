@@ -35,30 +35,15 @@ def _nothing() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Vector:
-    """One sample and what comes of it.
+    """One sample and what comes of it."""
 
-    Attributes
-    ----------
-    action : int
-        `NOTHING`, `SET_HOMING` or `REZERO`, before the sample.
-    is_homed, homing_id
-        For `SET_HOMING`.
-    t : float
-        Time stamp [s].
-    sample : ndarray, shape (n_signals,)
-    status : int
-        Bits of `Status`.
-    position, half_width : ndarray, shape (n_joints,)
-        [rad or m].
-    """
-
-    t: float
-    sample: Array
-    action: int = NOTHING
-    is_homed: bool = False
+    t: float  # time stamp [s]
+    sample: Array  # (n_signals,)
+    action: int = NOTHING  # or `SET_HOMING` or `REZERO`, before the sample
+    is_homed: bool = False  # for `SET_HOMING`
     homing_id: int = HOMING_UNKNOWN
-    status: int = 0
-    position: Array = field(default_factory=_nothing)
+    status: int = 0  # bits of `Status`
+    position: Array = field(default_factory=_nothing)  # (n_joints,) [rad or m]
     half_width: Array = field(default_factory=_nothing)
 
 
@@ -72,30 +57,12 @@ def make_vectors(
 ) -> tuple[list[Vector], Array, float]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    data : CalibrationData
-        The same with its estimators as plain data.
-    limits : Limits
-    level, range_margin : float
-        As `Corrector` takes them.
-    dtype : type
-        Samples are numbers of this type.
-
-    Returns
-    -------
-    vectors : list of Vector
-    offset : ndarray, shape (n_joints,)
-        For `REZERO` [rad or m].
-    error : float
-        How far positions and half-widths [rad or m] move when all that the corrector keeps is
-        rounded to `dtype` after every sample, and the largest position once more.
-
-    Raises
-    ------
-    ExportError
-        If fewer than half of the ordinary samples are corrected, so that they would check little.
+    The calibration is given as itself and as plain data, `level` and `range_margin` as `Corrector`
+    takes them; samples are numbers of type `dtype`. Gives the vectors, the offset (n_joints,)
+    [rad or m] for `REZERO`, and how far positions and half-widths [rad or m] move when all that the
+    corrector keeps is rounded to `dtype` after every sample, and the largest position once more.
+    Raises ExportError if fewer than half of the ordinary samples are corrected: they would check
+    little.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
@@ -211,7 +178,7 @@ class _Motion:
                 self.middle[data.signals.index(feature.signal)] = mean
         room = np.minimum(self.middle - self.lower, self.upper - self.middle)
         self.amplitude = scale * room * (limits.moves > 0)
-        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.interval
+        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.dt
         fastest = np.full(len(room), 2 * np.pi * _FASTEST)
         fastest *= 1 + 0.1 * np.arange(len(room)) / len(room)
         some = self.amplitude > 0
@@ -221,10 +188,10 @@ class _Motion:
         self.count = 0
 
     def next(self, steps: float = 1.0) -> Vector:
-        """Sample after a number of training intervals."""
+        """Sample after a number of training time steps."""
         self.count += 1
         jitter = 1.0 + 0.1 * np.sin(self.count)
-        self.t += steps * jitter * self.limits.interval
+        self.t += steps * jitter * self.limits.dt
         phase = self.speed * self.t + np.arange(len(self.speed))
         return Vector(self.t, self.middle + self.amplitude * np.sin(phase))
 
@@ -254,11 +221,11 @@ def _stale(motion: _Motion) -> list[Vector]:
 
 
 def _gap(motion: _Motion) -> list[Vector]:
-    return [motion.next(3 * motion.limits.longest_step / motion.limits.interval)]
+    return [motion.next(3 * motion.limits.longest_step / motion.limits.dt)]
 
 
 def _clock_set_back(motion: _Motion) -> list[Vector]:
-    return [motion.next(-5 * motion.limits.longest_step / motion.limits.interval)]
+    return [motion.next(-5 * motion.limits.longest_step / motion.limits.dt)]
 
 
 def _spikes(motion: _Motion) -> list[Vector]:
@@ -305,7 +272,7 @@ def _all_frozen(motion: _Motion) -> list[Vector]:
     n = int(motion.limits.hold / share) + 3
     if n > _LONGEST_STANDSTILL:
         return [held]
-    steps = share / motion.limits.interval
+    steps = share / motion.limits.dt
     return [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
 
 

@@ -32,8 +32,8 @@ PER_ELEMENT: Final = 6
 """Terms of a quadratic in both, by which each friction element is weighed."""
 LOAD_TERMS: Final = (0, 4, 5, 6)
 """Terms of the load alone: 1, B, B^2, B^3."""
-SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "interval")
-"""What turns radians and newton metres into units of the calibration, and its interval [s]."""
+SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "dt")
+"""What turns radians and newton metres into units of the calibration, and its time step [s]."""
 NOISE: Final = (
     "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
 )  # fmt: skip
@@ -149,7 +149,7 @@ class ElasticJoint:
     load_density: float  # variance that the load gains in a second
     rest_deviation: float  # of the friction that the elements do not explain
     rest_travel: float  # over which it forgets itself
-    noise_density: float  # of the measured torque: variance times the interval of samples [s]
+    noise_density: float  # of the measured torque: variance times the time step [s]
     load_mean: float  # of the loads calibrated with: what the filter expects at first
     load_deviation: float
 
@@ -166,14 +166,14 @@ class ElasticJoint:
             )
         return cls(arrays["widths"], arrays["torque"], **noise)
 
-    def state_space(self, interval: float) -> StateSpaceModel:
-        """Build the model of the filter for rows `interval` [s] apart."""
+    def state_space(self, dt: float) -> StateSpaceModel:
+        """Build the model of the filter for rows `dt` [s] apart."""
         elements = len(self.widths)
         return StateSpaceModel(
             transition=transition,
             measurement=measurement,
             process_noise=process_noise,
-            measurement_noise=[[self.noise_density / interval]],
+            measurement_noise=[[self.noise_density / dt]],
             states=(*(f"friction{i + 1}" for i in range(elements)), "load", "rest"),
             measurements=("torque",),
             inputs=("driver", "travel"),
@@ -300,7 +300,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     joint = ElasticJoint.from_arrays(arrays)
-    middle, half_range, torque, interval = arrays["scales"].tolist()
+    middle, half_range, torque, dt = arrays["scales"].tolist()
     elements = int(params["elements"])
     return LAYOUT.pack(
         elements=elements,
@@ -312,7 +312,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         misfit=arrays["misfit"],
         near=np.zeros(elements + 2),
         slope=np.zeros(elements + 2),
-        filter=UnscentedFilter(joint.state_space(interval)).memory(*joint.prior()),
+        filter=UnscentedFilter(joint.state_space(dt)).memory(*joint.prior()),
     )
 
 

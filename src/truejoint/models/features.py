@@ -27,7 +27,7 @@ MAX_LAG: Final = 10_000
 MAX_TIME_CONSTANT: Final = 3600.0
 MAX_SIGNAL_LENGTH: Final = 120
 MAX_RATE_RATIO: Final = 1.5
-"""How far the sample interval may be from that of training where features count samples."""
+"""How far the time step may be from that of training where features count samples."""
 
 _CODES: Final[Mapping[Operation, int]] = {
     "value": kernels.VALUE,
@@ -247,23 +247,23 @@ class FeatureSet:
         return out
 
 
-def sample_interval(recordings: Sequence[Recording]) -> float:
+def sample_dt(recordings: Sequence[Recording]) -> float:
     """Median time between the rows [s] of recordings.
 
     Examples
     --------
-    >>> round(sample_interval(training), 6)
+    >>> round(sample_dt(training), 6)
     0.01
     """
     return float(np.median(np.concatenate([np.diff(recording.t) for recording in recordings])))
 
 
-def check_sample_interval(recording: Recording, trained: float) -> None:
+def check_sample_dt(recording: Recording, trained: float) -> None:
     """Refuse, with CalibrationError, a recording whose rows are not about `trained` [s] apart."""
-    interval = sample_interval([recording])
-    if max(trained, interval) > MAX_RATE_RATIO * min(trained, interval):
+    dt = sample_dt([recording])
+    if max(trained, dt) > MAX_RATE_RATIO * min(trained, dt):
         raise CalibrationError(
-            f"{recording.provenance.source or 'recording'} has a row every {interval:.4g} s, "
+            f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, "
             f"training every {trained:.4g} s, and the model counts samples (lag features, filters, "
             "differences); resample it, or calibrate at this rate"
         )
@@ -277,7 +277,7 @@ def default_gap_limit(recordings: Sequence[Recording]) -> float:
     >>> round(default_gap_limit(training), 6)
     0.1
     """
-    return 10.0 * sample_interval(recordings)
+    return 10.0 * sample_dt(recordings)
 
 
 def time_steps(t: Array, gap_limit: float) -> Array:

@@ -77,7 +77,7 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
 
 def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
     """Build the filter of a fitted `FrictionFilter`; raises CalibrationError or FilterError."""
-    for name in ("scale", "misfit", "interval"):
+    for name in ("scale", "misfit", "dt"):
         if not all(is_number(value, 1.0 / _LARGEST, _LARGEST) for value in arrays[name]):
             raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
     widths = params["widths"]
@@ -93,7 +93,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
         ]
     )
     # A misfit that lasts for a time tells in each row what it told in the row before.
-    repeated = max(params["error_time"] / float(arrays["interval"][0]), 1.0)
+    repeated = max(params["error_time"] / float(arrays["dt"][0]), 1.0)
     model = StateSpaceModel(
         transition=transition,
         measurement=measurement,
@@ -165,7 +165,7 @@ def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]
     """Shapes of the learnt arrays."""
     count = 1 + DEGREE + len(params["widths"])
     known: dict[str, Shape] = {
-        "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "interval": (1,)
+        "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "dt": (1,)
     }  # fmt: skip
     return only_joint("friction_filter", known, n_outputs)
 

@@ -283,8 +283,8 @@ def since_first(t: Array) -> tuple[Array, float]:
 
 def nominal_rates(**stamps: Array) -> dict[str, float]:
     """Give the usual rate [Hz] of each stream's stamps (n,) [s], of those that have one."""
-    intervals = {name: float(np.median(np.diff(t))) for name, t in stamps.items() if t.size > 1}
-    return {name: round(1.0 / interval, 3) for name, interval in intervals.items() if interval > 0}
+    steps = {name: float(np.median(np.diff(t))) for name, t in stamps.items() if t.size > 1}
+    return {name: round(1.0 / dt, 3) for name, dt in steps.items() if dt > 0}
 
 
 def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,34 +22,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class JointCheck:
-    """How far off one joint is now.
-
-    Attributes
-    ----------
-    joint, unit : str
-        Name, and ``"rad"`` or ``"m"``, the unit of all lengths here.
-    rmse, largest : float
-        Of the corrected position against the truth.
-    offset, offset_sd : float
-        Median of truth minus corrected position, and its standard deviation (`Zero`); NaN when
-        the calibration does not say how large its errors are.
-    left : float
-        RMSE that would be left after re-zeroing by `offset`.
-    half_width : float
-        Of the stated interval, mean over the readings; NaN when there is none.
-    inside : float
-        Share of the readings inside; NaN when there is none.
-    """
+    """How far off one joint is now; lengths in its unit."""
 
     joint: str
-    unit: str
-    rmse: float
+    unit: str  # ``"rad"`` or ``"m"``
+    rmse: float  # of the corrected position against the truth
     largest: float
-    offset: float
-    offset_sd: float
-    left: float
-    half_width: float
-    inside: float
+    offset: float  # median of truth minus corrected position
+    offset_sd: float  # its standard deviation (`Zero`); NaN if errors are of unknown size
+    left: float  # RMSE that would be left after re-zeroing by `offset`
+    half_width: float  # of the stated interval, mean over the readings; NaN when there is none
+    inside: float  # share of the readings inside; NaN when there is none
 
     @property
     def holds(self) -> bool | None:
@@ -103,19 +86,8 @@ class CalibrationCheck:
         """Plain values for JSON, SI units; what is not known is None."""
         return {
             "joints": [
-                {
-                    "joint": joint.joint,
-                    "unit": joint.unit,
-                    **{
-                        name: None if math.isnan(value) else value
-                        for name, value in (
-                            (key, getattr(joint, key))
-                            for key in ("rmse", "largest", "offset", "offset_sd", "left",
-                                        "half_width", "inside")
-                        )
-                    },
-                    "holds": joint.holds,
-                }
+                {key: _known(value) for key, value in asdict(joint).items()}
+                | {"holds": joint.holds}
                 for joint in self.joints
             ],
             "rows": self.rows,
@@ -124,7 +96,7 @@ class CalibrationCheck:
             "holds": self.holds,
             "alarm": self.alarm.name.lower(),
             "reasons": [str(reason.name).lower() for reason in Reason if reason in self.reasons],
-        }  # fmt: skip
+        }
 
 
 def check_calibration(
@@ -182,3 +154,8 @@ def _watched(calibration: Calibration, recording: Recording) -> tuple[Alarm, Rea
         return Alarm.NONE, Reason.NOTHING
     trace = Monitor(calibration).run(recording)
     return Alarm(int(trace.alarm.max())), Reason(int(np.bitwise_or.reduce(trace.reasons)))
+
+
+def _known(value: str | float) -> str | float | None:
+    """Text or number, None for NaN."""
+    return None if isinstance(value, float) and math.isnan(value) else value

@@ -31,15 +31,8 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     A sample that cannot be believed (not finite, stale, spike, frozen, far out of range) enters no
     history, so that what follows is as if it had never come.
 
-    Parameters
-    ----------
-    numbers, memory : ndarray, 1-D
-        See `fields`: `SAMPLE` and `T` are read; `POSITION`, `HALF_WIDTH` and `CORRECTION` filled.
-
-    Returns
-    -------
-    int
-        Bits of `Status`.
+    Reads `SAMPLE` and `T` of `fields`, fills `POSITION`, `HALF_WIDTH` and `CORRECTION`, and gives
+    the bits of `Status`.
     """
     pass_through(numbers, memory)
     status = int(numbers[at.HOMING]) | judge_finite(numbers, memory)
@@ -135,7 +128,7 @@ def judge_signals(numbers: Integers, memory: Array) -> int:
     upper = vector(memory, numbers[at.SIGNAL_UPPER], n)
     last = vector(memory, numbers[at.LAST], n)
     reach = vector(memory, numbers[at.REACH], n)
-    elapsed = max((memory[at.T] - memory[at.LAST_T]) / memory[at.PERIOD], 1.0)
+    elapsed = max((memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT], 1.0)
     status = 0
     for i in range(n):
         if sample[i] < lower[i] or sample[i] > upper[i]:

@@ -9,7 +9,6 @@ import numpy as np
 
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import inverse_span
-from truejoint.compiled import Array
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.products import padded
@@ -32,8 +31,8 @@ LAST_T: Final = LAYOUT.scalar("last_t", "of the last sample that was used [s]", 
 CHANGED_T: Final = LAYOUT.scalar("changed_t", "when a signal last changed [s]", is_time=True)
 SHORTEST: Final = LAYOUT.scalar("shortest", "time between two samples [s]", is_time=True)
 LONGEST: Final = LAYOUT.scalar("longest", "that a history bridges [s]", is_time=True)
-PERIOD: Final = LAYOUT.scalar(
-    "period", "in which a signal may change by its reach [s]", is_time=True
+TRAINING_DT: Final = LAYOUT.scalar(
+    "training_dt", "in which a signal may change by its reach [s]", is_time=True
 )
 HOLD: Final = LAYOUT.scalar("hold", "that all signals may stand still [s]", is_time=True)
 SQUARE: Final = LAYOUT.scalar("square", "largest square of the whitened features' length")
@@ -59,7 +58,7 @@ FEATURE_MEMORY: Final = LAYOUT.array("feature_memory", "what the features rememb
 CLOCK: Final = LAYOUT.array(
     "clock", "whether the features saw a sample; its stamp [s]", is_time=True
 )
-REACH: Final = LAYOUT.array("reach", "largest change of each signal within one period")
+REACH: Final = LAYOUT.array("reach", "largest change of each signal within training_dt")
 SIGNAL_LOWER: Final = LAYOUT.array("signal_lower", "below it a sample is not believed")
 SIGNAL_UPPER: Final = LAYOUT.array("signal_upper", "above it a sample is not believed")
 TRAVEL: Final = LAYOUT.array("travel", "of the partner while a signal stands exactly still")
@@ -81,27 +80,24 @@ SOURCE: Final = LAYOUT.integers("source", "signal of each feature")
 SLOT: Final = LAYOUT.integers("slot", "of each feature in the features' memory")
 MEASURED: Final = LAYOUT.integers("measured", "signal that is the joint's measured position")
 MODEL: Final = LAYOUT.part("model", "the estimator")
+_OF_LIMITS: Final = (
+    "hold", "reach", "signal_lower", "signal_upper", "travel", "feature_lower",
+    "feature_upper", "correction_lower", "correction_upper", "partner", "moves",
+)  # fmt: skip
 
 
 def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> Memory:
     """Memory of a corrector before its first sample, but for the homing.
 
-    Parameters
-    ----------
-    data : CalibrationData
-    limits : Limits
-    level : float
-        Which half-widths of the interval to use, where there is one.
-
-    Raises
-    ------
-    CalibrationError
-        If the estimator only works offline.
+    `level` says which half-widths of the interval to use, where there is one. Raises
+    CalibrationError if the estimator only works offline.
     """
     operation, source, parameter, slot = data.feature_set.program
     n_signals, k, n_joints = len(data.signals), len(data.feature_set), len(data.joints)
     per_signal, per_joint = np.zeros(n_signals), np.zeros(n_joints)
-    base, growth = _widths(data, level)
+    base, growth = np.full(n_joints, np.inf), 0.0
+    if data.interval is not None:
+        base, growth = data.interval.half_width(level), data.interval.growth
     family = find_family(data.model.family)
     model = family.memory(data.model, k, n_joints)
     states = family.states_deviation
@@ -115,8 +111,8 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         "n_signals": n_signals, "n_features": k, "n_joints": n_joints, "n_white": len(whitening),
         "is_position": data.target == "position", "row": family.row_address(),
         "shortest": limits.shortest_step, "longest": limits.longest_step,
-        "period": limits.interval, "hold": limits.hold, "square": limits.distance**2,
-        "growth": growth,
+        "training_dt": limits.dt, "growth": growth, "square": limits.distance**2,
+        **{name: getattr(limits, name) for name in _OF_LIMITS},
         **dict.fromkeys(("sample", "last", "latest", "partner_low", "partner_high"), per_signal),
         "features": np.zeros(k), "centred": np.zeros(len(whitening)),
         "white": np.zeros(len(whitening)),
@@ -124,24 +120,11 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         "correction": np.full(n_joints, np.nan), "offset": per_joint, "predicted": per_joint,
         "predicted_width": per_joint, "base_width": base,
         "feature_memory": data.feature_set.start().memory, "clock": np.zeros(2),
-        "reach": limits.reach, "signal_lower": limits.signal_lower,
-        "signal_upper": limits.signal_upper, "travel": limits.travel, "parameter": parameter,
-        "domain_mean": limits.mean, "feature_lower": limits.feature_lower,
-        "feature_upper": limits.feature_upper, "trained_lower": data.lower,
+        "parameter": parameter, "domain_mean": limits.mean, "trained_lower": data.lower,
         "trained_upper": data.upper, "per_span": inverse_span(data.lower, data.upper),
-        "correction_lower": limits.correction_lower,
-        "correction_upper": limits.correction_upper, "whitening": whitening,
-        "still": np.zeros(n_signals),
-        "partner": limits.partner, "moves": limits.moves, "operation": operation,
+        "whitening": whitening, "still": np.zeros(n_signals), "operation": operation,
         "source": source, "slot": slot,
         "measured": [data.signals.index(f"measured/{joint}") for joint in data.joints],
         "model": model,
     }  # fmt: skip
     return LAYOUT.pack({"row": family.row}, **values)
-
-
-def _widths(data: CalibrationData[EstimatorData], level: float) -> tuple[Array, float]:
-    """Half-width (n_joints,) [rad or m] within the trained range, and how fast it grows outside."""
-    if data.interval is None:
-        return np.full(len(data.joints), np.inf), 0.0
-    return data.interval.half_width(level), data.interval.growth

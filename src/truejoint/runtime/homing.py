@@ -9,20 +9,11 @@ from truejoint.runtime.status import Status
 
 
 class Homing:
-    """What is known of a robot's homing, against that of a calibration.
+    """What is known of a robot's homing, against that of the calibration with these metadata.
 
-    Parameters
-    ----------
-    metadata : mapping
-        Of the calibration; its ``homing_ids`` are those of the training recordings or, where it was
-        ``rezeroed`` since, that of the truth it was re-zeroed to.
-
-    Attributes
-    ----------
-    status : Status
-        OK, NOT_HOMED or HOMED_AGAIN.
-    rezeroed : bool
-        Whether an offset was found for the present homing.
+    Their ``homing_ids`` are those of the training recordings or, where it was ``rezeroed`` since,
+    that of the truth it was re-zeroed to. `status` is OK, NOT_HOMED or HOMED_AGAIN, `rezeroed`
+    whether an offset was found for the present homing.
     """
 
     def __init__(self, metadata: Mapping[str, Any]) -> None:

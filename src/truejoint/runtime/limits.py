@@ -33,12 +33,12 @@ FROZEN_MARGIN: Final = 3.0
 """How much longer, or further past its partner, than in training a signal may stand still."""
 FROZEN_TRAVEL: Final = 0.25
 """Share of its trained range that the partner of a signal may move at least meanwhile."""
-FROZEN_INTERVALS: Final = 30.0
-"""Training sample intervals for which all signals may stand still at least: 1 s at 30 Hz."""
+FROZEN_STEPS: Final = 30.0
+"""Training time steps for which all signals may stand still at least: 1 s at 30 Hz."""
 ERROR_MARGIN: Final = 0.5
 """Share of the trained range of errors by which a correction may lie outside."""
 SHORTEST_STEP: Final = 1e-3
-"""Share of the training sample interval below which two stamps are one.
+"""Share of the training time step below which two stamps are one.
 
 Where features (`lag`) or the estimator count samples it is 1 / `MAX_RATE_RATIO`: such a model knows
 no faster rate.
@@ -49,70 +49,36 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Thresholds of the corrector, in SI units.
+    """Thresholds of the corrector, in SI units."""
 
-    Attributes
-    ----------
-    shortest_step, longest_step : float
-        Time steps that follow one another [s].
-    interval : float
-        Time [s] in which a signal may change by `reach`; in a longer one, by more in proportion.
-    reach : ndarray, shape (n_signals,)
-    signal_lower, signal_upper : ndarray, shape (n_signals,)
-        Beyond these a sample enters no history; infinite for signals that never changed.
-    partner : ndarray of int, shape (n_signals,)
-        See `training_domain.partners`; -1 also where a signal or its partner never changed.
-    travel : ndarray, shape (n_signals,)
-        How far the partner may move while the signal stands exactly still, in its unit.
-    moves : ndarray of int, shape (n_signals,)
-        1 for signals that changed in training.
-    hold : float
-        Time for which all of those may stand exactly still [s].
-    feature_lower, feature_upper : ndarray, shape (k,)
-        Infinite for features that never changed.
-    mean : ndarray, shape (k,)
-    whitening : ndarray, shape (k, k)
-        Column by column: ``whitening[j]`` is what feature j adds to each whitened direction.
-    distance : float
-        Largest length of the whitened features.
-    correction_lower, correction_upper : ndarray, shape (n_joints,)
-        Plausible corrections [rad or m].
-    """
-
-    shortest_step: float
+    shortest_step: float  # time steps that follow one another [s]
     longest_step: float
-    interval: float
-    reach: Array
+    dt: float  # time [s] in which a signal may change by `reach`; in a longer one, by more
+    reach: Array  # (n_signals,)
+    # (n_signals,): beyond these a sample enters no history; infinite for signals that never changed
     signal_lower: Array
     signal_upper: Array
+    # (n_signals,): see `partners`; -1 also where a signal or its partner never changed
     partner: Integers
-    travel: Array
-    moves: Integers
-    hold: float
-    feature_lower: Array
+    travel: (
+        Array  # (n_signals,): how far the partner may move while the signal stands exactly still
+    )
+    moves: Integers  # (n_signals,): 1 for signals that changed in training
+    hold: float  # time for which all of those may stand exactly still [s]
+    feature_lower: Array  # (k,), infinite for features that never changed
     feature_upper: Array
-    mean: Array
-    whitening: Array
-    distance: float
-    correction_lower: Array
+    mean: Array  # (k,)
+    whitening: Array  # (k, k): row j is what feature j adds to each whitened direction
+    distance: float  # largest length of the whitened features
+    correction_lower: Array  # (n_joints,), plausible corrections [rad or m]
     correction_upper: Array
 
 
 def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_MARGIN) -> Limits:
-    """Thresholds for samples of a calibration.
+    """Thresholds for samples of a calibration; `range_margin` (0 to 1) is for `RANGE_MARGIN`.
 
-    Parameters
-    ----------
-    data : CalibrationData
-    range_margin : float
-        Instead of `RANGE_MARGIN`, 0 to 1.
-
-    Raises
-    ------
-    CalibrationError
-        If the margin is not from 0 to 1.
-    ModelFileError
-        If the calibration was made without the training domain.
+    Raises CalibrationError if it is out of range, and ModelFileError if the calibration was made
+    without the training domain.
     """
     if not 0.0 <= range_margin <= REJECT_MARGIN:
         raise CalibrationError(
@@ -135,24 +101,25 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     lower, upper = _widened(low, high, REJECT_MARGIN)
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
+    correction_lower, correction_upper = _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
     return Limits(
-        shortest_step=shortest * seen.interval,
+        shortest_step=shortest * seen.dt,
         longest_step=data.gap_limit,
-        interval=seen.interval,
+        dt=seen.dt,
         reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
         signal_lower=np.where(moves, lower, -np.inf),
         signal_upper=np.where(moves, upper, np.inf),
         partner=partner,
         travel=allowed * (high - low)[partner],
         moves=moves.astype(np.int64),
-        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_INTERVALS * seen.interval),
+        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt),
         feature_lower=np.where(used, feature_lower, -np.inf),
         feature_upper=np.where(used, feature_upper, np.inf),
         mean=seen.feature_mean,
         whitening=np.ascontiguousarray(seen.whitening.T),
         distance=DISTANCE_MARGIN * seen.distance,
-        correction_lower=_widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)[0],
-        correction_upper=_widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)[1],
+        correction_lower=correction_lower,
+        correction_upper=correction_upper,
     )
 
 

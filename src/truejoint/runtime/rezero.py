@@ -166,21 +166,10 @@ def take_truth(
 ) -> None:
     """Advance every joint's filter to `t` and take its reading, if there is one.
 
-    Parameters
-    ----------
-    t : float
-        Time stamp [s].
-    corrected, truth : ndarray, shape (n_joints,)
-        [rad or m]; NaN where not known.
-    residual, correlation, noise : ndarray, shape (n_joints,)
-        Standard deviation [rad or m] and correlation time [s] of the local error, standard
-        deviation of the truth.
-    drift : ndarray, shape (n_joints,)
-        Growth of the offset's variance per second.
-    state : ndarray, shape (8, n_joints)
-        Changed in place.
-    offset, sd : ndarray, shape (n_joints,)
-        Receive the estimate.
+    At `t` [s], of each joint (n_joints,): `corrected` and `truth` [rad or m], NaN where not known;
+    `residual` [rad or m] and `correlation` [s] of the local error, `noise` of the truth [rad or m],
+    `drift`, by which the offset's variance grows per second. `state` (8, n_joints) is changed in
+    place; `offset` and `sd` [rad or m] receive the estimate.
     """
     for j in range(offset.shape[0]):
         s = state[:, j]
