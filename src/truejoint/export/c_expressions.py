@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -17,7 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export.c_statements import Body, Statement, Variable
-from truejoint.export.c_structs import Handle, Struct, Unprintable, kind_of
+from truejoint.export.c_structs import Constants, Handle, Struct, Unprintable, kind_of
 from truejoint.export.c_syntax import definitions, tree_of
 from truejoint.export.c_values import (
     AND,
@@ -35,15 +35,13 @@ from truejoint.export.c_values import (
     Kind,
     Known,
     Scalar,
+    Style,
     View,
     add,
     either_origin,
     join,
     scale,
 )
-
-if TYPE_CHECKING:
-    from truejoint.export.c_printer import Printer
 
 FUNCTIONS: Final = frozenset(
     {"sqrt", "exp", "expm1", "log", "log1p", "sin", "cos", "tan", "atan", "atan2", "tanh", "ceil",
@@ -75,6 +73,49 @@ ARITHMETIC: Final[Mapping[type, tuple[str, int, Callable[[Any, Any], Any]]]] = {
     ast.BitOr: ("|", BIT_OR, operator.or_), ast.BitAnd: ("&", BIT_AND, operator.and_),
     ast.LShift: ("<<", SHIFT, operator.lshift), ast.RShift: (">>", SHIFT, operator.rshift),
 }  # fmt: skip
+
+
+@dataclass(eq=False)
+class Printed:
+    """A function that is printed."""
+
+    name: str
+    result_type: str
+    declarations: tuple[str, ...]  # of the parameters that are used
+    parameters: list[tuple[str, str]]  # their names in Python and in C
+    pointers: dict[str, bool]  # those of them that are pointers: whether it writes through them
+    result: Any  # known result, kind of a result, or None
+    written: set[str]  # parameters through which it writes
+    about: str
+    body: str
+    globals_used: set[str]
+    has_effect: bool
+
+
+class Printer(Protocol):
+    """What expressions ask of the program of which their kernel is a part."""
+
+    @property
+    def style(self) -> Style:
+        """How numbers are written."""
+
+    @property
+    def constants(self) -> Constants:
+        """Named numbers and arrays."""
+
+    @property
+    def enums(self) -> Mapping[type, str]:
+        """Prefixes by which C knows the members of enumerations."""
+
+    @property
+    def calls(self) -> list[tuple[str, Expressions, dict[str, Any]]]:
+        """Each call: the function's name, its caller and what is passed by pointer."""
+
+    def function(self, kernel: Any, arguments: Sequence[Any]) -> Printed:
+        """Print a kernel for such arguments, unless that is done."""
+
+    def has_effect(self, text: str) -> bool:
+        """Whether evaluating this text changes anything."""
 
 
 @dataclass(eq=False)

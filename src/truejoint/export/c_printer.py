@@ -20,7 +20,7 @@ from typing import Any
 
 from numba.core.dispatcher import Dispatcher
 
-from truejoint.export.c_expressions import RESERVED, Expressions
+from truejoint.export.c_expressions import RESERVED, Expressions, Printed
 from truejoint.export.c_function import Function
 from truejoint.export.c_statements import (
     block_lines,
@@ -93,23 +93,6 @@ def print_kernels(
         names = tuple(printer.function(kernel, arguments).name for kernel in kernels)
         if sum(len(part.written) for part in struct.walk()) == before:
             return printer.program(struct, names, own or {})
-
-
-@dataclass(eq=False)
-class Printed:
-    """A function that is printed."""
-
-    name: str
-    result_type: str
-    declarations: tuple[str, ...]  # of the parameters that are used
-    parameters: list[tuple[str, str]]  # their names in Python and in C
-    pointers: dict[str, bool]  # those of them that are pointers: whether it writes through them
-    result: Any  # known result, kind of a result, or None
-    written: set[str]  # parameters through which it writes
-    about: str
-    body: str
-    globals_used: set[str]
-    has_effect: bool
 
 
 class Printer:
