@@ -24,7 +24,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, vector
 
 Kind = Literal["integer", "address", "scalar", "array", "integers", "part"]
 

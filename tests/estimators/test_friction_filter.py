@@ -31,7 +31,7 @@ def test_without_sliding_it_is_a_kalman_filter(pair, model, monkeypatch):
     n = len(widths)
     x, covariance = prior
     weights = np.append(wide.drive_[1 + DEGREE :], -1.0 / (wide.drive_stiffness * wide.jaw_radius))
-    noise = wide.misfit_[0] ** 2 * max(wide.error_time / wide.interval_[0], 1.0)
+    noise = wide.misfit_[0] ** 2 * max(wide.error_time / wide.dt_[0], 1.0)
     drift = np.append(np.full(n, wide.friction_drift**2), wide.load_drift**2)
     loads = np.empty(len(X))
     for k, (motor, reset) in enumerate(X):

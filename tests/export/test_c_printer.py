@@ -13,7 +13,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.compiled import Array, Integers, compiled, copy, matrix, unrolled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, copy, matrix, unrolled, vector
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_structs import Unprintable
 from truejoint.layout import Layout, Memory

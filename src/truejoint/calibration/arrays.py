@@ -7,11 +7,10 @@ from dataclasses import fields
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import ModelFileError
 
-Array = NDArray[np.float64]
 Value = TypeVar("Value")
 
 

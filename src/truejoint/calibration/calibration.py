@@ -12,8 +12,9 @@ from typing import Any, Self
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
@@ -27,8 +28,6 @@ from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
-
-Array = NDArray[np.float64]
 
 
 @dataclass

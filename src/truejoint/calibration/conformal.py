@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.effort_fitting import residual_statistics
 from truejoint.calibration.interval import (
     GROWTH,
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
-Array = NDArray[np.float64]
 
 MAX_GROWTH: Final = 100.0
 

@@ -12,13 +12,11 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.arrays import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
-
-Array = NDArray[np.float64]
 
 STEPS_PER_RANGE: Final = 200
 """A joint's effort is looked at whenever it has moved by this part of its trained range."""

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import (
     HELD_OUT_MARGIN,
     MAX_JOINTS,
@@ -25,8 +25,6 @@ from truejoint.calibration.effort_baseline import (
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
-
-Array = NDArray[np.float64]
 
 
 def fit_effort_baseline(

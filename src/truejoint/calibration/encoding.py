@@ -9,8 +9,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.effort_baseline import EffortBaseline, decode_effort_baseline
 from truejoint.calibration.interval import Interval, decode_interval
@@ -24,7 +24,6 @@ from truejoint.robots.robot import Robot
 if TYPE_CHECKING:  # a control loop decodes without scikit-learn
     from truejoint.estimators.base import JointRegressor
 
-Array = NDArray[np.float64]
 Model = TypeVar("Model")
 
 MAX_JOINTS: Final = 64

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import session_of, source_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
@@ -36,8 +37,6 @@ from truejoint.models.features import (
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
-
-Array = NDArray[np.float64]
 
 LONGEST_WITHOUT_TRUTH: Final = 1 / 3
 """Share of a recording's time that may pass without truth before it is refused."""

@@ -8,13 +8,11 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.arrays import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
-
-Array = NDArray[np.float64]
 
 LEVELS: Final = (0.8, 0.9, 0.95)
 GROWTH: Final = 2.0

@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.conformal import scored_error
 from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,12 +16,10 @@ from typing import Any, Final, NoReturn
 
 import numpy as np
 import safetensors.numpy
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import ModelFileError
 from truejoint.files import write_atomically
-
-Array = NDArray[np.float64]
 
 FORMAT_VERSION: Final = 2
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it

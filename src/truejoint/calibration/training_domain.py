@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.arrays import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
@@ -16,8 +17,6 @@ from truejoint.errors import ModelFileError
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 SMALLEST_VARIANCE: Final = 1e-4
 """Directions in which the standardised features vary less than this count as varying so much."""

@@ -7,15 +7,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration.conformal import known_error
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
-Array = NDArray[np.float64]
 
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
 

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.crtk.limits import check_range, check_steps, shown
-from truejoint.crtk.messages import Array, JointState, OperatingState
+from truejoint.crtk.messages import JointState, OperatingState
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
 from truejoint.crtk.states import check_ready, next_state

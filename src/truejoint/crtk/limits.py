@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.crtk.messages import Array
+from truejoint.array_types import Array
 from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.errors import CommandRefused
 from truejoint.robots import Robot

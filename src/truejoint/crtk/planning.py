@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.crtk.messages import Array
+from truejoint.array_types import Array
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE
 
 BLEND: Final = 0.25

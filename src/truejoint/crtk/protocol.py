@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Final, Protocol
 
-from truejoint.crtk.messages import Array, OperatingState
+from truejoint.array_types import Array
+from truejoint.crtk.messages import OperatingState
 from truejoint.crtk.states import StateCommand
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock

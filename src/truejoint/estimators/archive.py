@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 from sklearn.gaussian_process import kernels
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.scikit_learn import MAX_BYTES
 

@@ -12,7 +12,7 @@ from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import Pipeline
 from sklearn.preprocessing import MaxAbsScaler, RobustScaler, StandardScaler
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.trees import tree_sum, trees_data
 from truejoint.models import network, polynomial

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import least_squares
 
-from truejoint.compiled import Array, Integers
+from truejoint.array_types import Array, Integers
 from truejoint.estimators.base import Flags
 from truejoint.estimators.play import ridge
 from truejoint.filters import UnscentedFilter

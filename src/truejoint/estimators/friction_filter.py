@@ -15,7 +15,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.jaw import JawEstimator, median_dt
 from truejoint.estimators.play import ridge

@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from sklearn.utils import check_random_state
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.training import Layers, train
 from truejoint.models import network

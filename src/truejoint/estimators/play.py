@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress, standardisation
 from truejoint.estimators.jaw import JawEstimator
 from truejoint.models import gated_play, play

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
 from truejoint.models import offset, polynomial
 from truejoint.models.family import Family

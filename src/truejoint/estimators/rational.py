@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.optimize import Bounds, differential_evolution, least_squares, minimize
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST, rational_errors
 

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.utils import check_random_state
 
-from truejoint.compiled import Array, compiled
+from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.network import BATCHES_PER_EPOCH, MINIMUM_ROWS, ROWS_PER_FEATURE

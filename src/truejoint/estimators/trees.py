@@ -18,7 +18,7 @@ from sklearn.ensemble import (
 )
 from sklearn.tree import BaseDecisionTree
 
-from truejoint.compiled import Array, Integers
+from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.models.family import EstimatorData
 from truejoint.models.trees import FAMILY, MAX_NODES

@@ -11,7 +11,7 @@ import numpy as np
 from sklearn.base import clone
 from sklearn.neural_network import MLPRegressor
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import archive
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation

@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.evaluation.defects import Defect, Finding, find_defects
 from truejoint.evaluation.results import json_values
 from truejoint.evaluation.signals import direction, velocity
-from truejoint.recordings.recording import Array, Recording, as_recordings
+from truejoint.recordings.recording import Recording, as_recordings
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration

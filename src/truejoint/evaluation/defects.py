@@ -9,8 +9,9 @@ from typing import Literal
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.evaluation.signals import GAP_STEPS, Mask, gaps, longest_run
-from truejoint.recordings.recording import Array, Recording
+from truejoint.recordings.recording import Recording
 
 
 @dataclass(frozen=True)

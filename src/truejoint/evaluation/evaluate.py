@@ -9,6 +9,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
@@ -18,7 +19,7 @@ from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Tra
 from truejoint.evaluation.scoring import JudgedRecording
 from truejoint.evaluation.signals import direction, velocity
 from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
-from truejoint.recordings.recording import Array, Recording, as_recordings
+from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
-from truejoint.recordings.recording import Array
 from truejoint.robots import Kinematics
 
 

@@ -10,8 +10,8 @@ from typing import Any, Final
 import numpy as np
 from scipy.special import stdtrit
 
+from truejoint.array_types import Array
 from truejoint.estimators import registry
-from truejoint.recordings.recording import Array
 from truejoint.summary import Summarised
 from truejoint.units import DisplayUnit, display_unit, with_unit
 

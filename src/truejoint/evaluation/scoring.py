@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.evaluation.metrics import max_abs, mean_error, percent_of, rmse
 from truejoint.evaluation.results import (
     OFFSET,
@@ -17,7 +18,6 @@ from truejoint.evaluation.results import (
     Stretch,
     Trace,
 )
-from truejoint.recordings.recording import Array
 
 _COUNT = 3  # worst windows of each joint
 

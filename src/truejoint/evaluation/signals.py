@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.recordings.recording import Array
+from truejoint.array_types import Array
 
 Mask = NDArray[np.bool_]
 

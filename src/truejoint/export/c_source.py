@@ -11,11 +11,10 @@ from typing import Any, Final, Literal, get_args
 
 import jinja2
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truejoint.errors import ExportError
 
-Array = NDArray[np.float64]
 Precision = Literal["double", "float"]
 
 MAX_PREFIX: Final = 40

@@ -7,16 +7,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import ExportError
 from truejoint.models.family import EstimatorData
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.limits import Limits
-
-Array = NDArray[np.float64]
 
 NOTHING, SET_HOMING, REZERO = 0, 1, 2
 """What is done before a sample."""

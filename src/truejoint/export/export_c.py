@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData, decode, encode
@@ -33,8 +32,6 @@ from truejoint.runtime import fields
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
-
-Array = NDArray[np.float64]
 
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""

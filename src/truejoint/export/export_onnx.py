@@ -11,8 +11,9 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, check_precision, write_files
 from truejoint.models.family import EstimatorData
@@ -21,7 +22,6 @@ from truejoint.models.polynomial import polynomial_factors
 if TYPE_CHECKING:  # whoever fitted it has imported what learns
     from truejoint.calibration import Calibration
 
-Array = NDArray[np.float64]
 
 # Old enough for every run time of the last years; the operators used here have not changed since.
 _OPSET: Final = 13

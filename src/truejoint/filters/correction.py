@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import solve_rows, wrap
 from truejoint.filters.fields import call_measurement

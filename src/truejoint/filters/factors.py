@@ -11,7 +11,8 @@ import math
 
 import numpy as np
 
-from truejoint.compiled import Array, compiled, copy, inlined
+from truejoint.array_types import Array
+from truejoint.compiled import compiled, copy, inlined
 
 # A pivot below this share of its diagonal entry is rounding error, not information.
 _PIVOT = 64.0 * 2.220446049250313e-16

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 import numpy.typing as npt
 
-from truejoint.compiled import Array, Integers
+from truejoint.array_types import Array, Integers
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import allocate

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from truejoint.compiled import Array, Integers, borrow, compiled, copy, fill, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import borrow, compiled, copy, fill, vector
 from truejoint.filters import fields as at
 from truejoint.filters.correction import correct
 from truejoint.filters.prediction import predict

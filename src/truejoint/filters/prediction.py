@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, copy, fill, inlined, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, wrap
 from truejoint.filters.fields import call_process_noise, call_transition

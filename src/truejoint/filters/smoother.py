@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from truejoint.compiled import Array, Integers, compiled, copy, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
 from truejoint.filters.prediction import LIMIT, predict, within_limit

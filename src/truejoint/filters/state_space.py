@@ -11,7 +11,8 @@ import numpy.typing as npt
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
-from truejoint.compiled import Array, address, compiled, matrix
+from truejoint.array_types import Array
+from truejoint.compiled import address, compiled, matrix
 from truejoint.filters.factors import semidefinite_cholesky
 from truejoint.filters.fields import MEASUREMENT, PROCESS_NOISE, TRANSITION
 from truejoint.filters.sigma_points import FilterError

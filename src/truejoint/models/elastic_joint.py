@@ -14,7 +14,8 @@ from typing import Final, Self
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, copy, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at

@@ -17,7 +17,8 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from truejoint.compiled import INTEGERS, VECTOR, Array, Integers, address, call_address, compiled
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import INTEGERS, VECTOR, address, call_address, compiled
 from truejoint.errors import CalibrationError
 from truejoint.layout import Memory
 from truejoint.plugins import load_plugin, plugins

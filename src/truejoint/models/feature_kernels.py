@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, unrolled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, unrolled, vector
 
 VALUE: Final = 0
 LAG: Final = 1

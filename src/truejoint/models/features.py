@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.models import feature_kernels as kernels
 

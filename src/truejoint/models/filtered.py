@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled
 from truejoint.filters import FilterStatus, UnscentedFilter
 from truejoint.filters import fields as at
 from truejoint.filters.kernels import step

@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-from truejoint.compiled import Array, Integers, compiled
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models import play
 from truejoint.models.family import POSITIVE, Family, Params, Shape, only_joint

@@ -6,7 +6,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, compiled
+from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.models.family import one_of
 
 MOTOR: Final = "motor/jaw"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from truejoint.compiled import Array
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.filters.state_space import discretise, van_loan
 

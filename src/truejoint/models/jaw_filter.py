@@ -10,7 +10,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, vector
 from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart

@@ -9,7 +9,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, matrix, unrolled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, matrix, unrolled, vector
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import (
     Family,

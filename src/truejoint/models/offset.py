@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Final
 
-from truejoint.compiled import Array, Integers, compiled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, vector
 from truejoint.layout import Layout
 from truejoint.models.family import Family
 

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, vector
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import (
     POSITIVE,

@@ -9,7 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from truejoint.compiled import Array, compiled
+from truejoint.array_types import Array
+from truejoint.compiled import compiled
 
 BLOCK = 4
 """Columns of a matrix are filled up with zeros to a multiple of this."""

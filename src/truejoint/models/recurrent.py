@@ -12,7 +12,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.compiled import Array, Integers, compiled, copy, fill, matrix, vector
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, copy, fill, matrix, vector
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer, number, random_state
 from truejoint.models.network import layer, logistic, scaling_shapes

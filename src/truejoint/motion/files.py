@@ -11,7 +11,7 @@ from typing import Any, Final, Literal
 import numpy as np
 import pandas as pd
 
-from truejoint.crtk.messages import Array
+from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
 from truejoint.files import write_atomically
 from truejoint.motion.trajectory import Trajectory

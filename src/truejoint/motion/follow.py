@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.crtk import SERVO_RATE, Arm, StateBlock, TimeLaw, TruthBlock
-from truejoint.crtk.messages import Array
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, TrajectoryError
 from truejoint.motion.trajectory import Trajectory, workspace_of

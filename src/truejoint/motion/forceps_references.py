@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.crtk.messages import Array
+from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
 from truejoint.simulation.forceps.load import LoadTest

@@ -10,9 +10,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.crtk import TimeLaw, time_law
 from truejoint.crtk.limits import shown_range
-from truejoint.crtk.messages import Array
 from truejoint.errors import TrajectoryError
 from truejoint.robots import Robot, Workspace
 

@@ -15,12 +15,11 @@ from collections.abc import Iterator
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.io import loadmat
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 
-Array = NDArray[np.float64]
 MatValue = Array | dict[str, Array]
 
 VERSION5_MARK: Final = b"MATLAB 5.0 MAT-file"

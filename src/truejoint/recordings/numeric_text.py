@@ -11,13 +11,11 @@ from typing import Final
 
 import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 from pyarrow import csv
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.files import MAX_LINE_BYTES, BoundedFile, read_head, require_file
-
-Array = NDArray[np.float64]
 
 MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
 _PIECE_BYTES: Final = 1 << 22

@@ -12,14 +12,13 @@ from typing import Final, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
 from truejoint.robots.blocks import QUANTITIES
-
-Array = NDArray[np.float64]
 
 PAST_END: Final = "state: past the longest duration"
 

@@ -12,11 +12,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.robots import Robot, get_robot
 from truejoint.summary import Summarised
-
-Array = NDArray[np.float64]
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
 _EPOCH: Final = 1e8

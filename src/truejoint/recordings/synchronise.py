@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
-
-Array = NDArray[np.float64]
 
 BACK: Final = "time stamp not after the one before"
 MISSING: Final = "value missing"

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from truejoint.array_types import Array
 
 QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
 """What a state message says of every channel, where the arm measures it."""

@@ -11,9 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import RobotError
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,11 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import CommandRefused
 from truejoint.robots.robot import Robot
-
-Array = NDArray[np.float64]
 
 SETPOINT_DT: Final = 1e-3
 """Time between two set-points of a stream [s]: RAVEN's servo period (peng2024 IV-A)."""

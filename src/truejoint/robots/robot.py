@@ -11,8 +11,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.workspace import Workspace
 from truejoint.toml_file import read_toml
@@ -20,7 +21,6 @@ from truejoint.toml_file import read_toml
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
     from truejoint.robots.chain import SerialChain
 
-Array = NDArray[np.float64]
 Effort = Literal["joint", "motor"]
 
 MAX_JOINTS: Final = 64

@@ -8,14 +8,12 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import RobotError
 from truejoint.extras import require
 from truejoint.robots.chain import Axis, SerialChain
 from truejoint.toml_file import read_small
-
-Array = NDArray[np.float64]
 
 MAX_BYTES: Final = 1 << 24
 _KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}

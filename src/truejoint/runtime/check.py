@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.calibration.conformal import known_error
 from truejoint.calibration.zero import find_zero
@@ -16,8 +15,6 @@ from truejoint.runtime.monitor import Alarm, Monitor, Reason
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

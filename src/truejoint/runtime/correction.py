@@ -5,8 +5,9 @@ from __future__ import annotations
 from math import inf, isfinite, nan
 from typing import Final
 
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
-from truejoint.compiled import Array, Integers, compiled, matrix, vector
+from truejoint.compiled import compiled, matrix, vector
 from truejoint.layout import part_memory, part_numbers
 from truejoint.models.family import call_row
 from truejoint.models.feature_kernels import feature_row

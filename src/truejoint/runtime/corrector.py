@@ -6,7 +6,7 @@ import os
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.model_file import read_model_file
@@ -20,8 +20,6 @@ from truejoint.runtime.status import Status
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
-
-Array = NDArray[np.float64]
 
 
 class Corrector:

@@ -6,16 +6,13 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.training_domain import partners
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import MAX_RATE_RATIO
-
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 RANGE_MARGIN: Final = 0.5
 """Share of its trained range by which a feature may lie outside before it is out of range.

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.effort_baseline import (
     ANCHOR,
     MOVED,
@@ -29,7 +30,7 @@ from truejoint.calibration.effort_baseline import (
 )
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import inverse_span, range_excess
-from truejoint.compiled import Array, Integers, compiled, matrix, vector
+from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.layout import Layout
 from truejoint.models.features import FeatureState

@@ -6,13 +6,12 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
-
-Array = NDArray[np.float64]
 
 DRIFT: Final = 2.0
 """How far an offset wanders within an hour, in standard deviations of the calibration's errors."""

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.parameter_file import Parameters
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)

@@ -6,8 +6,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+from truejoint.array_types import Array
 from truejoint.crtk.arm import Arm
-from truejoint.crtk.messages import Array, OperatingState
+from truejoint.crtk.messages import OperatingState
 from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import StateCommand, next_state
 from truejoint.robots import Robot

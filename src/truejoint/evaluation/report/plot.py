@@ -12,9 +12,9 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
 from truejoint.evaluation.signals import gaps
-from truejoint.recordings.recording import Array
 
 Spec = dict[str, Any]
 

@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
 from truejoint.evaluation.results import (
@@ -19,7 +20,6 @@ from truejoint.evaluation.results import (
     pooled_error,
     shown_joints,
 )
-from truejoint.recordings.recording import Array
 from truejoint.units import DisplayUnit, display_unit
 
 _POINTS: Final = 1200  # of each direction in each panel

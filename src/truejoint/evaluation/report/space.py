@@ -7,11 +7,12 @@ from typing import Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
 from truejoint.evaluation.signals import velocity
-from truejoint.recordings.recording import Array, Recording
+from truejoint.recordings.recording import Recording
 
 # Curves (n, k) with title and colour.
 _Groups = Sequence[tuple[str, str, Sequence[Array]]]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.column_map import (
     SI_UNITS,
@@ -27,7 +28,6 @@ from truejoint.recordings.numeric_text import (
 )
 from truejoint.recordings.recording import (
     POSITION_QUANTITIES,
-    Array,
     Recording,
     default_unit,
     last_of_each_stamp,

@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.numeric_text import (
     NumericTable,
@@ -26,13 +27,7 @@ from truejoint.recordings.numeric_text import (
     count_fields,
     read_numbers,
 )
-from truejoint.recordings.recording import (
-    Array,
-    Recording,
-    nominal_rates,
-    recording_of_file,
-    since_first,
-)
+from truejoint.recordings.recording import Recording, nominal_rates, recording_of_file, since_first
 from truejoint.robots import Robot, get_robot
 
 # In the 252-column layout the external encoders of shoulder, elbow and insertion stand in columns 1

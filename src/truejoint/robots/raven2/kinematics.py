@@ -8,12 +8,12 @@ from typing import Final, Literal
 
 import numpy as np
 from numba import njit
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import RobotError
 from truejoint.robots.chain import Axis, SerialChain, advance
 
-Array = NDArray[np.float64]
 Arm = Literal["left", "right"]
 
 # Link twists, shaft and wrist: uw-biorobotics/raven2:include/raven/r2_kinematics.h, described

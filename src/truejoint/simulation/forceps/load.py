@@ -9,11 +9,9 @@ from itertools import pairwise
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-
-Array = NDArray[np.float64]
 
 GRAVITY: Final = 9.81  # [m/s2]
 MAX_MASS: Final = 2.0  # [kg]

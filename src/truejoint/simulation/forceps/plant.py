@@ -12,16 +12,14 @@ import math
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import (
     CableConstants,
     FrictionConstants,
     PlantConstants,
 )
-
-Array = NDArray[np.float64]
 
 N_STATES = 8
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension

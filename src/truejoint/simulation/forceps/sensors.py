@@ -7,12 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.parameters import ForcepsParameters, ReferenceEncoder
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ from collections.abc import Callable
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import TruthBlock
@@ -26,8 +27,6 @@ from truejoint.simulation.twin import (
     glide,
     hold,
 )
-
-Array = NDArray[np.float64]
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
 MAX_SAMPLES: Final = 3_600_000  # an hour at 1 kHz

@@ -19,10 +19,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array, Integers
 from truejoint.robots.joint_rows import SETPOINT_DT
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
 Words = NDArray[np.uint64]
 
 DT: Final = SETPOINT_DT  # s, the robot's servo period

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Literal, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.raven2 import (
@@ -20,8 +20,6 @@ from truejoint.robots.raven2 import (
 )
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
-
-Array = NDArray[np.float64]
 
 POSITIONING = 3
 

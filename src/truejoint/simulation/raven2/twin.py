@@ -9,6 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import QUANTITIES, TruthBlock
@@ -25,8 +26,6 @@ from truejoint.simulation.twin import (
     glide,
     hold,
 )
-
-Array = NDArray[np.float64]
 
 MAX_LOAD: Final = 2.0
 """Heaviest load that the arm carries [kg]; the shoulder's motor gives up a little above."""

@@ -8,6 +8,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.calibration import calibrate
 from truejoint.estimators.friction_filter import FrictionFilter
 from truejoint.estimators.jaw_load import JawLoad, Stiffness, identify_stiffness
@@ -19,7 +20,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within
-from truejoint.studies.forceps.motions import Array, Plain, built, plain_specimen, record, title_of
+from truejoint.studies.forceps.motions import Plain, built, plain_specimen, record, title_of
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
 

@@ -10,12 +10,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
 from truejoint.evaluation import evaluate
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.studies.forceps.motions import Array, changed, plain_specimen, record
+from truejoint.studies.forceps.motions import changed, plain_specimen, record
 from truejoint.studies.study import Settings
 
 Errors = dict[str, dict[str, float]]

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from truejoint.errors import TruejointError
 from truejoint.motion import forceps_references as references
@@ -19,7 +19,6 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen as shipped
 
-Array = NDArray[np.float64]
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
 

@@ -7,9 +7,10 @@ from typing import Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Array, Plain, built, record, title_of
+from truejoint.studies.forceps.motions import Plain, built, record, title_of
 from truejoint.studies.paper import reported
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table, degrees_text, reported_text
