@@ -122,6 +122,12 @@ def fill(target: Array, count: int, value: float) -> None:
         target[i] = value
 
 
+def wide(kernel: Kernel) -> Kernel:
+    """Mark a kernel that wide vectors speed up, for the C source: both versions go into it."""
+    kernel.is_wide = True  # type: ignore[attr-defined]
+    return kernel
+
+
 @compiled
 def unrolled(n: int) -> int:
     """Give `n`: a mark for the C source, whose rounds of such a loop are printed one by one."""

@@ -5,7 +5,7 @@ import pytest
 from tests.estimators.conftest import SETTLED, steps, target
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.jaw_load import JawLoad, find_zero, identify_stiffness
+from truejoint.estimators.jaw_load import JawLoad, find_encoder_zero, identify_stiffness
 from truejoint.motion.forceps_references import calibration_reference, sine_reference
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
@@ -86,7 +86,7 @@ def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
     motion = sine_reference(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
     run = record_forceps(NOMINAL, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift))
     X = rows(run)[run.t > SETTLED]
-    zero = find_zero(load, X)
+    zero = find_encoder_zero(load, X)
     assert zero.shift == pytest.approx(shift, abs=1.5e-6)
 
 
@@ -94,6 +94,6 @@ def test_what_tells_no_zero_is_refused(load):
     run, before, _after = weighed(0.2)
     X = rows(run)
     with pytest.raises(CalibrationError, match="of the calibration's range"):
-        find_zero(load, X[before])
+        find_encoder_zero(load, X[before])
     with pytest.raises(CalibrationError, match=r"0\.3 mm"):
-        find_zero(load, X + np.array([0.0, 1e-2]))
+        find_encoder_zero(load, X + np.array([0.0, 1e-2]))

@@ -222,14 +222,14 @@ def identify_stiffness(
 
 
 @dataclass(frozen=True)
-class Zero:
+class EncoderZero:
     """Zero of the reset encoder in this session."""
 
     shift: float  # by how much ``x2`` reads too much, compared with the calibration [m]
     deviation: float  # of the misfit that is left, which bounds what the shift can mean [m]
 
 
-def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
+def find_encoder_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> EncoderZero:
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
     Unloaded, motor and reset cable move together as in calibration. The motor keeps its zero, at
@@ -261,7 +261,7 @@ def find_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> Zero:
         )
     shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
     stretch = load.drive_stiffness * load.mechanism.jaw_radius
-    return Zero(shift, float(np.std(misfit(shift))) / stretch)
+    return EncoderZero(shift, float(np.std(misfit(shift))) / stretch)
 
 
 def _check_positive(**values: float) -> None:

@@ -1,6 +1,6 @@
-from .checks import DataCheck as DataCheck
-from .checks import JointCoverage as JointCoverage
-from .checks import check_data as check_data
+from .data_check import DataCheck as DataCheck
+from .data_check import JointCoverage as JointCoverage
+from .data_check import check_data as check_data
 from .defects import Finding as Finding
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration

@@ -8,7 +8,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
-from truejoint.evaluation.checks import DataCheck
+from truejoint.evaluation.data_check import DataCheck
 from truejoint.evaluation.results import Evaluation, estimator_title
 from truejoint.evaluation.view import interval_rows, main_rows
 

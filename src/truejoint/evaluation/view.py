@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from truejoint.evaluation.checks import JointCoverage
+from truejoint.evaluation.data_check import JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 from truejoint.evaluation.results import (
     OFFSET,

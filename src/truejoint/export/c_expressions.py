@@ -90,6 +90,7 @@ class Printed:
     body: str
     globals_used: set[str]
     has_effect: bool
+    is_wide: bool
 
 
 class Printer(Protocol):

@@ -16,7 +16,7 @@ import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
@@ -32,6 +32,15 @@ from truejoint.export.c_statements import (
 from truejoint.export.c_structs import Constants, Handle, Struct
 from truejoint.export.c_values import Expr, Kind, Known, Linear, Style, View
 from truejoint.layout import Memory
+
+WIDE: Final = """\
+/* A function of which GCC makes two versions; a program with glibc loads the one that its processor
+ * is fit for. AVX2 rounds as SSE2 does: the bits are the same. */
+#if defined(__GNUC__) && !defined(__clang__) && defined(__x86_64__) && defined(__GLIBC__)
+#define WIDE __attribute__((target_clones("avx2", "default")))
+#else
+#define WIDE
+#endif"""
 
 
 @dataclass(frozen=True)
@@ -152,6 +161,7 @@ class Printer:
             globals_used=one.globals_used & used,
             has_effect=bool(one.written)
             or any(self.functions[n].has_effect for n in used & set(self.functions)),
+            is_wide=getattr(python, "is_wide", False),
         )
         return printed
 
@@ -170,6 +180,8 @@ class Printer:
             rest += fresh
         kept = [printed for name, printed in self.functions.items() if name in used]
         whole = "\n\n".join(self._text(printed) for printed in kept)
+        if any(printed.is_wide for printed in kept):
+            whole = f"{WIDE}\n\n{whole}"
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
         lines = [
             f"#define {name} {value if isinstance(value, int) else self.style.literal(value)}"
@@ -198,7 +210,10 @@ class Printer:
             parameters = tuple(re.sub(r"\*(?=\w+$)", "*restrict ", p) for p in parameters)
         head = f"static {printed.result_type} {printed.name}({', '.join(parameters) or 'void'})"
         about = wrapped_comment(printed.about, "") if printed.about else []
-        return "\n".join([*about, *wrapped(head, ""), "{", *filter(None, [printed.body]), "}"])
+        wide = ["WIDE"] if printed.is_wide else []
+        return "\n".join(
+            [*about, *wide, *wrapped(head, ""), "{", *filter(None, [printed.body]), "}"]
+        )
 
     def _apart(self, name: str, seen: tuple[str, ...]) -> bool:
         """Whether no call of a function passes pointers to the same numbers."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.compiled import compiled
+from truejoint.compiled import compiled, wide
 
 BLOCK = 4
 """Columns of a matrix are filled up with zeros to a multiple of this."""
@@ -18,6 +18,7 @@ def padded(matrix: Array, *, rows: bool = False) -> Array:
 
 
 @compiled
+@wide
 def add_product(x: Array, matrix: Array, out: Array) -> None:
     """Add ``x @ matrix`` (m,) to `out` for `x` (n,), m a multiple of `BLOCK`.
 

@@ -15,7 +15,7 @@ import jinja2
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import view
-from truejoint.evaluation.checks import DataCheck
+from truejoint.evaluation.data_check import DataCheck
 from truejoint.evaluation.report import curves, residuals, space
 from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
 from truejoint.extras import require

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from truejoint.estimators.jaw_load import find_zero
+from truejoint.estimators.jaw_load import find_encoder_zero
 from truejoint.evaluation.digits import fixed
 from truejoint.motion.forceps_references import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
@@ -34,7 +34,7 @@ def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Par
     models = m.calibrated(plant, tuple(methods), seed)
     cycle = record(plant, "cycle", seed=2 * seed + 50, zero_shift=zero)
     X, steps = signals(cycle.rows(cycle.t >= RAMP))
-    found = find_zero(unloaded_load(plant, seed), X, steps).shift
+    found = find_encoder_zero(unloaded_load(plant, seed), X, steps).shift
     before = m.settled(record(plant, "verification", seed=2 * seed + 1, zero_shift=zero))
     after = changed(before, m.RESET, before.column(m.RESET) - found)
     judged = {"before": m.judge(models, before).errors(), "after": m.judge(models, after).errors()}
