@@ -121,7 +121,8 @@ def workspace_of(robot: Robot) -> Workspace:
     """
     if robot.workspace is None:
         raise TrajectoryError(
-            f"no calibration workspace is known for {robot.title}; give one as a Workspace"
+            f"no calibration workspace is known for {robot.title}; give its robot file "
+            "a table [workspace], or pass a Workspace"
         )
     return robot.workspace
 
