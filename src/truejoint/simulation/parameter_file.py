@@ -6,6 +6,7 @@ import json
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
@@ -107,7 +108,7 @@ class Parameters:
                     f"{source}: no section [{_shown(name)}]; known: {', '.join(merged)}"
                 )
             merged[name].update(values)
-        kinds = get_type_hints(cls)
+        kinds = _types_of(cls)  # type: ignore[arg-type]  # mypy: type[Self] is hashable
         sections = {}
         for name in (field.name for field in fields(cls)):
             bounds = cls.BOUNDS.get(name, kinds[name])
@@ -117,11 +118,17 @@ class Parameters:
         return parameters
 
 
+@cache  # resolving annotations is most of what drawing a population takes
+def _types_of(cls: type) -> dict[str, Any]:
+    """Types of the fields of a class, with their bounds."""
+    return get_type_hints(cls, include_extras=True)
+
+
 def _checked_section(
     kind: type, name: str, values: Mapping[str, Any], source: str
 ) -> dict[str, Any]:
     """Values of section `name`, each within the `Bounds` that `kind` annotates it with."""
-    hints = get_type_hints(kind, include_extras=True)
+    hints = _types_of(kind)
     known = {key: get_args(hint)[1] for key, hint in hints.items() if get_origin(hint) is Annotated}
     if unknown := [key for key in values if key not in known]:
         raise TruejointError(
