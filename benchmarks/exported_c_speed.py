@@ -123,7 +123,7 @@ int main(void)
             filter->z[0] = row[0];
             filter->z[1] = row[1];
             filter->u[0] = row[2];
-            filter->dt = {interval};
+            filter->dt = {dt};
             status |= step(filter);
         }}
         taken[i] = (now() - start) / CALLS;
@@ -161,12 +161,12 @@ def forceps_session() -> Recording:
 def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -> str:
     """Time the filter's step alone, in C (exported into `folder`) and from Python."""
     rows = slice(2000, 2000 + SAMPLES)
-    interval = float(np.median(np.diff(recording.t)))
+    dt = float(np.median(np.diff(recording.t)))
     motor, reset = (recording.column(name)[rows] for name in (MOTOR, RESET))
-    z = np.column_stack([reset, np.gradient(reset, interval)])
+    z = np.column_stack([reset, np.gradient(reset, dt)])
     u = np.column_stack([motor, np.zeros(SAMPLES)])
     lines = [f"{{ {', '.join(map(float.hex, row))} }}," for row in np.hstack([z, u])]
-    text = FILTER_MAIN.format(source="m.c", rows="\n".join(lines), count=SAMPLES, interval=interval)
+    text = FILTER_MAIN.format(source="m.c", rows="\n".join(lines), count=SAMPLES, dt=dt)
     (folder / "filter.c").write_text(text, encoding="ascii")
     command = [cc, *FLAGS, str(folder / "filter.c"), "-lm", "-o", str(folder / "filter")]
     subprocess.run(command, check=True)
@@ -177,11 +177,11 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     laps, records = [], []
     for k in range(40 * SAMPLES):
         start = time.perf_counter_ns()
-        estimator.step(state, z[k % SAMPLES], u[k % SAMPLES], interval)
+        estimator.step(state, z[k % SAMPLES], u[k % SAMPLES], dt)
         laps.append(time.perf_counter_ns() - start)
     for _ in range(40):
         start = time.perf_counter_ns()
-        estimator.run(np.tile(z, (8, 1)), np.tile(u, (8, 1)), **prior, dt=interval)
+        estimator.run(np.tile(z, (8, 1)), np.tile(u, (8, 1)), **prior, dt=dt)
         records.append((time.perf_counter_ns() - start) / (8 * SAMPLES))
     step, record = 1e-3 * np.median(laps), 1e-3 * np.median(records)
     return (

@@ -70,11 +70,11 @@ def test_round_trip_is_bit_for_bit(tmp_path, recording, build, estimator, target
 
 
 def test_safetensors_reads_the_same_arrays(saved):
-    document, arrays = from_bytes(saved)
+    description, arrays = from_bytes(saved)
     theirs = safetensors.numpy.load(saved)
     assert set(theirs) == set(arrays)
     assert all(theirs[name].tobytes() == arrays[name].tobytes() for name in arrays)
-    assert document["robot"]["name"] == "raven2"
+    assert description["robot"]["name"] == "raven2"
 
 
 def test_nothing_is_overwritten_unasked(tmp_path, calibration):
@@ -240,12 +240,12 @@ def paths(value: Any, here: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
 @given(st.data())
 def test_signed_lies_give_an_error_or_a_working_model(tmp_path_factory, saved, recording, data):
     """A forger who also makes the hash right: every field is checked on its own."""
-    document, arrays = from_bytes(saved)
-    document, arrays = copy.deepcopy(document), dict(arrays)
-    places = [p for p in paths(document) if p[0] != "metadata"]
+    description, arrays = from_bytes(saved)
+    description, arrays = copy.deepcopy(description), dict(arrays)
+    places = [p for p in paths(description) if p[0] != "metadata"]
     if data.draw(st.booleans()):
         *way, last = data.draw(st.sampled_from(places))
-        target: Any = document
+        target: Any = description
         for key in way:
             target = target[key]
         if data.draw(st.booleans()):
@@ -257,7 +257,7 @@ def test_signed_lies_give_an_error_or_a_working_model(tmp_path_factory, saved, r
         shape = data.draw(st.lists(st.integers(0, 6), max_size=2))
         arrays[name] = np.full(shape, data.draw(st.floats()))
     try:
-        forged = to_bytes(document, arrays)
+        forged = to_bytes(description, arrays)
         read = load_bytes(tmp_path_factory.getbasetemp(), forged)
     except ModelFileError as error:
         assert "\n" not in str(error)  # noqa: PT017  # other exceptions must pass through

@@ -121,8 +121,8 @@ def test_files_without_it_are_read(tmp_path, calibration, recording):
         ("surprise", np.zeros(1), "not those of the model"),
     ],
 )
-def test_damaged_envelopes_are_refused(calibration, name, value, said):
-    document, arrays = encode(calibration)
+def test_damaged_training_domains_are_refused(calibration, name, value, said):
+    description, arrays = encode(calibration)
     n = len(calibration.signals)
     if isinstance(value, np.ndarray) and len(value) == 17:
         value = value[:n]
@@ -130,7 +130,7 @@ def test_damaged_envelopes_are_refused(calibration, name, value, said):
     if value is not None:
         arrays[f"training_domain/{name}"] = value
     with pytest.raises(ModelFileError, match=said):
-        decode(document, arrays)
+        decode(description, arrays)
     shape = (n, len(calibration.feature_set), 2)
     sound = decode_training_domain(encode_arrays(calibration.training_domain), *shape)
     np.testing.assert_array_equal(sound.whitening, calibration.training_domain.whitening)

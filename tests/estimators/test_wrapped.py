@@ -365,12 +365,12 @@ def saved(tmp_path_factory):
 
 @given(st.data())
 def test_a_damaged_archive_is_refused_in_one_line(saved, draw):
-    document, arrays = read_model_file(saved)
+    description, arrays = read_model_file(saved)
     words = arrays["model/words"].copy()
     place = draw.draw(st.integers(0, len(words) - 1))
     words[place] = draw.draw(st.one_of(st.integers(0, 2**32 - 1), st.just(-1), st.just(0.5)))
     path = saved.with_name("damaged.safetensors")
-    path.write_bytes(to_bytes(document, arrays | {"model/words": words}))
+    path.write_bytes(to_bytes(description, arrays | {"model/words": words}))
     try:
         again = read_calibration(path)
     except ModelFileError as error:
@@ -388,13 +388,13 @@ def test_an_archive_that_unpacks_to_too_much_is_refused(saved, monkeypatch):
 
 
 def test_another_version_that_predicts_otherwise_is_refused(saved):
-    document, arrays = read_model_file(saved)
-    document["model"]["params"]["version"] = "1.0"
+    description, arrays = read_model_file(saved)
+    description["model"]["params"]["version"] = "1.0"
     path = saved.with_name("older.safetensors")
-    path.write_bytes(to_bytes(document, arrays))
+    path.write_bytes(to_bytes(description, arrays))
     read_calibration(path)
     arrays["model/answers"] = arrays["model/answers"] + 0.1
-    path.write_bytes(to_bytes(document, arrays))
+    path.write_bytes(to_bytes(description, arrays))
     with pytest.raises(ModelFileError, match=r"predicts otherwise .* than it did with 1.0"):
         read_calibration(path)
 

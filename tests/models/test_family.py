@@ -188,9 +188,9 @@ def test_a_row_that_gives_up_is_implausible(monkeypatch):
 
 
 def test_a_file_of_an_unknown_family_is_refused_by_name(tmp_path):
-    document, arrays = encode(trained())
-    document["model"]["family"] = "stranger"
+    description, arrays = encode(trained())
+    description["model"]["family"] = "stranger"
     path = tmp_path / "model.safetensors"
-    path.write_bytes(to_bytes(document, arrays))
+    path.write_bytes(to_bytes(description, arrays))
     with pytest.raises(ModelFileError, match=r"model\.safetensors: no estimator family 'stranger'"):
         Corrector(path)

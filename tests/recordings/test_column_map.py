@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.recordings import ColumnMap, load_column_map
+from truejoint.recordings import ColumnMap, read_column_map
 
 
 @pytest.mark.parametrize(
@@ -31,13 +31,13 @@ from truejoint.recordings import ColumnMap, load_column_map
 )
 def test_a_map_that_breaks_a_rule_is_refused(values: dict[str, Any], message: str) -> None:
     with pytest.raises(RecordingError, match=message):
-        load_column_map(values)
+        read_column_map(values)
 
 
 def test_a_map_that_is_one_passes() -> None:
-    mapping = load_column_map({"columns": {"t": 0}})
+    mapping = read_column_map({"columns": {"t": 0}})
     assert isinstance(mapping, ColumnMap)
-    assert load_column_map(mapping) is mapping
+    assert read_column_map(mapping) is mapping
 
 
 @pytest.mark.parametrize("text", ["columns = ", "[columns]\nt = 0\n[columns]\n", "\x00"])
@@ -45,10 +45,10 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path: Path, text: str) -> None:
     path = tmp_path / "map.toml"
     path.write_text(text)
     with pytest.raises(RecordingError, match=r"map.toml: is not TOML") as caught:
-        load_column_map(path)
+        read_column_map(path)
     assert "\n" not in str(caught.value)
 
 
 def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="No such file"):
-        load_column_map(tmp_path / "map.toml")
+        read_column_map(tmp_path / "map.toml")

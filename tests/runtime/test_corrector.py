@@ -209,11 +209,11 @@ def test_models_that_cannot_be_checked_are_refused(tmp_path, calibration):
 )
 def test_mutated_model_files_are_refused_in_one_line(tmp_path, calibration, data):
     """Also those with a sound hash: someone may sign whatever they like."""
-    document, arrays = encode(calibration)
-    document = copy.deepcopy(document)
+    description, arrays = encode(calibration)
+    description = copy.deepcopy(description)
     odd = st.sampled_from([None, -1, "", "x" * 50, [], {}, True, 1e300, ["a"], {"a": 1}])
     if data.draw(st.booleans()):
-        document[data.draw(st.sampled_from(sorted(document)))] = data.draw(odd)
+        description[data.draw(st.sampled_from(sorted(description)))] = data.draw(odd)
     elif data.draw(st.booleans()):
         name = data.draw(st.sampled_from(sorted(arrays)))
         number = data.draw(st.sampled_from([np.nan, np.inf, -1e300, 1e300, 0.0]))
@@ -222,7 +222,7 @@ def test_mutated_model_files_are_refused_in_one_line(tmp_path, calibration, data
         name = data.draw(st.sampled_from(sorted(arrays)))
         arrays[name] = np.zeros(data.draw(st.sampled_from([(0,), (1,), (3,), (4, 4), (1, 2)])))
     path = tmp_path / "model.safetensors"
-    path.write_bytes(to_bytes(document, arrays))
+    path.write_bytes(to_bytes(description, arrays))
     refusal = ""
     try:
         corrector = ready(path)

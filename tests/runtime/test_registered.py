@@ -157,9 +157,9 @@ def test_it_recovers_as_if_it_began_there(name, fault):
     t = np.array(recording.t)
     gap = 1.5 * calibration.gap_limit
     half = 700
-    interval = float(np.median(np.diff(t)))
+    dt = float(np.median(np.diff(t)))
     if fault == "nan":
-        end = half + 2 + int(gap / interval)
+        end = half + 2 + int(gap / dt)
         samples[half:end] = np.nan
     else:
         end = half
@@ -311,10 +311,10 @@ def test_a_fault_of_the_filter_is_no_estimate(name):
     max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_mutated_model_files_are_refused_in_one_line(tmp_path, data, name):
-    document, arrays = encode(model(name))
-    document = copy.deepcopy(document)
+    description, arrays = encode(model(name))
+    description = copy.deepcopy(description)
     odd = st.sampled_from([None, -1, 0, "", [], {}, True, 1e300, 1e-300, ["a"], [1e-5], 3])
-    params = document["model"]["params"]
+    params = description["model"]["params"]
     learnt = sorted(n for n in arrays if n.startswith("model/"))
     if params and data.draw(st.booleans()):
         params[data.draw(st.sampled_from(sorted(params)))] = data.draw(odd)
@@ -326,7 +326,7 @@ def test_mutated_model_files_are_refused_in_one_line(tmp_path, data, name):
         which = data.draw(st.sampled_from(learnt))
         arrays[which] = np.zeros(data.draw(st.sampled_from([(0,), (1,), (3,), (4, 4), (1, 2)])))
     path = tmp_path / "model.safetensors"
-    path.write_bytes(to_bytes(document, arrays))
+    path.write_bytes(to_bytes(description, arrays))
     refusal = ""
     try:
         corrector = ready(path)

@@ -329,8 +329,8 @@ def write_calibration(
     'linear'
     """
     find_family(calibration.model.family.name)
-    document, arrays = encode(calibration)
-    write_model_file(path, document, arrays, overwrite=overwrite)
+    description, arrays = encode(calibration)
+    write_model_file(path, description, arrays, overwrite=overwrite)
 
 
 def read_calibration(path: str | os.PathLike[str]) -> Calibration:
@@ -349,9 +349,9 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     >>> read_calibration("jaw.safetensors").joints
     ('jaw',)
     """
-    document, arrays = read_model_file(path)
+    description, arrays = read_model_file(path)
     try:
-        data = decode(document, arrays)
+        data = decode(description, arrays)
         counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
         if counts and not _has_dt(data.metadata):
             raise ModelFileError("the model counts samples, and the time step is not stated")

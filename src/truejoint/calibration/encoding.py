@@ -101,9 +101,9 @@ class CalibrationData(Generic[Model]):
 
 
 def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Document and arrays for `model_file.write_model_file`."""
+    """Give description and arrays for `model_file.write_model_file`."""
     ranges = zip(data.feature_set.names, data.lower, data.upper, strict=True)
-    document = {
+    description = {
         "kind": _KIND,
         "robot": get_robot(data.robot, data.arm).to_dict(),
         "joints": list(data.joints),
@@ -122,11 +122,11 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
         if getattr(data, extra) is not None:
             parts[extra] = encode_arrays(getattr(data, extra))
     arrays = {f"{part}/{name}": a for part, found in parts.items() for name, a in found.items()}
-    return document, arrays
+    return description, arrays
 
 
 def decode(
-    document: Mapping[str, Any], arrays: Mapping[str, Array]
+    description: Mapping[str, Any], arrays: Mapping[str, Array]
 ) -> CalibrationData[EstimatorData]:
     """Inverse of `encode`, but for the estimators, which stay plain data.
 
@@ -136,45 +136,45 @@ def decode(
         If any part is not as it must be. Parameters and arrays of the estimators are not looked
         into: that is up to `Family.check`, or to `JointRegressor.from_data`.
     """
-    if document.get("kind") != _KIND:
-        raise ModelFileError(f"kind {document.get('kind')!r:.60} is not a calibration")
-    if set(document) != _KEYS:
-        odd = sorted(set(document) ^ _KEYS)
+    if description.get("kind") != _KIND:
+        raise ModelFileError(f"kind {description.get('kind')!r:.60} is not a calibration")
+    if set(description) != _KEYS:
+        odd = sorted(set(description) ^ _KEYS)
         raise ModelFileError(f"the model description lacks or adds {', '.join(odd)[:200]}")
-    joints = _names(document["joints"], "joints")
+    joints = _names(description["joints"], "joints")
     try:
-        feature_set = FeatureSet.parse(_strings(document["features"], "features"))
+        feature_set = FeatureSet.parse(_strings(description["features"], "features"))
     except CalibrationError as error:
         raise ModelFileError(str(error)) from None
     models = {
         name: _decode_estimator(entry, name, _within(arrays, name))
-        for name, entry in _estimators(document).items()
+        for name, entry in _estimators(description).items()
     }
     known = {*models, *_EXTRAS}
     left_over = {name for name in arrays if name.partition("/")[0] not in known}
     if left_over:
         raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
-    lower, upper = _ranges(document["ranges"], feature_set)
-    if document["target"] not in get_args(Target):
-        raise ModelFileError(f"target {document['target']!r:.60} is not 'error' or 'position'")
-    if not is_number(document["gap_limit"], 1e-9, 1e9):
-        raise ModelFileError(f"gap limit {document['gap_limit']!r:.60} is not a time in seconds")
-    if not isinstance(document["metadata"], dict):
+    lower, upper = _ranges(description["ranges"], feature_set)
+    if description["target"] not in get_args(Target):
+        raise ModelFileError(f"target {description['target']!r:.60} is not 'error' or 'position'")
+    if not is_number(description["gap_limit"], 1e-9, 1e9):
+        raise ModelFileError(f"gap limit {description['gap_limit']!r:.60} is not a time in seconds")
+    if not isinstance(description["metadata"], dict):
         raise ModelFileError("the metadata is not a JSON object")
-    robot = _robot(document["robot"])
+    robot = _robot(description["robot"])
     data = CalibrationData[EstimatorData](
         robot=robot.name,
         arm=robot.arm,
         joints=joints,
         feature_set=feature_set,
-        target=document["target"],
-        units=_units(document["units"]),
-        gap_limit=float(document["gap_limit"]),
+        target=description["target"],
+        units=_units(description["units"]),
+        gap_limit=float(description["gap_limit"]),
         lower=lower,
         upper=upper,
         model=models.pop("model"),
         baseline_models=models,
-        metadata=document["metadata"],
+        metadata=description["metadata"],
     )
     if set(data.units) != set(data.signals):
         raise ModelFileError("the units are not those of the columns that the model needs")
@@ -204,14 +204,14 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _estimators(document: Mapping[str, Any]) -> dict[str, Any]:
-    baselines = document["baselines"]
+def _estimators(description: Mapping[str, Any]) -> dict[str, Any]:
+    baselines = description["baselines"]
     known = {"model", *_EXTRAS}
     if not isinstance(baselines, dict) or known & set(baselines):
         raise ModelFileError("the baselines are not estimators by name")
     for name in baselines:
         _name(name, "a baseline")
-    return {"model": document["model"], **baselines}
+    return {"model": description["model"], **baselines}
 
 
 def _decode_estimator(entry: object, name: str, arrays: Mapping[str, Array]) -> EstimatorData:

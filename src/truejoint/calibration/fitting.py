@@ -72,8 +72,8 @@ def calibrate(
     joints : sequence of str, optional
         Joints to correct; by default the robot's positioning joints that have truth.
     target : {"error", "position"}, optional
-        Predict truth minus measured (peng2024, II-J: more accurate), the default, or the position
-        itself, the only choice for estimators that remember (`SequenceRegressor`).
+        Predict truth minus measured (peng2024, II-J: more accurate), or the position itself; by
+        default the first that the estimator's family can be fitted to.
     fit_rate : float, optional
         Fit to rows at most at this rate [Hz], where more of them would only take longer; features
         with a history still see every row.
@@ -121,8 +121,8 @@ def calibrate(
         report((1.0 - _BASELINE_SHARE) * fraction)
 
     if model.family.remembers:
-        sequence = _sequence(recordings, feature_set, chosen, target, gap_limit, stride)
-        model.fit(*sequence[:2], model_report, sequence[2])
+        targets, times = _sequence(recordings, chosen, target, gap_limit, stride)
+        model.fit(np.concatenate(rows.features), targets, model_report, times)
     else:
         model.fit(rows.X, rows.error if target == "error" else rows.truth, model_report)
     baselines, notes = _fit_baselines(rows, len(feature_set) - len(unused))
@@ -157,6 +157,7 @@ def calibrate(
 class _Rows:
     """Rows fitted to, of those of all recordings in which every joint's truth is known."""
 
+    features: tuple[Array, ...]  # of every row, recording by recording
     X: Array
     error: Array
     truth: Array
@@ -214,23 +215,21 @@ def _own_features(
 
 def _sequence(
     recordings: Sequence[Recording],
-    feature_set: FeatureSet,
     joints: tuple[str, ...],
     target: Target,
     gap_limit: float,
     stride: int,
-) -> tuple[Array, Array, Array]:
-    """Features, targets and time steps of every row; targets only where they are fitted to."""
-    inputs, targets, dt = [], [], []
+) -> tuple[Array, Array]:
+    """Targets and time steps of every row; targets only where they are fitted to."""
+    targets, dt = [], []
     for recording in recordings:
         truth = np.array(recording.columns("truth", joints))
         truth[~np.isfinite(truth).all(axis=1)] = np.nan
         truth[np.arange(len(truth)) % stride != 0] = np.nan
-        inputs.append(feature_set.compute(recording, gap_limit))
         measured = recording.columns("measured", joints)
         targets.append(truth - measured if target == "error" else truth)
         dt.append(time_steps(np.array(recording.t), gap_limit))
-    return np.concatenate(inputs), np.concatenate(targets), np.concatenate(dt)
+    return np.concatenate(targets), np.concatenate(dt)
 
 
 def _chosen_joints(
@@ -308,7 +307,7 @@ def _gather(
     stride: int,
 ) -> _Rows:
     digest = hashlib.sha256()
-    inputs, errors, truths, counts, without = [], [], [], [], []
+    features, inputs, errors, truths, counts, without = [], [], [], [], [], []
     for recording in recordings:
         truth = recording.columns("truth", joints)
         known = np.asarray(np.isfinite(truth).all(axis=1))
@@ -318,12 +317,14 @@ def _gather(
         for array in (recording.t, X, truth, error):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         fitted = np.flatnonzero(known)[::stride]
+        features.append(X)
         inputs.append(X[fitted])
         truths.append(truth[fitted])
         errors.append(error[fitted])
         counts.append(len(fitted))
         without.append(int((~known).sum()))
     return _Rows(
+        tuple(features),
         np.concatenate(inputs),
         np.concatenate(errors),
         np.concatenate(truths),

@@ -1,4 +1,4 @@
-"""The container of a model: a safetensors file whose header holds one JSON document.
+"""The container of a model: a safetensors file whose header holds a JSON description.
 
 Nothing in a file is ever run. Size, header, names, shapes and the hash are checked before any
 number is used.
@@ -46,19 +46,19 @@ def check_name(path: str | os.PathLike[str]) -> Path:
 
 def write_model_file(
     path: str | os.PathLike[str],
-    document: Mapping[str, Any],
+    description: Mapping[str, Any],
     arrays: Mapping[str, Array],
     *,
     overwrite: bool = False,
 ) -> None:
     """Write a model file, whole or not at all.
 
-    The document holds JSON values, the arrays are float64 of one or two dimensions. Raises
+    The description holds JSON values, the arrays are float64 of one or two dimensions. Raises
     ModelFileError if the file exists, is named like another format, cannot be written, or would
     break a bound that reading enforces.
     """
     path = check_name(path)
-    data = to_bytes(document, arrays)
+    data = to_bytes(description, arrays)
     try:
         from_bytes(data)
     except ModelFileError as error:
@@ -69,7 +69,7 @@ def write_model_file(
 
 
 def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Read the document and the arrays of a model file.
+    """Read the description and the arrays of a model file.
 
     Raises ModelFileError if it is missing, too large, truncated, edited, or of a newer format.
     """
@@ -85,16 +85,16 @@ def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[
         raise ModelFileError(f"{path}: {error}") from None
 
 
-def to_bytes(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+def to_bytes(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
     """Bytes of a model file; the same for the same model."""
     arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in arrays.items()}
-    versioned = {**document, "format": FORMAT_VERSION}
+    versioned = {**description, "format": FORMAT_VERSION}
     signed = {**versioned, "sha256": _digest(versioned, arrays)}
     return bytes(safetensors.numpy.save(arrays, metadata={_KEY: _canonical(signed)}))
 
 
 def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Document and arrays of the bytes of a model file; raises ModelFileError."""
+    """Give description and arrays of the bytes of a model file; raises ModelFileError."""
     if len(data) > MAX_FILE_BYTES:
         raise ModelFileError(
             f"larger than {MAX_FILE_BYTES} bytes, which no truejoint model is; {_DAMAGED}"
@@ -111,17 +111,17 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
         raise ModelFileError(
             f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
         )
-    document = _parse(metadata[_KEY].encode("utf-8", "replace"), "model description")
-    _check_version(document.pop("format", None))
+    description = _parse(metadata[_KEY].encode("utf-8", "replace"), "model description")
+    _check_version(description.pop("format", None))
     arrays = _read_arrays(header, memoryview(data)[8 + length :])
-    digest = document.pop("sha256", None)
+    digest = description.pop("sha256", None)
     try:
-        expected = _digest({**document, "format": FORMAT_VERSION}, arrays)
+        expected = _digest({**description, "format": FORMAT_VERSION}, arrays)
     except (ValueError, RecursionError):
         expected = ""
     if digest != expected:
         raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
-    return document, arrays
+    return description, arrays
 
 
 def _check_version(version: object) -> None:
@@ -198,13 +198,13 @@ def _refuse_constant(name: str) -> NoReturn:
     raise ValueError(f"{name} is no JSON number")
 
 
-def _canonical(document: Mapping[str, Any]) -> str:
-    return json.dumps(document, sort_keys=True, allow_nan=False, separators=(",", ":"))
+def _canonical(description: Mapping[str, Any]) -> str:
+    return json.dumps(description, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
 
-def _digest(document: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
-    """SHA-256 over the document and all arrays with their names and shapes, hexadecimal."""
-    digest = hashlib.sha256(_canonical(document).encode())
+def _digest(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over the description and all arrays with their names and shapes, hexadecimal."""
+    digest = hashlib.sha256(_canonical(description).encode())
     for name in sorted(arrays):
         digest.update(json.dumps([name, arrays[name].shape]).encode())
         digest.update(arrays[name].astype("<f8").tobytes())

@@ -77,10 +77,10 @@ def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:
     from truejoint.calibration.model_file import read_model_file  # noqa: PLC0415  # needs NumPy
 
     try:
-        document, arrays = read_model_file(context.params.get("model") or context.args[0])
+        description, arrays = read_model_file(context.params.get("model") or context.args[0])
     except (IndexError, TruejointError):
         return (), ()
-    return document.get("joints", ()), arrays.get("interval/levels", ())
+    return description.get("joints", ()), arrays.get("interval/levels", ())
 
 
 def _header(path: Path) -> list[str]:

@@ -131,7 +131,7 @@ class Family:
     pack: Callable[[Params, Mapping[str, Array], int, int], Memory] | None = None
     row: Any = None
     remembers: bool = False  # whether an output depends on the rows before
-    counts_samples: bool = False  # whether what was learnt belongs to one sample interval
+    counts_samples: bool = False  # whether what was learnt belongs to one time step
     inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
     targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
     moved_by: str = ""  # array that is added to the output, which re-zeroing moves; "": none

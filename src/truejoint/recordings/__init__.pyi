@@ -1,7 +1,7 @@
 from . import datasets as datasets
 from .column_map import ColumnMap as ColumnMap
 from .column_map import MappedColumn as MappedColumn
-from .column_map import load_column_map as load_column_map
+from .column_map import read_column_map as read_column_map
 from .formats import FORMATS as FORMATS
 from .formats import Format as Format
 from .formats import detect_format as detect_format

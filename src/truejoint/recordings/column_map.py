@@ -91,7 +91,7 @@ class ColumnMap:
 MapSource = str | os.PathLike[str] | Mapping[str, Any] | ColumnMap
 
 
-def load_column_map(source: MapSource) -> ColumnMap:
+def read_column_map(source: MapSource) -> ColumnMap:
     """Column map of a TOML file, or of a mapping of the same shape.
 
     Parameters
@@ -108,7 +108,7 @@ def load_column_map(source: MapSource) -> ColumnMap:
 
     Examples
     --------
-    >>> load_column_map({"robot": "bros", "columns": {
+    >>> read_column_map({"robot": "bros", "columns": {
     ...     "t": {"column": "stamp", "unit": "ms"},
     ...     "measured/joint1": {"column": 1, "unit": "deg"}}}).columns["t"].unit
     'ms'

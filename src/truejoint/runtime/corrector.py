@@ -218,9 +218,9 @@ class _Statuses(dict[int, Status]):
 def _read(model: str | os.PathLike[str] | Calibration) -> CalibrationData[EstimatorData]:
     if not isinstance(model, (str, os.PathLike)):
         return decode(*encode(model))
-    document, arrays = read_model_file(model)
+    description, arrays = read_model_file(model)
     try:
-        data = decode(document, arrays)
+        data = decode(description, arrays)
         shape = len(data.feature_set), len(data.joints)
         find_family(data.model.family).check(data.model, *shape)
         limits_of(data)

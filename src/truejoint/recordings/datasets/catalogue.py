@@ -106,7 +106,7 @@ class Dataset:
     format : str
         Reader of its recordings, one of `truejoint.recordings.FORMATS`; empty where `maps` say it.
     maps : mapping
-        Column map by name of recording, as `truejoint.recordings.load_column_map` takes it.
+        Column map by name of recording, as `truejoint.recordings.read_column_map` takes it.
     repository, commit : str
         On GitHub, ``owner/name``, and the commit that the hashes are of.
     licence : str

@@ -14,7 +14,7 @@ from truejoint.recordings.column_map import (
     ColumnMap,
     MappedColumn,
     MapSource,
-    load_column_map,
+    read_column_map,
 )
 from truejoint.recordings.files import read_bounded, read_head
 from truejoint.recordings.mat_file import MatValue, read_mat
@@ -46,7 +46,7 @@ def read_csv(
     the first row instead, which `Provenance.start` keeps. Of rows with the same stamp the last is
     kept, the others are counted. `robot` and `arm` overrule those of the column map.
     """
-    mapping = load_column_map(column_map) if column_map is not None else None
+    mapping = read_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
     guess = next((d for d in ",;\t" if d in line), " ")
     delimiter = (mapping.delimiter if mapping else "") or guess
@@ -78,7 +78,7 @@ def read_arrays(
     """
     if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? give a column map")
-    mapping = load_column_map(column_map)
+    mapping = read_column_map(column_map)
     machine = _robot(path, mapping, robot, arm)
     if read_head(path).startswith(NPY_MAGIC):
         array, digest = read_npy(path)
