@@ -27,7 +27,7 @@ def test_a_study_prints_json_and_leaves_files(call, tmp_path):
     assert names == {"parts", *(f"forceps-unloaded.{s}" for s in ("html", "md", "json", "png"))}
     assert "truejoint study forceps-unloaded" in (folder / "forceps-unloaded.html").read_text()
     again = call(*arguments)
-    assert "0 of them computed now" in again.err
+    assert "computed now: 0" in again.err
     assert "least squares (29)" in again.out
     other = call(*arguments, "--set", "specimen=B")
     assert other.code == 2

@@ -65,7 +65,7 @@ def evaluate(
     read_testing = files.find(recordings, part=part, split=split)
     read_training = files.find(training or [])
     testing, shown = read_testing(), read_training()
-    with progress(f"Judging on {len(testing)} recordings"):
+    with progress("Judging"):
         result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
     if report is not None:
         report_evaluation(result, report, first, testing, shown, force=force)

@@ -82,7 +82,7 @@ def study(
             out.print(table.rich())
         for claim in result.summary.claims:
             out.print(f"{claim.verdict}: {claim.text}: {claim.found}")
-    say(f"{len(result.parts)} parts, {result.computed} of them computed now")
+    say(f"parts: {len(result.parts)}, computed now: {result.computed}")
     say(f"Written: {', '.join(str(path) for path in files)}")
 
 
