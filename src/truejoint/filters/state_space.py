@@ -167,27 +167,29 @@ def _compile(
 
 
 @compiled
-def _add_product(A: Array, x: Array, out: Array) -> None:
-    for i in range(A.shape[0]):
-        for j in range(A.shape[1]):
-            out[i] += A[i, j] * x[j]
+def _add_row(total: float, A: Array, i: int, x: Array) -> float:
+    # The sum stays in a register: through memory each term would wait for the one before.
+    for j in range(len(x)):
+        total += A[i, j] * x[j]
+    return total
 
 
 @compiled
 def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
     """Next state A x + B u, with A and B row by row at the head of the parameters."""
     n, p = len(x), len(u)
-    out[:] = 0.0
-    _add_product(matrix(parameters, 0, n, n), x, out)
-    _add_product(matrix(parameters, n * n, n, p), u, out)
+    A, B = matrix(parameters, 0, n, n), matrix(parameters, n * n, n, p)
+    for i in range(n):
+        out[i] = _add_row(_add_row(0.0, A, i, x), B, i, u)
 
 
 @compiled
 def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     """Measurement C x, with C after A and B in the parameters."""
-    n = len(x)
-    out[:] = 0.0
-    _add_product(matrix(parameters, n * (n + len(u)), len(out), n), x, out)
+    n, m = len(x), len(out)
+    C = matrix(parameters, n * (n + len(u)), m, n)
+    for i in range(m):
+        out[i] = _add_row(0.0, C, i, x)
 
 
 @compiled
@@ -195,7 +197,9 @@ def linear_measurement_with_input(x: Array, u: Array, parameters: Array, out: Ar
     """Measurement C x + D u, with C and D after A and B in the parameters."""
     n, p, m = len(x), len(u), len(out)
     linear_measurement(x, u, parameters, out)
-    _add_product(matrix(parameters, n * (n + p) + m * n, m, p), u, out)
+    D = matrix(parameters, n * (n + p) + m * n, m, p)
+    for i in range(m):
+        out[i] = _add_row(out[i], D, i, u)
 
 
 def linear_model(
