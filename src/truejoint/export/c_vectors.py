@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import ExportError
 from truejoint.models.family import EstimatorData
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.limits import Limits
+
+if TYPE_CHECKING:  # whoever fitted it has imported what learns
+    from truejoint.calibration import Calibration
 
 NOTHING, SET_HOMING, REZERO = 0, 1, 2
 """What is done before a sample."""
