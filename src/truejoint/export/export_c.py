@@ -68,7 +68,7 @@ def export_c(
     Parameters
     ----------
     calibration : Calibration
-        Of a regressor, with the training_domain of its training rows.
+        Of a regressor, with the domain of its training rows.
     folder : path-like
         Receives ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``;
         made if it does not exist.
