@@ -62,10 +62,10 @@ def test_one_known_weight_calibrates_the_others(load):
 
 def test_steps_give_the_bits_of_the_whole(load):
     run, _before, _after = weighed(0.1)
-    X, intervals = rows(run)[:300], steps(run)[:300]
+    X, dt = rows(run)[:300], steps(run)[:300]
     state = load.start()
-    online = [load.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
-    assert np.array_equal(online, load.predict(X, intervals))
+    online = [load.step(state, each, row) for each, row in zip(dt, X, strict=True)]
+    assert np.array_equal(online, load.predict(X, dt))
 
 
 def test_a_constant_or_hidden_load_tells_no_stiffness(load):

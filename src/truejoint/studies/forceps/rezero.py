@@ -33,8 +33,8 @@ def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Par
     plant, zero = built(forceps), ZeroShift(reset=shift)
     models = m.calibrated(plant, tuple(methods), seed)
     cycle = record(plant, "cycle", seed=2 * seed + 50, zero_shift=zero)
-    X, steps = signals(cycle.rows(cycle.t >= RAMP))
-    found = find_encoder_zero(unloaded_load(plant, seed), X, steps).shift
+    X, dt = signals(cycle.rows(cycle.t >= RAMP))
+    found = find_encoder_zero(unloaded_load(plant, seed), X, dt).shift
     before = m.settled(record(plant, "verification", seed=2 * seed + 1, zero_shift=zero))
     after = changed(before, m.RESET, before.column(m.RESET) - found)
     judged = {"before": m.judge(models, before).errors(), "after": m.judge(models, after).errors()}
