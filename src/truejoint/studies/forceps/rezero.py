@@ -9,6 +9,7 @@ import numpy as np
 
 from truejoint.estimators.jaw_load import find_encoder_zero
 from truejoint.evaluation.digits import fixed
+from truejoint.models.jaw import RESET
 from truejoint.motion.forceps_references import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.figures import Curve, Figure, Panel
@@ -36,7 +37,7 @@ def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Par
     X, dt = signals(cycle.rows(cycle.t >= RAMP))
     found = find_encoder_zero(unloaded_load(plant, seed), X, dt).shift
     before = m.settled(record(plant, "verification", seed=2 * seed + 1, zero_shift=zero))
-    after = changed(before, m.RESET, before.column(m.RESET) - found)
+    after = changed(before, RESET, before.column(RESET) - found)
     judged = {"before": m.judge(models, before).errors(), "after": m.judge(models, after).errors()}
     return PartResult({"shift": shift, "found": found, **judged})
 
