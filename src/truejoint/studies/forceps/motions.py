@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.errors import TruejointError
-from truejoint.motion import forceps_references as references
+from truejoint.motion import forceps_trajectories as paths
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
@@ -22,11 +22,11 @@ from truejoint.simulation.forceps.specimens import specimen as shipped
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
 
-_TONES: Final = references.CALIBRATION_TONES
+_TONES: Final = paths.CALIBRATION_TONES
 _TRAJECTORIES: Final = {
-    "calibration": references.calibration_reference,
-    "verification": references.verification_reference,
-    "cycle": lambda: references.sine_reference(_TONES, 2.0 * math.pi / _TONES[0][1]),
+    "calibration": paths.calibration_trajectory,
+    "verification": paths.verification_trajectory,
+    "cycle": lambda: paths.sine_trajectory(_TONES, 2.0 * math.pi / _TONES[0][1]),
 }
 
 

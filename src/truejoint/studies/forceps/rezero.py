@@ -10,7 +10,7 @@ import numpy as np
 from truejoint.estimators.jaw_load import find_encoder_zero
 from truejoint.evaluation.digits import fixed
 from truejoint.models.jaw import RESET
-from truejoint.motion.forceps_references import RAMP
+from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
