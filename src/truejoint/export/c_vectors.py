@@ -221,11 +221,11 @@ def _stale(motion: _Motion) -> list[Vector]:
 
 
 def _gap(motion: _Motion) -> list[Vector]:
-    return [motion.next(3 * motion.limits.longest_step / motion.limits.dt)]
+    return [motion.next(3 * motion.limits.longest_dt / motion.limits.dt)]
 
 
 def _clock_set_back(motion: _Motion) -> list[Vector]:
-    return [motion.next(-5 * motion.limits.longest_step / motion.limits.dt)]
+    return [motion.next(-5 * motion.limits.longest_dt / motion.limits.dt)]
 
 
 def _spikes(motion: _Motion) -> list[Vector]:
@@ -268,7 +268,7 @@ def _one_frozen(motion: _Motion) -> list[Vector]:
 
 def _all_frozen(motion: _Motion) -> list[Vector]:
     held = motion.next()
-    share = 0.5 * motion.limits.longest_step
+    share = 0.5 * motion.limits.longest_dt
     n = int(motion.limits.hold / share) + 3
     if n > _LONGEST_STANDSTILL:
         return [held]
