@@ -19,7 +19,7 @@ from truejoint.errors import RecordingError
 from truejoint.estimators import NeuralNetwork
 from truejoint.evaluation import split_by_time
 from truejoint.recordings import Recording
-from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, open_dataset
+from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, read_dataset
 from truejoint.units import display_unit
 
 METHODS = ("raw", "offset", "linear", "poly2", "dnn")
@@ -27,7 +27,7 @@ METHODS = ("raw", "offset", "linear", "poly2", "dnn")
 
 def sides(dataset: Dataset, split: HeldOut) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings of a recommended split."""
-    recordings = open_dataset(dataset.name, split.files)
+    recordings = read_dataset(dataset.name, split.files)
     if split.test:
         held_out = [split.holds_out(r.provenance.session) for r in recordings]
         pairs = list(zip(recordings, held_out, strict=True))

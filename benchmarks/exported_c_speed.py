@@ -34,7 +34,7 @@ from truejoint.export.export_c import export_c
 from truejoint.models.jaw import MOTOR, RESET
 from truejoint.models.jaw_filter import jaw_filter, rest_spread
 from truejoint.motion import follow, zigzag
-from truejoint.motion.forceps_references import calibration_reference
+from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
@@ -154,8 +154,8 @@ def some_interval(n_joints: int) -> Interval:
 
 def forceps_session() -> Recording:
     """Record the calibration motion of yan2020 on a virtual forceps."""
-    reference = calibration_reference().positions[:, 0]
-    return record_forceps(specimen("B"), reference, seed=0)
+    angles = calibration_trajectory().positions[:, 0]
+    return record_forceps(specimen("B"), angles, seed=0)
 
 
 def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -> str:

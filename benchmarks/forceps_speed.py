@@ -8,7 +8,7 @@ import time
 
 import numpy as np
 
-from truejoint.motion.forceps_references import verification_reference
+from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.simulation.forceps.specimens import SPECIMENS, specimen
 from truejoint.simulation.forceps.twin import simulate_forceps
 
@@ -18,7 +18,7 @@ REPEATS = 5
 
 def main() -> None:
     """Print the median over a few runs of each specimen, after a warm-up that compiles."""
-    setpoint = verification_reference(DURATION - 2.0).positions[:, 0]
+    setpoint = verification_trajectory(DURATION - 2.0).positions[:, 0]
     simulate_forceps(specimen(), np.zeros(10))
     for name in SPECIMENS:
         parameters = specimen(name)

@@ -33,7 +33,7 @@ from truejoint.estimators import (
 )
 from truejoint.models import FeatureSet, time_steps
 from truejoint.recordings import Recording
-from truejoint.recordings.datasets import DATASETS, open_dataset
+from truejoint.recordings.datasets import DATASETS, read_dataset
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -154,7 +154,7 @@ METHODS: dict[str, Callable[[Bench, Mask, Mask], tuple[float, float]]] = {
 
 def honest() -> None:
     """Whole recordings held out."""
-    recordings = open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
+    recordings = read_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
     bench = gather(recordings, (STATIC, HISTORY))
     stride = round(1000.0 / FIT_RATE)
     fitted = np.concatenate([np.arange(len(r.t)) % stride == 0 for r in recordings])
@@ -199,7 +199,7 @@ def published(recording: Recording) -> tuple[Recording, Mask]:
 
 def easy() -> None:
     """As published."""
-    pairs = [published(r) for r in open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")]
+    pairs = [published(r) for r in read_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")]
     inputs = {name: ("driver/jaw", "velocity/jaw", s) for name, s in SURROGATES.items()}
     bench = gather([r for r, _ in pairs], (STATIC, HISTORY, *inputs.values()))
     strokes = np.flatnonzero(np.concatenate([mask for _, mask in pairs]))
@@ -229,7 +229,7 @@ def easy() -> None:
 
 def sensors() -> None:
     """Give the filter other sensors, by way of `calibrate`; angle only."""
-    recordings = open_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
+    recordings = read_dataset(DATASET.name, "Tool_4_Maryland_L_4/*")
     layouts = [
         ("driver/jaw", "effort/jaw"), ("motor/jaw", "effort/jaw"),
         ("driver/jaw", "current/jaw"), ("motor/jaw", "current/jaw"),

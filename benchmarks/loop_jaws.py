@@ -10,7 +10,7 @@ from benchmarks.loop_session import Samples
 from truejoint.calibration import Calibration, calibrate
 from truejoint.estimators import estimator_names, get_estimator
 from truejoint.models.elastic_joint import DRIVER
-from truejoint.motion.forceps_references import calibration_reference, verification_reference
+from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Provenance, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
@@ -18,10 +18,10 @@ from truejoint.simulation.forceps.specimens import specimen
 
 def jaw_models() -> Iterator[tuple[Calibration, Samples]]:
     """Each estimator of a jaw that runs in a loop, on a motion that it was not fitted to."""
-    references = calibration_reference(), verification_reference()
+    motions = calibration_trajectory(), verification_trajectory()
     cables = [
-        record_forceps(specimen("B"), r.positions[:, 0], seed=seed)
-        for seed, r in enumerate(references)
+        record_forceps(specimen("B"), motion.positions[:, 0], seed=seed)
+        for seed, motion in enumerate(motions)
     ]
     driven = [driven_jaw(seed) for seed in range(5)]
     for name in estimator_names():

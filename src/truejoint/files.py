@@ -1,10 +1,10 @@
-"""Write a file whole or not at all."""
+"""Write files whole or not at all."""
 
 from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from truejoint.errors import TruejointError
@@ -25,29 +25,43 @@ def write_atomically(
         As `error`: if `path` exists and `overwrite` is false, its folder does not exist, or it
         cannot be written. Whatever goes wrong, what was at `path` stays as it was.
     """
-    check_target(path, overwrite=overwrite, error=error)
+    write_all_atomically({path: write}, overwrite=overwrite, error=error)
+
+
+def write_all_atomically(
+    files: Mapping[Path, Callable[[Path], object]],
+    *,
+    overwrite: bool,
+    error: type[TruejointError] = TruejointError,
+) -> None:
+    """Write several files as `write_atomically` does; none is moved before all are filled."""
+    for path in files:
+        check_target(path, overwrite=overwrite, error=error)
+    filled: dict[Path, Path] = {}
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-    except OSError as cause:
-        raise _unwritable(path, cause, error) from None
-    os.close(handle)
-    temporary = Path(name)
-    try:
-        write(temporary)
-        with temporary.open("rb") as file:
-            os.fsync(file.fileno())
-        temporary.chmod(0o644)
-        if overwrite:
-            temporary.replace(path)
-        else:
-            # A link, unlike a rename, fails if somebody made the file in the meantime.
-            path.hardlink_to(temporary)
+        for path, write in files.items():
+            handle, name = tempfile.mkstemp(
+                prefix=f".{path.name}.", suffix=".part", dir=path.parent
+            )
+            os.close(handle)
+            temporary = filled[path] = Path(name)
+            write(temporary)
+            with temporary.open("rb") as file:
+                os.fsync(file.fileno())
+            temporary.chmod(0o644)
+        for path, temporary in filled.items():
+            if overwrite:
+                temporary.replace(path)
+            else:
+                # A link, unlike a rename, fails if somebody made the file in the meantime.
+                path.hardlink_to(temporary)
     except FileExistsError:
         raise _taken(path, error) from None
     except OSError as cause:
         raise _unwritable(path, cause, error) from None
     finally:
-        temporary.unlink(missing_ok=True)
+        for temporary in filled.values():
+            temporary.unlink(missing_ok=True)
 
 
 def check_target(

@@ -73,18 +73,18 @@ def test_terms_are_gravity_and_friction(shares, speed):
     assert out == pytest.approx([1, *z, *products, sign, *(sign * z), speed], abs=1e-12)
 
 
-def test_reference_recovers_the_efforts_and_their_noise(calibration):
-    reference = calibration.effort_baseline
-    assert reference.monitored.tolist() == [1.0, 1.0, 1.0]
-    assert reference.scale == pytest.approx(0.004, rel=0.3)  # and speeds at 30 Hz are rough
+def test_baseline_recovers_the_efforts_and_their_noise(calibration):
+    baseline = calibration.effort_baseline
+    assert baseline.monitored.tolist() == [1.0, 1.0, 1.0]
+    assert baseline.scale == pytest.approx(0.004, rel=0.3)  # and speeds at 30 Hz are rough
     test = motion(5, noise=0.0)
     position = np.ascontiguousarray(test.columns("measured", JOINTS))
     effort = np.ascontiguousarray(test.columns("effort", JOINTS))
     rows = np.empty((position.size, 4 + count_effort_terms(3)))
-    count = effort_steps(test.t.copy(), position, effort, reference.lower, reference.upper, rows)
+    count = effort_steps(test.t.copy(), position, effort, baseline.lower, baseline.upper, rows)
     assert count > 1000
     joint = rows[:count, 0].astype(int)
-    predicted = np.einsum("ij,ij->i", rows[:count, 4:], reference.coef[joint])
+    predicted = np.einsum("ij,ij->i", rows[:count, 4:], baseline.coef[joint])
     assert np.abs(predicted - rows[:count, 1]).max() < 0.012  # friction alone is 0.16 apart
 
 
@@ -181,7 +181,7 @@ def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
 def test_an_edited_effort_baseline_is_refused(calibration, name, change):
     arrays = encode_arrays(calibration.effort_baseline)
     arrays[name] = change(arrays.get(name, np.zeros(3)))
-    with pytest.raises(ModelFileError, match="reference"):
+    with pytest.raises(ModelFileError, match="baseline"):
         decode_effort_baseline(arrays, 3)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from truejoint.estimators.jaw import JawEstimator
-from truejoint.motion.forceps_references import calibration_reference, verification_reference
+from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
@@ -60,6 +60,6 @@ def fitted(pair: Pair, model: Model) -> Model:
 def pair() -> Pair:
     parameters = specimen("B")
     return Pair(
-        record_forceps(parameters, calibration_reference().positions[:, 0], seed=0),
-        record_forceps(parameters, verification_reference().positions[:, 0], seed=1),
+        record_forceps(parameters, calibration_trajectory().positions[:, 0], seed=0),
+        record_forceps(parameters, verification_trajectory().positions[:, 0], seed=1),
     )

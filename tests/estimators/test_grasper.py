@@ -7,7 +7,7 @@ import pytest
 
 from truejoint import calibrate
 from truejoint.errors import RecordingError
-from truejoint.recordings.datasets import locate, open_dataset
+from truejoint.recordings.datasets import locate, read_dataset
 
 
 @pytest.fixture(scope="module")
@@ -19,8 +19,8 @@ def folder():
 
 
 def test_a_load_that_it_never_saw(folder):
-    training = open_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/1[02468]")
-    unseen = open_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/15")[0]
+    training = read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/1[02468]")
+    unseen = read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/15")[0]
     calibration = calibrate(training, "ukf_elastic", fit_rate=40.0)
     error = calibration.correct(unseen) - unseen.columns("truth", ("jaw",))
     rmse = np.degrees(np.sqrt(np.mean(error**2)))

@@ -65,11 +65,11 @@ def test_steps_give_the_bits_of_the_whole(pair, compensation):
     model = fitted(pair, JawFilter(compensation))
     run = pair.verification
     rows = slice(0, 400)
-    X, intervals = columns(run, model)[rows], steps(run)[rows]
-    intervals[[150, 151]] = 0.0, 0.011  # a new history, then a longer step
-    whole = model.evaluate(X, intervals)
+    X, dt = columns(run, model)[rows], steps(run)[rows]
+    dt[[150, 151]] = 0.0, 0.011  # a new history, then a longer step
+    whole = model.evaluate(X, dt)
     state = model.start()
-    online = [model.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
+    online = [model.step(state, each, row) for each, row in zip(dt, X, strict=True)]
     assert np.array_equal(np.array(online), whole)
 
 

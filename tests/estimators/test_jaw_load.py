@@ -6,7 +6,7 @@ from tests.estimators.conftest import SETTLED, steps, target
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw_load import JawLoad, find_encoder_zero, identify_stiffness
-from truejoint.motion.forceps_references import calibration_reference, sine_reference
+from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
@@ -22,7 +22,7 @@ def rows(run) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def load():
-    run = record_forceps(NOMINAL, calibration_reference().positions[:, 0], seed=0)
+    run = record_forceps(NOMINAL, calibration_trajectory().positions[:, 0], seed=0)
     return JawLoad().fit(rows(run), target(run), steps(run))
 
 
@@ -62,10 +62,10 @@ def test_one_known_weight_calibrates_the_others(load):
 
 def test_steps_give_the_bits_of_the_whole(load):
     run, _before, _after = weighed(0.1)
-    X, intervals = rows(run)[:300], steps(run)[:300]
+    X, dt = rows(run)[:300], steps(run)[:300]
     state = load.start()
-    online = [load.step(state, dt, row) for dt, row in zip(intervals, X, strict=True)]
-    assert np.array_equal(online, load.predict(X, intervals))
+    online = [load.step(state, each, row) for each, row in zip(dt, X, strict=True)]
+    assert np.array_equal(online, load.predict(X, dt))
 
 
 def test_a_constant_or_hidden_load_tells_no_stiffness(load):
@@ -83,7 +83,7 @@ def test_a_constant_or_hidden_load_tells_no_stiffness(load):
 
 @pytest.mark.parametrize("shift", [0.0, 8e-6, -2e-5])
 def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
-    motion = sine_reference(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
+    motion = sine_trajectory(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
     run = record_forceps(NOMINAL, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift))
     X = rows(run)[run.t > SETTLED]
     zero = find_encoder_zero(load, X)

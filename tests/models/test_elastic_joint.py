@@ -90,6 +90,6 @@ def test_thinned_rows_keep_their_time_and_their_histories():
     steps = np.array([0.0, 0.1, 0.1, 0.1, 0.0, 0.1, 0.1])
     motion = Motion(np.arange(7.0), np.arange(7.0), steps)
     picked = motion.pick(np.array([0, 2, 3, 4, 6]))
-    np.testing.assert_allclose(picked.steps, [0.0, 0.2, 0.1, 0.0, 0.2], atol=1e-15)
+    np.testing.assert_allclose(picked.dt, [0.0, 0.2, 0.1, 0.0, 0.2], atol=1e-15)
     np.testing.assert_array_equal(picked.history, [0, 0, 0, 1, 1])
     np.testing.assert_allclose(picked.travel, [0.0, 2.0, 3.0, 0.0, 2.0])

@@ -51,6 +51,8 @@ def test_several_in_one_figure(tmp_path):
 def test_what_cannot_be_drawn_is_refused(tmp_path):
     with pytest.raises(TrajectoryError, match=r"plots are .png or .html"):
         plot_trajectories([zigzag(ROBOT)], tmp_path / "z.pdf")
+    with pytest.raises(TrajectoryError, match="nowhere does not exist"):
+        plot_trajectories([zigzag(ROBOT)], tmp_path / "nowhere" / "z.png")
     flat = Trajectory(("a", "b"), ("rad", "m"), np.zeros((2, 2)))
     with pytest.raises(TrajectoryError, match="same three joints"):
         plot_trajectories([flat], tmp_path / "z.png")

@@ -14,7 +14,7 @@ from truejoint.calibration import calibrate
 from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow
-from truejoint.motion.forceps_references import calibration_reference, verification_reference
+from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recorder, read_parquet
 from truejoint.recordings.recorder import PAST_END, Decimator
 from truejoint.recordings.synchronise import AFTER, BACK
@@ -195,7 +195,7 @@ def test_a_forceps_motion_is_recorded_calibrated_and_judged() -> None:
     arm.enable()
     arm.home()
     recordings = []
-    for motion in (calibration_reference(), verification_reference()):
+    for motion in (calibration_trajectory(), verification_trajectory()):
         with Recorder(arm, state_rate=200.0, session=motion.name) as recorder:
             follow(arm, motion)
         recordings.append(recorder.recording())

@@ -10,7 +10,7 @@ from tests.estimators.test_elastic_joint import recording as grasper_recording
 from truejoint.calibration import Calibration, calibrate
 from truejoint.estimators.lookup import get_estimator
 from truejoint.estimators.registry import estimator_names
-from truejoint.motion.forceps_references import calibration_reference, verification_reference
+from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector
@@ -22,10 +22,10 @@ from . import streams
 @cache
 def forceps() -> tuple[Recording, Recording]:
     """Calibration and verification motion of a virtual forceps."""
-    references = calibration_reference(), verification_reference()
+    motions = calibration_trajectory(), verification_trajectory()
     calibration, verification = (
-        record_forceps(specimen("B"), r.positions[:, 0], seed=seed)
-        for seed, r in enumerate(references)
+        record_forceps(specimen("B"), motion.positions[:, 0], seed=seed)
+        for seed, motion in enumerate(motions)
     )
     return calibration, verification
 

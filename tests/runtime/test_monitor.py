@@ -195,7 +195,7 @@ def test_a_step_allocates_nothing_that_stays(monitor, calibration):
 
 
 def test_what_it_cannot_work_with_is_refused(calibration):
-    with pytest.raises(CalibrationError, match="no reference of how efforts looked"):
+    with pytest.raises(CalibrationError, match="no baseline of how efforts looked"):
         Monitor(replace(calibration, effort_baseline=None))
     with pytest.raises(CalibrationError, match="above 0 s"):
         Monitor(calibration, working_time=math.nan)

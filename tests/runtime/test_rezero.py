@@ -17,9 +17,9 @@ SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4
 
 
 def rezero(noise=NOISE, **settings) -> ReZero:
-    reference = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN)
+    baseline = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN)
     calibration = SimpleNamespace(robot="raven2", joints=("elbow", "insertion"),
-                                  effort_baseline=reference)  # fmt: skip
+                                  effort_baseline=baseline)  # fmt: skip
     return ReZero(calibration, truth_sd=noise, **settings)
 
 
@@ -173,7 +173,7 @@ def test_senseless_settings_are_refused(settings, said):
         rezero(**settings)
 
 
-def test_shapes_and_a_missing_reference_are_refused():
+def test_shapes_and_a_missing_baseline_are_refused():
     with pytest.raises(CalibrationError, match="must hold 2 joints"):
         rezero().update(0.0, [0.0], [0.0])
     bare = SimpleNamespace(robot="raven2", joints=("elbow",), effort_baseline=None)

@@ -338,7 +338,7 @@ def test_streams_of_anything(shared, steps):
             assert np.isfinite(sample).all()
             assert (sample >= limits.signal_lower).all()
             assert (sample <= limits.signal_upper).all()
-            assert last is None or limits.shortest_step <= t - last <= limits.longest_step
+            assert last is None or limits.shortest_dt <= t - last <= limits.longest_dt
             assert np.isfinite(corrector.position).all()
             difference = corrector.position - raw
             assert (difference >= limits.correction_lower - 1e-12).all()

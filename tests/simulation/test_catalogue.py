@@ -33,7 +33,7 @@ def test_every_twin_keeps_the_contract(name, tmp_path):
     twin.idle(1.0)
     assert twin.time == pytest.approx(begin + 1.2)
     path = tmp_path / "mine.toml"
-    path.write_text(twin.PARAMETERS.load().to_toml())
+    path.write_text(twin.PARAMETERS.read().to_toml())
     again = make_twin(name, seed=4, parameters=path)
     np.testing.assert_array_equal(again.home().measured, homed.measured)
 

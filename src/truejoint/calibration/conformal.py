@@ -109,11 +109,11 @@ def with_interval(
         trajectories=len(units),
         homings=len({r.provenance.homing_id for r in recordings} - {""}),
     )
-    reference = calibration.effort_baseline
-    if reference is not None:
+    baseline = calibration.effort_baseline
+    if baseline is not None:
         size, time = residual_statistics(calibration, recordings)
-        reference = replace(reference, residual=size, correlation=time)
-    stated = replace(calibration, interval=interval, effort_baseline=reference)
+        baseline = replace(baseline, residual=size, correlation=time)
+    stated = replace(calibration, interval=interval, effort_baseline=baseline)
     return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
 
 

@@ -25,10 +25,10 @@ SETTLE_STEPS: Final = 4
 RANGE_MARGIN: Final = 0.1
 """Efforts are compared up to this share of a joint's range outside it."""
 RANGES_EACH_WAY: Final = 5.0
-"""Travel in either direction, in ranges of a joint, that its reference takes at least."""
+"""Travel in either direction, in ranges of a joint, that its baseline takes at least."""
 STEPS_PER_TERM: Final = 20
 MAX_JOINTS: Final = 12
-"""With more joints than this no reference is made: its terms grow with the square."""
+"""With more joints than this no baseline is made: its terms grow with the square."""
 SMALLEST_SHIFT: Final = 1.3
 SMALLEST_FRICTION_SHIFT: Final = 3.0
 HELD_OUT_MARGIN: Final = 2.0
@@ -54,7 +54,7 @@ class EffortBaseline:
     coef: Array  # (n_joints, n_terms), effort [its unit] over `effort_terms`
     scale: Array  # standard deviation of the effort about that
     # How far, in units of `scale`, the mean over both directions and half their difference may lie
-    # from the reference before it means something.
+    # from the baseline before it means something.
     shift_limit: Array
     friction_limit: Array
     residual: Array  # standard deviation of corrected positions about their mean error [rad or m]
@@ -185,12 +185,12 @@ def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> Effort
     """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
     shapes = {field.name: (n_joints,) for field in fields(EffortBaseline)}
     wanted = {**shapes, "coef": (n_joints, count_effort_terms(n_joints))}
-    reference = decode_arrays(EffortBaseline, "reference", arrays, wanted)
+    baseline = decode_arrays(EffortBaseline, "effort baseline", arrays, wanted)
     positive = ("scale", "shift_limit", "friction_limit", "residual", "correlation")
     if (
         not all((arrays[name] > 0.0).all() for name in positive)
-        or not (reference.lower < reference.upper).all()
-        or not np.isin(reference.monitored, (0.0, 1.0)).all()
+        or not (baseline.lower < baseline.upper).all()
+        or not np.isin(baseline.monitored, (0.0, 1.0)).all()
     ):
-        raise ModelFileError("the reference holds values that no recording gives")
-    return reference
+        raise ModelFileError("the effort baseline holds values that no recording gives")
+    return baseline

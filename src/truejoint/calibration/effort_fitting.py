@@ -117,7 +117,7 @@ def _steps(
 
 
 def _enough(rows: Array, n_terms: int) -> bool:
-    """Whether steps of one joint pin its reference down in both directions."""
+    """Whether steps of one joint pin its baseline down in both directions."""
     needed = max(RANGES_EACH_WAY * STEPS_PER_RANGE, STEPS_PER_TERM * n_terms)
     each_way = (np.sum(rows[:, 3] * (rows[:, 2] > 0.0)), np.sum(rows[:, 3] * (rows[:, 2] < 0.0)))
     return bool(min(each_way) >= RANGES_EACH_WAY and len(rows) >= needed and rows[:, 1].std() > 0.0)
@@ -132,7 +132,7 @@ def _fit_effort(rows: Array) -> tuple[Array, float]:
 
 
 def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
-    """Largest shifts that recordings show against the reference of the others, in its scale."""
+    """Largest shifts that recordings show against the baseline of the others, in its scale."""
     shift, friction = 0.0, 0.0
     for i, own in enumerate(pieces):
         others = [rows for k, rows in enumerate(pieces) if k != i and len(rows)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.conformal import known_error
+from truejoint.calibration.conformal import known_error, zero_offset
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -72,7 +72,7 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
             strict=True,
         )
         sd = np.array([size * math.sqrt(np.exp(-apart / time).mean()) for size, time in sizes])
-    return Zero(np.median(error, axis=0), sd, len(t), float(t[-1] - t[0]))
+    return Zero(zero_offset(t, error, math.inf)[0], sd, len(t), float(t[-1] - t[0]))
 
 
 def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:

@@ -14,6 +14,7 @@ from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import Files, check_model_free, only_dataset
 from truejoint.errors import CalibrationError, unknown
+from truejoint.estimators.registry import DEFAULT
 
 
 def calibrate(
@@ -27,7 +28,7 @@ def calibrate(
             help=f"One of {', '.join(complete.estimators())}.",
             autocompletion=complete.estimators,
         ),
-    ] = "dnn",
+    ] = DEFAULT,
     settings: Annotated[
         list[str] | None,
         typer.Option(

@@ -13,6 +13,7 @@ from truejoint.cli.collect import record
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation, show
 from truejoint.cli.options import Json, Seed
+from truejoint.estimators.registry import DEFAULT
 
 # The calibration of peng2024, II-E: direction J2-J3 with three sparsities, judged on 20 minutes
 # of random motion.
@@ -57,7 +58,7 @@ def demo(
     test = recorded(motion, "random", "   Following the random motion")
 
     say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")
-    model, _ = fit(training, configured("dnn", []), random_state=seed)
+    model, _ = fit(training, configured(DEFAULT, []), random_state=seed)
     truejoint.write_calibration(model, folder / "left_arm.safetensors", overwrite=True)
 
     say("5. Judging it on the random motion")

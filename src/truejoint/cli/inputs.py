@@ -90,7 +90,7 @@ class Files:
             found = sets.get_dataset(wanted)
             found.match(pattern or "*")
             truejoint.get_robot(found.robot).index(list(joints))
-            return partial(sets.open_dataset, wanted, pattern or "*")
+            return partial(sets.read_dataset, wanted, pattern or "*")
         else:
             paths = sorted(glob.glob(name))  # noqa: PTH207  # absolute too
         if not paths:
@@ -143,7 +143,7 @@ def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
 
     def read() -> list[truejoint.Recording]:
         with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
-            recordings = sets.open_dataset(dataset, split.files, progress=done)
+            recordings = sets.read_dataset(dataset, split.files, progress=done)
         if split.test:
             return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
         pairs = [evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings]

@@ -17,8 +17,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
-from truejoint.models import family as families
-from truejoint.models.family import EstimatorData, Family, Params
+from truejoint.models.family import EstimatorData, Family, Params, evaluate
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -132,7 +131,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def evaluate(self, X: Array, dt: Array | None = None) -> Array:
         """Predict (n, n_outputs) for finite, C-ordered rows `X` (n, k), without checks."""
         times = self.time_steps(dt, len(X))
-        return families.evaluate(self.family, self.memory(), X, times, self.n_outputs_)
+        return evaluate(self.family, self.memory(), X, times, self.n_outputs_)
 
     def start(self) -> RowState:
         """State before the first row, for `step`; raises CalibrationError if it works offline."""

@@ -32,37 +32,37 @@ class Motion:
 
     angle: Array  # (n,), of the driver, as is the torque
     torque: Array
-    steps: Array  # (n,), time since the row before [s], 0 where a history starts
+    dt: Array  # (n,), time since the row before [s], 0 where a history starts
 
     @property
     def history(self) -> Integers:
         """Number of each row's history (n,), from 0."""
-        return np.asarray(np.cumsum(self.steps == 0.0) - 1, dtype=np.int64)
+        return np.asarray(np.cumsum(self.dt == 0.0) - 1, dtype=np.int64)
 
     @property
     def moved(self) -> Array:
         """How far the driver went since the row before (n,), 0 where a history starts."""
-        return np.where(self.steps > 0.0, np.diff(self.angle, prepend=self.angle[:1]), 0.0)
+        return np.where(self.dt > 0.0, np.diff(self.angle, prepend=self.angle[:1]), 0.0)
 
     @property
     def travel(self) -> Array:
         """Way that the driver went since its history started (n,)."""
         way = np.cumsum(np.abs(self.moved))
-        return np.asarray(way - way[self.steps == 0.0][self.history])
+        return np.asarray(way - way[self.dt == 0.0][self.history])
 
     def deflections(self, widths: Array) -> Array:
         """Deflections (n, m) of friction elements that start in the middle of each history."""
         out = np.empty((len(self.angle), len(widths)))
-        bank_columns(self.steps, self.angle, 1.0, widths, out)
+        bank_columns(self.dt, self.angle, 1.0, widths, out)
         return out
 
     def pick(self, rows: Integers) -> Motion:
         """Take some of the rows, in order and with the first of each history among them."""
-        clock = np.cumsum(self.steps)
-        steps = np.diff(clock[rows], prepend=clock[rows[:1]])
+        clock = np.cumsum(self.dt)
+        dt = np.diff(clock[rows], prepend=clock[rows[:1]])
         fresh = np.diff(self.history[rows], prepend=-1) > 0
         return Motion(
-            np.ascontiguousarray(self.angle[rows]), self.torque[rows], np.where(fresh, 0.0, steps)
+            np.ascontiguousarray(self.angle[rows]), self.torque[rows], np.where(fresh, 0.0, dt)
         )
 
 
@@ -192,15 +192,13 @@ def run(
     The torque's noise is reckoned with rows `dt` [s] apart; their mean by default.
     """
     if dt is None:
-        dt = mean_dt(motion.steps)
+        dt = mean_dt(motion.dt)
     unscented = UnscentedFilter(joint.state_space(dt))
     u = np.column_stack([motion.angle, motion.moved])
-    return run_histories(
-        unscented, joint.prior(), motion.torque, u, motion.steps, smoothed=smoothed
-    )
+    return run_histories(unscented, joint.prior(), motion.torque, u, motion.dt, smoothed=smoothed)
 
 
-def mean_dt(steps: Array) -> float:
+def mean_dt(dt: Array) -> float:
     """Mean time between rows [s] within histories; 5 ms where there is only one row."""
-    moving = steps[steps > 0.0]
+    moving = dt[dt > 0.0]
     return float(moving.mean()) if len(moving) else 5e-3

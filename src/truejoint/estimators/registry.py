@@ -13,6 +13,8 @@ from truejoint.plugins import plugins
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
+OFFSET: Final = BASELINES[0]
+"""What errors are given as a percentage of."""
 DEFAULT: Final = "dnn"
 """What is fitted where none is named."""
 

@@ -61,26 +61,26 @@ def mean_error(error: ArrayLike) -> Array:
     return np.asarray(np.mean(_checked(error), axis=0))
 
 
-def percent_of(value: ArrayLike, reference: ArrayLike) -> Array:
-    """`value` as a percentage of `reference`, as peng2024, Table I, states it.
+def percent_of(value: ArrayLike, whole: ArrayLike) -> Array:
+    """`value` as a percentage of `whole`, as peng2024, Table I, states it.
 
     Parameters
     ----------
-    value, reference : array_like, same shape
+    value, whole : array_like, same shape
         RMSE of an estimator and of the fixed offset, in one unit.
 
     Returns
     -------
     ndarray
-        ``100 * value / reference``; NaN where the reference is zero.
+        ``100 * value / whole``; NaN where the whole is zero.
 
     Examples
     --------
     >>> print(percent_of(0.1, 0.4))
     25.0
     """
-    value, reference = np.asarray(value, dtype=float), np.asarray(reference, dtype=float)
-    safe = np.where(reference > 0.0, reference, np.nan)
+    value, whole = np.asarray(value, dtype=float), np.asarray(whole, dtype=float)
+    safe = np.where(whole > 0.0, whole, np.nan)
     return 100.0 * value / safe
 
 

@@ -16,7 +16,7 @@ from truejoint.summary import Summarised
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
 RAW: Final = "raw"
-OFFSET: Final = registry.BASELINES[0]
+OFFSET: Final = registry.OFFSET
 # Always in the table, in this order; what was chosen stands after them.
 BASELINES: Final = (RAW, *registry.BASELINES)
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 from truejoint.evaluation.report.plot import COLOURS, GRID, colour_of
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
 from truejoint.extras import require
+from truejoint.files import write_atomically
 
 
 def plot_corrected(
@@ -52,5 +54,7 @@ def plot_corrected(
             panel.grid(color=GRID, lw=0.7)
     legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
     figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
-    figure.savefig(path, dpi=150)
-    return Path(path)
+    picture = Path(path)
+    draw = partial(figure.savefig, dpi=150, format=picture.suffix.removeprefix(".") or "png")
+    write_atomically(picture, draw, overwrite=True)
+    return picture

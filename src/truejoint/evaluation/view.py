@@ -82,7 +82,9 @@ def headlines(evaluation: Evaluation) -> list[dict[str, Any]]:
                 "name": name,
                 "value": value,
                 "unit": unit.name,
-                "percent": percent_text(own.percent_of_offset),
+                "percent": ""
+                if evaluation.chosen == OFFSET
+                else f"{percent_text(own.percent_of_offset)} of fixed offset",
                 "limit": f"{against} {beside} {unit.name}",
                 "interval": _interval_line(evaluation, name),
                 "passed": verdict.passed if verdict else None,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, Final, Literal, get_args
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.errors import ExportError
+from truejoint.files import write_all_atomically
 
 Precision = Literal["double", "float"]
 
@@ -98,21 +100,12 @@ def write_files(
 
     Raises ExportError if a file exists and `overwrite` is false, or one cannot be written.
     """
-    folder = Path(folder)
-    paths = tuple(folder / name for name in contents)
-    for path in paths:
-        if path.exists() and not overwrite:
-            raise ExportError(f"{path} exists; choose another folder or allow overwriting")
-    parts = [path.with_name(f".{path.name}.{os.getpid()}.part") for path in paths]
+    paths = tuple(Path(folder) / name for name in contents)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        for part, content in zip(parts, contents.values(), strict=True):
-            part.write_bytes(content)
-        for part, path in zip(parts, paths, strict=True):
-            part.replace(path)
+        Path(folder).mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ExportError(f"{folder} cannot be written: {error.strerror or error}") from None
-    finally:
-        for part in parts:
-            part.unlink(missing_ok=True)
+    writers = [partial(Path.write_bytes, data=content) for content in contents.values()]
+    files = dict(zip(paths, writers, strict=True))
+    write_all_atomically(files, overwrite=overwrite, error=ExportError)
     return paths

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import ExportError
 from truejoint.models.family import EstimatorData
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.limits import Limits
+
+if TYPE_CHECKING:  # whoever fitted it has imported what learns
+    from truejoint.calibration import Calibration
 
 NOTHING, SET_HOMING, REZERO = 0, 1, 2
 """What is done before a sample."""
@@ -219,11 +221,11 @@ def _stale(motion: _Motion) -> list[Vector]:
 
 
 def _gap(motion: _Motion) -> list[Vector]:
-    return [motion.next(3 * motion.limits.longest_step / motion.limits.dt)]
+    return [motion.next(3 * motion.limits.longest_dt / motion.limits.dt)]
 
 
 def _clock_set_back(motion: _Motion) -> list[Vector]:
-    return [motion.next(-5 * motion.limits.longest_step / motion.limits.dt)]
+    return [motion.next(-5 * motion.limits.longest_dt / motion.limits.dt)]
 
 
 def _spikes(motion: _Motion) -> list[Vector]:
@@ -266,7 +268,7 @@ def _one_frozen(motion: _Motion) -> list[Vector]:
 
 def _all_frozen(motion: _Motion) -> list[Vector]:
     held = motion.next()
-    share = 0.5 * motion.limits.longest_step
+    share = 0.5 * motion.limits.longest_dt
     n = int(motion.limits.hold / share) + 3
     if n > _LONGEST_STANDSTILL:
         return [held]

@@ -9,11 +9,10 @@ from collections.abc import Callable, Sequence
 from enum import IntFlag
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from truejoint.calibration import Calibration
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
@@ -32,6 +31,9 @@ from truejoint.runtime import fields
 from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
+
+if TYPE_CHECKING:  # whoever fitted it has imported what learns
+    from truejoint.calibration import Calibration
 
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""
@@ -66,7 +68,7 @@ def export_c(
     Parameters
     ----------
     calibration : Calibration
-        Of a regressor, with the training_domain of its training rows.
+        Of a regressor, with the domain of its training rows.
     folder : path-like
         Receives ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``;
         made if it does not exist.

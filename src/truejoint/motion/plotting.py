@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -11,6 +12,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
 from truejoint.extras import require
+from truejoint.files import write_atomically
 from truejoint.motion.trajectory import Trajectory
 from truejoint.units import display_unit
 
@@ -45,7 +47,8 @@ def plot_trajectories(trajectories: Sequence[Trajectory], path: str | Path) -> N
     Raises
     ------
     TrajectoryError
-        If the joints are not the same three, or for another file type.
+        If the joints are not the same three, for another file type, or if the file cannot be
+        written.
     TruejointError
         If the extra ``plots`` is not installed.
 
@@ -65,7 +68,9 @@ def plot_trajectories(trajectories: Sequence[Trajectory], path: str | Path) -> N
     if draw is None:
         raise TrajectoryError(f"{path}: plots are .png or .html; choose one of them")
     lines = [(trajectory.name, _points(trajectory)) for trajectory in trajectories]
-    draw(lines, joints, [display_unit(unit).name for unit in units], Path(path))
+    shown = [display_unit(unit).name for unit in units]
+    write = partial(draw, lines, joints, shown)
+    write_atomically(Path(path), write, overwrite=True, error=TrajectoryError)
 
 
 def _points(trajectory: Trajectory) -> Array:
@@ -117,7 +122,7 @@ def _draw_png(lines: Lines, joints: Sequence[str], units: Sequence[str], path: P
         axes.legend(loc="upper left", fontsize=9, frameon=False)
     key = "from the circle to the square" + (", dark to bright" if single else "")
     figure.text(0.5, 0.925, key, ha="center", fontsize=9)
-    figure.savefig(path)
+    figure.savefig(path, format="png")
 
 
 def _draw_html(lines: Lines, joints: Sequence[str], units: Sequence[str], path: Path) -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
+from pkgutil import resolve_name
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
@@ -17,8 +18,10 @@ if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
 
 _MODELS: Final = files(__package__) / "models"
+_CODED: Final = {"raven2": "truejoint.robots.raven2:build"}
+"""Robots whose kinematics are compiled, by what gives an arm; imported when first asked for."""
 _OWN: Final = (
-    "raven2",
+    *_CODED,
     *sorted(file.name.removesuffix(".toml") for file in _MODELS.iterdir()),
 )
 
@@ -121,13 +124,9 @@ def _layout(robot: Robot) -> tuple[object, ...]:
 def _build(name: str, arm: str) -> Robot:
     from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
-    if name == "raven2":
-        from truejoint.robots import raven2  # noqa: PLC0415  # compiles its kinematics
-
-        if arm not in raven2.ARMS:
-            names = ", ".join(filter(None, raven2.ARMS))
-            raise RobotError(f"raven2 has no arm called {arm!r}; its arms: {names}")
-        return raven2.build(raven2.ARMS[arm])
+    if name in _CODED:
+        own: Robot = resolve_name(_CODED[name])(arm)
+        return own
     if name in _OWN:
         with as_file(_MODELS / f"{name}.toml") as path:
             return read_robot(path, arm, source=name)

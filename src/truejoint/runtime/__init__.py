@@ -1,4 +1,4 @@
-"""A calibration in use: the corrector of the control loop, what watches it, and its export."""
+"""A calibration in use: the corrector of the control loop, and what watches it."""
 
 import lazy_loader
 

@@ -56,7 +56,7 @@ class CalibrationCheck:
     level : float
         Of the interval.
     alarm : Alarm
-        Highest that the monitor raised along the recording; NONE where it has no reference.
+        Highest that the monitor raised along the recording; NONE where it has no effort baseline.
     reasons : Reason
         Of all its alarms.
 

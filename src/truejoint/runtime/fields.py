@@ -110,7 +110,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
     values: dict[str, Any] = {
         "n_signals": n_signals, "n_features": k, "n_joints": n_joints, "n_white": len(whitening),
         "is_position": data.target == "position", "row": family.row_address(),
-        "shortest": limits.shortest_step, "longest": limits.longest_step,
+        "shortest": limits.shortest_dt, "longest": limits.longest_dt,
         "training_dt": limits.dt, "growth": growth, "square": limits.distance * limits.distance,
         **{name: getattr(limits, name) for name in _OF_LIMITS},
         **dict.fromkeys(("sample", "last", "latest", "partner_low", "partner_high"), per_signal),

@@ -48,8 +48,8 @@ _ROUNDING: Final = 1e-9
 class Limits:
     """Thresholds of the corrector, in SI units."""
 
-    shortest_step: float  # time steps that follow one another [s]
-    longest_step: float
+    shortest_dt: float  # time steps that follow one another [s]
+    longest_dt: float
     dt: float  # time [s] in which a signal may change by `reach`; in a longer one, by more
     reach: Array  # (n_signals,)
     # (n_signals,): beyond these a sample enters no history; infinite for signals that never changed
@@ -100,8 +100,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     correction_lower, correction_upper = _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
     return Limits(
-        shortest_step=shortest * seen.dt,
-        longest_step=data.gap_limit,
+        shortest_dt=shortest * seen.dt,
+        longest_dt=data.gap_limit,
         dt=seen.dt,
         reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
         signal_lower=np.where(moves, lower, -np.inf),

@@ -164,7 +164,8 @@ class Monitor:
     Parameters
     ----------
     calibration : CalibrationData
-        A `Calibration`, or what `decode` gives; its `reference` is what efforts are compared with.
+        A `Calibration`, or what `decode` gives; efforts are compared with its
+        `effort_baseline`.
     working_time : float
         Motion after which a comparison with the truth is due [s]; infinite for never.
 
@@ -184,7 +185,7 @@ class Monitor:
     Raises
     ------
     CalibrationError
-        If the calibration has no reference, or `working_time` is not above 0.
+        If the calibration has no effort baseline, or `working_time` is not above 0.
 
     Examples
     --------
@@ -195,10 +196,10 @@ class Monitor:
     def __init__(
         self, calibration: CalibrationData[Any], *, working_time: float = LONGEST_WORK
     ) -> None:
-        reference = calibration.effort_baseline
-        if reference is None:
+        baseline = calibration.effort_baseline
+        if baseline is None:
             raise CalibrationError(
-                f"the calibration of {calibration.robot} keeps no reference of how efforts looked; "
+                f"the calibration of {calibration.robot} keeps no baseline of how efforts looked; "
                 "calibrate it again"
             )
         if not working_time > 0.0:
@@ -210,10 +211,10 @@ class Monitor:
         learnt = ("lower", "upper", "coef", "scale", "shift_limit", "friction_limit", "monitored")
         self._packed = LAYOUT.pack(
             n_joints=n,
-            n_terms=reference.coef.shape[1],
+            n_terms=baseline.coef.shape[1],
             gap_limit=calibration.gap_limit,
             working_time=working_time,
-            terms=np.zeros(reference.coef.shape[1]),
+            terms=np.zeros(baseline.coef.shape[1]),
             travel=np.zeros((N_TRAVEL, n)),
             measures=np.zeros(N_MEASURES),
             measured=[signals.index(f"measured/{joint}") for joint in joints],
@@ -221,7 +222,7 @@ class Monitor:
             levels=np.zeros(N_MEASURES),
             **dict.fromkeys(("position", "shifts", "frictions"), np.zeros(n)),
             **dict.fromkeys(("mean", "weight"), np.zeros((2, n))),
-            **{name: getattr(reference, name) for name in learnt},
+            **{name: getattr(baseline, name) for name in learnt},
         )
         self._numbers, self._memory = self._packed.numbers, self._packed.memory
         self.shifts: Array = self._packed.view("shifts")
@@ -236,7 +237,7 @@ class Monitor:
 
     @property
     def watched(self) -> tuple[str, ...]:
-        """Joints whose efforts are compared with the reference."""
+        """Joints whose efforts are compared with the baseline."""
         joints = self._calibration.joints
         monitored = self._packed.view("monitored")
         return tuple(joint for joint, on in zip(joints, monitored, strict=True) if on)

@@ -20,7 +20,7 @@ GATE: Final = 4.0
 PATIENCE: Final = 10
 """So many readings left out on end, all on one side, are believed after all."""
 CORRELATION_MARGIN: Final = 3.0
-"""Errors may resemble each other for longer than in the motions of the reference by this factor:
+"""Errors may resemble each other for longer than in the motions of the baseline by this factor:
 a slower motion stays longer where the calibration errs one way."""
 PRIOR: Final = 1e3
 """Standard deviation of the offset before any truth, in those of the calibration's errors."""
@@ -42,7 +42,7 @@ class ReZero:
     Parameters
     ----------
     calibration : CalibrationData
-        Its `reference` states the errors of the corrected positions.
+        Its `effort_baseline` states the errors of the corrected positions.
     truth_sd : float or array_like, shape (n_joints,)
         Standard deviation of the truth's own noise [rad or m].
     drift : float
@@ -60,7 +60,7 @@ class ReZero:
     Raises
     ------
     CalibrationError
-        If the calibration has no reference, or a number is out of range.
+        If the calibration has no effort baseline, or a number is out of range.
 
     Examples
     --------

@@ -67,4 +67,4 @@ def make_twin(
             f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}"
         )
     kind: type[Twin] = resolve_name(_TWINS[target.name])
-    return kind(kind.PARAMETERS.load(parameters), arm=target.arm, seed=seed, load=load)
+    return kind(kind.PARAMETERS.read(parameters), arm=target.arm, seed=seed, load=load)

@@ -52,7 +52,7 @@ class Parameters:
     Raises
     ------
     TruejointError
-        From `load`, `shipped` and `with_values`: if the file cannot be read, a section or key is
+        From `read`, `shipped` and `with_values`: if the file cannot be read, a section or key is
         unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
     """
 
@@ -63,7 +63,7 @@ class Parameters:
     """Dataclass that states the bounds of a section, where its own type does not."""
 
     @classmethod
-    def load(cls, path: str | Path | None = None) -> Self:
+    def read(cls, path: str | Path | None = None) -> Self:
         """Parameters of the TOML file at `path`, or the nominal ones.
 
         A file states only what differs from the nominal instrument.
@@ -90,7 +90,7 @@ class Parameters:
         return asdict(self)
 
     def to_toml(self) -> str:
-        """Text that `load` turns into these parameters again, without the comments."""
+        """Text that `read` turns into these parameters again, without the comments."""
         return "".join(
             f"[{section}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in values.items())
             for section, values in self.to_dict().items()

@@ -23,7 +23,7 @@ from truejoint.recordings.datasets import (
     catalogue,
     fetch,
     locate,
-    open_dataset,
+    read_dataset,
     store,
 )
 
@@ -108,13 +108,13 @@ def test_fetches_checks_and_opens(upstream: Upstream, cache: Path) -> None:
     assert 0.0 < min(done) <= 0.5
     assert all("some%20where" in path for path in upstream.asked)
     done.clear()
-    recordings = open_dataset(NAME, progress=done.append)
+    recordings = read_dataset(NAME, progress=done.append)
     assert done == [0.5, 1.0]
     assert [r.provenance.session for r in recordings] == ["a", "b"]
     assert recordings[1].provenance.source == (
         "nhoyh/hysteresis_compensation_ROS@7c00843f:some where/b.txt"
     )
-    assert [len(r) for r in open_dataset(NAME, "b")] == [40]
+    assert [len(r) for r in read_dataset(NAME, "b")] == [40]
 
 
 def test_what_is_there_is_not_fetched_again(upstream: Upstream, cache: Path) -> None:
@@ -177,12 +177,12 @@ def test_a_folder_of_copies_comes_first(
     assert locate(NAME) == copies / NAME
     # Copies may be in gzip: the hash is that of what is inside.
     (copies / NAME / "a.txt.gz").write_bytes(gzip.compress(kflex_text(10.0)))
-    assert len(open_dataset(NAME, "a")) == 1
+    assert len(read_dataset(NAME, "a")) == 1
     with pytest.raises(RecordingError, match=r"b.txt: is missing"):
-        open_dataset(NAME)
+        read_dataset(NAME)
     (copies / NAME / "b.txt").write_bytes(kflex_text(10.0))
     with pytest.raises(RecordingError, match=r"b.txt: is not the file of nhoyh/.*SHA-256 differs"):
-        open_dataset(NAME)
+        read_dataset(NAME)
 
 
 def test_a_variable_that_names_no_folder(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -198,7 +198,7 @@ def test_a_copy_on_this_machine_is_the_upstream_one(
     dataset_folder(name)
     dataset = DATASETS[name]
     last = dataset.recordings[-1].name
-    recordings = open_dataset(name, last)
+    recordings = read_dataset(name, last)
     assert len(recordings) == 1
     assert recordings[0].robot.name == dataset.robot
     signals = {feature.split("(")[-1].split(",")[0] for feature in dataset.features}

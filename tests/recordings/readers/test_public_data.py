@@ -12,7 +12,7 @@ import scipy.io
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import read_recording
-from truejoint.recordings.datasets import open_dataset
+from truejoint.recordings.datasets import read_dataset
 from truejoint.robots import get_robot
 
 GRASPER_HEADER = (
@@ -56,7 +56,7 @@ def test_grasper_file_with_another_column_count(tmp_path: Path) -> None:
 
 def test_grasper_data(dataset_folder: FindFolder) -> None:
     dataset_folder("davinci_grasper_umn")
-    for recording in open_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/[03]5"):
+    for recording in read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/[03]5"):
         assert 19900 < len(recording) < 20010
         assert np.allclose(np.diff(recording.t), 1e-3, atol=1e-9)
         # A fixed offset leaves 1-2 deg in each file; the nominal zero is off by a few more.
@@ -104,7 +104,7 @@ def test_dvrk_files_that_do_not_fit(tmp_path: Path) -> None:
 
 def test_dvrk_data(dataset_folder: FindFolder) -> None:
     dataset_folder("dvrk_psm_berkeley")
-    random, _ = open_dataset("dvrk_psm_berkeley")
+    random, _ = read_dataset("dvrk_psm_berkeley")
     assert len(random) == 5531
     spread = random.error(get_robot("dvrk_psm").joint_names[:6]).std(axis=0)
     # The first two joints and the insertion are good, the wrist is off by ten degrees.
@@ -138,7 +138,7 @@ def test_bros_file_of_another_shape(tmp_path: Path) -> None:
 
 def test_bros_data(dataset_folder: FindFolder) -> None:
     dataset_folder("bros_dual_encoder")
-    for recording in open_dataset("bros_dual_encoder"):
+    for recording in read_dataset("bros_dual_encoder"):
         # The ratio is right: what is left of the motor angle in the error is cable, 0.2 deg.
         assert (np.rad2deg(recording.error(("joint1", "joint2")).std(axis=0)) < 0.3).all()
 
@@ -184,7 +184,7 @@ def test_kuka_file_that_lacks_something(
 
 def test_kuka_data(dataset_folder: FindFolder) -> None:
     dataset_folder("kuka_kr300_dual_encoder")
-    for recording in open_dataset("kuka_kr300_dual_encoder"):
+    for recording in read_dataset("kuka_kr300_dual_encoder"):
         assert len(recording) == 2501
         error = np.rad2deg(recording.error(("axis1", "axis2", "axis3")))
         assert (error.std(axis=0) < 0.05).all()
@@ -226,7 +226,7 @@ def test_kflex_clock_that_goes_back(tmp_path: Path) -> None:
 
 def test_kflex_data(dataset_folder: FindFolder) -> None:
     dataset_folder("kflex_tendon_sheath")
-    recordings = {r.provenance.session: r for r in open_dataset("kflex_tendon_sheath")}
+    recordings = {r.provenance.session: r for r in read_dataset("kflex_tendon_sheath")}
     assert recordings["conf0_60"].provenance.dropped == {"repeated time stamp": 7041}
     # The more the sheath bends, the less of the motion arrives.
     travel = [np.ptp(recordings[a].column("truth/bend")) for a in ("0", "60", "120", "180", "240")]

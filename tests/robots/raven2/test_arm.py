@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.recordings.datasets import open_dataset
+from truejoint.recordings.datasets import read_dataset
 from truejoint.robots import Robot, Transmission, get_robot, raven2
 
 Side = Literal["left", "right"]
@@ -27,7 +27,7 @@ def transmission_of(robot: Robot) -> Transmission:
 
 def test_joints_follow_from_recorded_motor_positions(dataset_folder: Callable[[str], Path]) -> None:
     dataset_folder("raven2_motor_side")  # or skip
-    (recording,) = open_dataset("raven2_motor_side", "test_joint123")
+    (recording,) = read_dataset("raven2_motor_side", "test_joint123")
     names = recording.robot.positioning
     motor = np.zeros((len(recording), 7))
     motor[:, :3] = recording.columns("motor", names)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from truejoint.errors import RobotError
-from truejoint.recordings.datasets import open_dataset
+from truejoint.recordings.datasets import read_dataset
 from truejoint.robots import get_robot, raven2
 from truejoint.robots.raven2 import Raven2Kinematics
 
@@ -61,7 +61,7 @@ def pose_away_from_singularities(kinematics: Raven2Kinematics, joint: np.ndarray
 
 def test_tool_is_where_the_recording_says(dataset_folder: Callable[[str], Path]) -> None:
     dataset_folder("raven2_motor_side")  # or skip
-    (recording,) = open_dataset("raven2_motor_side", "ravenJoint_pose_recorder")
+    (recording,) = read_dataset("raven2_motor_side", "ravenJoint_pose_recorder")
     kinematics, joints = recording.robot.kinematics, recording.robot.joint_names
     assert kinematics is not None
     for quantity, tool in (("measured", "tool"), ("setpoint", "tool_setpoint")):

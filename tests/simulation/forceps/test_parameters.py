@@ -22,7 +22,7 @@ from truejoint.simulation.forceps.parameters import (
     friction_at_pretension,
 )
 
-NOMINAL = ForcepsParameters.load()
+NOMINAL = ForcepsParameters.read()
 NAMES = [
     (section, key, value)
     for section, values in NOMINAL.to_dict().items()
@@ -51,7 +51,7 @@ def test_the_shipped_file_has_what_the_paper_states():
 def test_a_file_overlays_the_nominal_instrument(tmp_path):
     path = tmp_path / "stiff.toml"
     path.write_text("[drive_cable]\nstiffness = 16000\n[drive_encoder]\ninstalled = false\n")
-    changed = ForcepsParameters.load(path)
+    changed = ForcepsParameters.read(path)
     assert changed.drive_cable.stiffness == 16000.0
     assert not changed.drive_encoder.installed
     assert changed == NOMINAL.with_values(
@@ -96,13 +96,13 @@ def test_a_count_is_a_whole_number():
 def test_a_bad_file_is_refused_in_one_line_that_names_it(tmp_path, text, says):
     path = tmp_path / "mine.toml"
     path.write_text(text)
-    message = refused(ForcepsParameters.load, path)
+    message = refused(ForcepsParameters.read, path)
     assert "mine.toml" in message
     assert says in message
 
 
 def test_a_missing_file_is_refused(tmp_path):
-    assert "absent.toml" in refused(ForcepsParameters.load, tmp_path / "absent.toml")
+    assert "absent.toml" in refused(ForcepsParameters.read, tmp_path / "absent.toml")
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
@@ -112,7 +112,7 @@ def test_garbage_never_gets_past_the_door(tmp_path, data):
     path.write_bytes(data)
     refusal = ""
     try:
-        loaded = ForcepsParameters.load(path)
+        loaded = ForcepsParameters.read(path)
     except TruejointError as error:
         loaded, refusal = NOMINAL, str(error)
     assert loaded == NOMINAL  # nothing but comments and blanks is accepted

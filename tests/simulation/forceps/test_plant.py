@@ -374,7 +374,7 @@ def test_a_small_step_of_the_motor_is_that_of_a_second_order_loop():
 def test_a_designers_stiffer_cable_stretches_less():
     lags = []
     for stiffness in (9e3, 14e3, 30e3):
-        parameters = ForcepsParameters.load().with_values(
+        parameters = ForcepsParameters.read().with_values(
             {"drive_cable.stiffness": stiffness, "reset_cable.stiffness": stiffness}
         )
         jaw = math.radians(30.0)

@@ -21,7 +21,7 @@ in_tmp_path = settings(
 
 
 def keys() -> list[str]:
-    shipped = Raven2Parameters.load().to_dict()
+    shipped = Raven2Parameters.read().to_dict()
     return [f"{section}.{key}" for section, values in shipped.items() for key in values]
 
 
@@ -42,25 +42,25 @@ def test_every_number_of_the_shipped_file_is_commented() -> None:
 
 def test_a_file_states_only_what_differs(tmp_path: Path) -> None:
     path = write(tmp_path / "my.toml", "[mass]\ninstrument = 0.55\n")
-    parameters = Raven2Parameters.load(path)
+    parameters = Raven2Parameters.read(path)
     assert parameters.mass.instrument == 0.55
-    assert parameters.cable == Raven2Parameters.load().cable
+    assert parameters.cable == Raven2Parameters.read().cable
 
 
 @in_tmp_path
 @given(factor=st.floats(0.5, 1.0), key=st.sampled_from(keys()))
 def test_round_trip_through_toml(tmp_path: Path, factor: float, key: str) -> None:
     section, name = key.split(".")
-    value = Raven2Parameters.load().to_dict()[section][name]
+    value = Raven2Parameters.read().to_dict()[section][name]
     scaled: Any = (
         tuple(v * factor for v in value) if isinstance(value, tuple) else max(1.0, value * factor)
     )
     try:
-        parameters = Raven2Parameters.load().with_values({key: scaled})
+        parameters = Raven2Parameters.read().with_values({key: scaled})
     except TruejointError:
         return  # out of bounds, which another test looks at
     path = write(tmp_path / "copy.toml", parameters.to_toml())
-    assert Raven2Parameters.load(path) == parameters
+    assert Raven2Parameters.read(path) == parameters
 
 
 @in_tmp_path
@@ -80,7 +80,7 @@ def test_bad_values_are_refused_in_one_line(
     text = f"[{value}, {value}, {value}]" if in_list else value
     path = write(tmp_path / "bad.toml", f"[{section}]\n{name} = {text}\n")
     with pytest.raises(TruejointError, match=rf"bad\.toml: .*{name}") as caught:
-        Raven2Parameters.load(path)
+        Raven2Parameters.read(path)
     assert "\n" not in str(caught.value)
 
 
@@ -97,18 +97,18 @@ def test_bad_values_are_refused_in_one_line(
 )
 def test_files_of_the_wrong_form_are_refused(tmp_path: Path, text: str, reason: str) -> None:
     with pytest.raises(TruejointError, match=reason):
-        Raven2Parameters.load(write(tmp_path / "twin.toml", text))
+        Raven2Parameters.read(write(tmp_path / "twin.toml", text))
 
 
 def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TruejointError, match="cannot be read"):
-        Raven2Parameters.load(tmp_path / "nowhere.toml")
+        Raven2Parameters.read(tmp_path / "nowhere.toml")
     with pytest.raises(TruejointError, match="holds more than"):
-        Raven2Parameters.load(write(tmp_path / "huge.toml", "#" * (MAX_BYTES + 1)))
+        Raven2Parameters.read(write(tmp_path / "huge.toml", "#" * (MAX_BYTES + 1)))
 
 
 def test_every_shipped_value_is_within_its_bounds_and_finite() -> None:
-    parameters = Raven2Parameters.load()
+    parameters = Raven2Parameters.read()
     assert {f.name for f in fields(parameters)} == set(parameters.to_dict())
     for values in parameters.to_dict().values():
         for value in values.values():

@@ -33,7 +33,7 @@ def nominal(**changes: object) -> Raven2Parameters:
         "creep.final": (0.0, 0.0, 0.0),
     }
     plain |= {name.replace("__", "."): value for name, value in changes.items()}
-    return Raven2Parameters.load().with_values(plain)
+    return Raven2Parameters.read().with_values(plain)
 
 
 def smooth() -> dict[str, object]:
@@ -360,7 +360,7 @@ def test_a_load_leaves_a_trace_in_the_torque_command() -> None:
 
 
 def test_cables_creep_with_work_more_under_load_and_not_at_rest() -> None:
-    fast = Raven2Parameters.load().with_values(
+    fast = Raven2Parameters.read().with_values(
         {"creep.travel": (3.0, 4.0, 0.4), "homing.registration_sd": (0.0, 0.0, 0.0)}
     )
 
@@ -479,7 +479,7 @@ def test_bad_calls_are_refused() -> None:
 
 
 def test_parameters_that_the_step_cannot_resolve_are_refused() -> None:
-    light = Raven2Parameters.load().with_values({"motor.inertia": (1e-6, 1e-6, 1e-6)})
+    light = Raven2Parameters.read().with_values({"motor.inertia": (1e-6, 1e-6, 1e-6)})
     Raven2Twin(light)
     stiff = light.with_values({"cable.stiffness": (1e5, 400.0, 18500.0)})
     with pytest.raises(TruejointError, match="shoulder's motor is too light"):
@@ -504,6 +504,6 @@ def test_no_command_makes_the_twin_leave_what_is_possible(
 
 def test_homing_that_finds_no_stop_says_so() -> None:
     # The search winds 0.5 m of cable at most, which pulls 10 N: far below the threshold of 76 N.
-    slack = Raven2Parameters.load().with_values({"cable.stiffness": (1500.0, 400.0, 20.0)})
+    slack = Raven2Parameters.read().with_values({"cable.stiffness": (1500.0, 400.0, 20.0)})
     with pytest.raises(TruejointError, match="no hard stop for insertion within 25 s"):
         Raven2Twin(slack).home()

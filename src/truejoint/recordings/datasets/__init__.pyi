@@ -9,4 +9,4 @@ from .store import cache_folder as cache_folder
 from .store import data_folders as data_folders
 from .store import fetch as fetch
 from .store import locate as locate
-from .store import open_dataset as open_dataset
+from .store import read_dataset as read_dataset

@@ -158,7 +158,7 @@ def fetch(
     return folder
 
 
-def open_dataset(
+def read_dataset(
     name: str, pattern: str = "*", *, progress: Callable[[float], None] | None = None
 ) -> list[Recording]:
     """Read recordings of a data set that is on this machine.
@@ -185,20 +185,20 @@ def open_dataset(
 
     Examples
     --------
-    >>> open_dataset("davinci_grasper_umn", "*_500*")  # doctest: +SKIP
+    >>> read_dataset("davinci_grasper_umn", "*_500*")  # doctest: +SKIP
     """
     dataset = get_dataset(name)
     wanted = dataset.match(pattern)
     folder = locate(name)
-    opened = []
+    found = []
     for recording in wanted:
-        opened.append(_open_one(dataset, folder, recording))
+        found.append(_read_one(dataset, folder, recording))
         if progress:
-            progress(len(opened) / len(wanted))
-    return opened
+            progress(len(found) / len(wanted))
+    return found
 
 
-def _open_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Recording:
+def _read_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Recording:
     paths = []
     for file in recording.files:
         plain = folder / file.name

@@ -10,6 +10,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.errors import RobotError
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.kinematics import kinematics
 from truejoint.robots.robot import Joint, Robot, Transmission
@@ -57,9 +58,16 @@ WORKSPACE: Final = Workspace(
 )
 
 
+def build(arm: str) -> Robot:
+    """Give the arm of a name; raises RobotError naming those that there are."""
+    if arm not in ARMS:
+        names = ", ".join(filter(None, ARMS))
+        raise RobotError(f"raven2 has no arm called {arm!r}; its arms: {names}")
+    return _build(ARMS[arm])
+
+
 @cache
-def build(side: Literal["left", "right"]) -> Robot:
-    """Build the left (gold) or the right (green) arm."""
+def _build(side: Literal["left", "right"]) -> Robot:
     return Robot(
         "raven2",
         JOINTS,

@@ -66,7 +66,7 @@ def _drawn(stream: np.random.SeedSequence) -> ForcepsParameters:
     v = {name: spread.draw(rng) for name, spread in prior().items()}
     second_tolerance = prior()["cable_tolerance"].draw(rng)
     phases = rng.uniform(-math.pi, math.pi, 4)
-    nominal = ForcepsParameters.load()
+    nominal = ForcepsParameters.read()
     r = nominal.mechanism.jaw_radius
     jaw_level, jaw_share = v["jaw_friction"], v["jaw_friction_from_tension"]
     slider_level, slider_share = v["slider_friction"], v["slider_friction_from_tension"]

@@ -60,7 +60,7 @@ class ForcepsTwin:
         load: float = 0.0,
     ) -> None:
         self.robot: Final[Robot] = get_robot("forceps", arm)
-        self.parameters: Final = ForcepsParameters.load() if parameters is None else parameters
+        self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
         self.seed: Final = checked_seed(seed)
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None

@@ -79,7 +79,7 @@ class Raven2Twin:
         load: float = 0.0,
     ) -> None:
         self.seed: Final = checked_seed(seed)
-        self.parameters: Final = Raven2Parameters.load() if parameters is None else parameters
+        self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
         self.robot: Final[Robot] = get_robot("raven2", arm)
         self.homing_count = 0
         self._drives = drives("right" if self.robot.arm == "right" else "left")

@@ -50,8 +50,8 @@ def signals(recording: Recording) -> tuple[Array, Array]:
 def unloaded_load(forceps: ForcepsParameters, seed: int) -> JawLoad:
     """Load estimate of a specimen, with an assumed stiffness, fitted to (27) without a load."""
     calibration = settled(record(forceps, "calibration", seed=2 * seed))
-    X, steps = signals(calibration)
-    return JawLoad(mechanism=forceps.mechanism).fit(X, calibration.column("truth/jaw"), steps)
+    X, dt = signals(calibration)
+    return JawLoad(mechanism=forceps.mechanism).fit(X, calibration.column("truth/jaw"), dt)
 
 
 @lru_cache(maxsize=2)
@@ -61,8 +61,8 @@ def _scales(forceps: ForcepsParameters, seed: int) -> tuple[Stiffness, JawLoad, 
     hung = record(forceps, test, seed=100 * seed + 99)
     still = {phase: within(hung.t, *test.phases[phase]) for phase in ("II", "IV")}
     torque = float(hung.column("truth_load/jaw")[still["IV"]].mean())
-    X, steps = signals(hung)
-    found = identify_stiffness(assumed, X, still["II"], still["IV"], torque, steps)
+    X, dt = signals(hung)
+    found = identify_stiffness(assumed, X, still["II"], still["IV"], torque, dt)
     model = FrictionFilter(drive_stiffness=found.drive_stiffness)
     calibration = calibrate(settled(record(forceps, "calibration", seed=2 * seed)), model)
     identified = assumed.with_stiffness(found.drive_stiffness)
@@ -81,12 +81,12 @@ def weigh(forceps: Plain, seed: int, mass: float, direction: str, hand: int) -> 
     plant, test = built(forceps), load_test(mass, direction)
     _, identified, filtered = _scales(plant, seed)
     hung = record(plant, test, seed=hand)
-    X, steps = signals(hung)
+    X, dt = signals(hung)
     torques = {
         "torque": hung.column("truth_load/jaw"),
-        "assumed": unloaded_load(plant, seed).predict(X, steps),
-        "identified": identified.predict(X, steps),
-        "filtered": filtered.states(X, steps).load,
+        "assumed": unloaded_load(plant, seed).predict(X, dt),
+        "identified": identified.predict(X, dt),
+        "filtered": filtered.states(X, dt).load,
     }
     still = within(hung.t, *test.phases["IV"])
     means = {name: float(values[still].mean()) for name, values in torques.items()}

@@ -14,6 +14,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
 from truejoint.evaluation import evaluate
+from truejoint.models.jaw import DRIVE, MOTOR, RESET
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record
@@ -23,7 +24,6 @@ Errors = dict[str, dict[str, float]]
 
 SETTLED: Final = 2.2
 """Time from which errors count [s]: the motion swells for the first 2 s."""
-MOTOR, DRIVE, RESET = "motor/jaw", "cable/drive", "cable/reset"
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.errors import TruejointError
-from truejoint.motion import forceps_references as references
+from truejoint.motion import forceps_trajectories as paths
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
@@ -22,17 +22,17 @@ from truejoint.simulation.forceps.specimens import specimen as shipped
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
 
-_TONES: Final = references.CALIBRATION_TONES
+_TONES: Final = paths.CALIBRATION_TONES
 _TRAJECTORIES: Final = {
-    "calibration": references.calibration_reference,
-    "verification": references.verification_reference,
-    "cycle": lambda: references.sine_reference(_TONES, 2.0 * math.pi / _TONES[0][1]),
+    "calibration": paths.calibration_trajectory,
+    "verification": paths.verification_trajectory,
+    "cycle": lambda: paths.sine_trajectory(_TONES, 2.0 * math.pi / _TONES[0][1]),
 }
 
 
 def plain_specimen(name: str) -> Plain:
     """Plain values of a shipped specimen, or of a designer's TOML file."""
-    return (ForcepsParameters.load(name) if name.endswith(".toml") else shipped(name)).to_dict()
+    return (ForcepsParameters.read(name) if name.endswith(".toml") else shipped(name)).to_dict()
 
 
 def title_of(name: str) -> str:
@@ -43,7 +43,7 @@ def title_of(name: str) -> str:
 def built(forceps: Plain) -> ForcepsParameters:
     """Specimen of its plain values."""
     flat = {f"{section}.{key}": v for section, vs in forceps.items() for key, v in vs.items()}
-    return ForcepsParameters.load().with_values(flat)
+    return ForcepsParameters.read().with_values(flat)
 
 
 def record(
@@ -60,7 +60,7 @@ def record(
     That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), or the
     load test of IV-D. Raises TruejointError if it is unknown, or the plant refuses a value.
 
-    >>> len(record(ForcepsParameters.load(), "verification", seed=1))
+    >>> len(record(ForcepsParameters.read(), "verification", seed=1))
     12967
     """
     if isinstance(motion, str) and motion not in _TRAJECTORIES:

@@ -9,7 +9,8 @@ import numpy as np
 
 from truejoint.estimators.jaw_load import find_encoder_zero
 from truejoint.evaluation.digits import fixed
-from truejoint.motion.forceps_references import RAMP
+from truejoint.models.jaw import RESET
+from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
@@ -33,10 +34,10 @@ def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Par
     plant, zero = built(forceps), ZeroShift(reset=shift)
     models = m.calibrated(plant, tuple(methods), seed)
     cycle = record(plant, "cycle", seed=2 * seed + 50, zero_shift=zero)
-    X, steps = signals(cycle.rows(cycle.t >= RAMP))
-    found = find_encoder_zero(unloaded_load(plant, seed), X, steps).shift
+    X, dt = signals(cycle.rows(cycle.t >= RAMP))
+    found = find_encoder_zero(unloaded_load(plant, seed), X, dt).shift
     before = m.settled(record(plant, "verification", seed=2 * seed + 1, zero_shift=zero))
-    after = changed(before, m.RESET, before.column(m.RESET) - found)
+    after = changed(before, RESET, before.column(RESET) - found)
     judged = {"before": m.judge(models, before).errors(), "after": m.judge(models, after).errors()}
     return PartResult({"shift": shift, "found": found, **judged})
 

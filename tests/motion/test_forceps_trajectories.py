@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from truejoint.errors import TrajectoryError
-from truejoint.motion.forceps_references import (
+from truejoint.motion.forceps_trajectories import (
     DURATION,
     RAMP,
-    calibration_reference,
-    load_reference,
-    sine_reference,
-    verification_reference,
+    calibration_trajectory,
+    load_trajectory,
+    sine_trajectory,
+    verification_trajectory,
 )
 from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
@@ -22,13 +22,13 @@ def after_ramp(trajectory):
 
 
 def test_the_calibration_motion_is_equation_27():
-    t, jaw = after_ramp(calibration_reference())
+    t, jaw = after_ramp(calibration_trajectory())
     np.testing.assert_allclose(jaw, -50 * math.pi / 180 * np.sin(0.3 * t), atol=1e-12)
     assert np.degrees(np.abs(jaw).max()) == pytest.approx(50.0, abs=1e-4)
 
 
 def test_the_verification_motion_is_equation_28_as_printed():
-    t, jaw = after_ramp(verification_reference())
+    t, jaw = after_ramp(verification_trajectory())
     degrees = (
         -30 * np.sin(0.3 * t)
         - 15 * np.sin(0.5 * t)
@@ -43,7 +43,7 @@ def test_the_verification_motion_is_equation_28_as_printed():
     assert np.count_nonzero(np.diff(np.sign(np.diff(degrees)))) == 18
 
 
-@pytest.mark.parametrize("make", [calibration_reference, verification_reference])
+@pytest.mark.parametrize("make", [calibration_trajectory, verification_trajectory])
 def test_they_swell_from_rest_and_last_a_common_period(make):
     trajectory = make()
     assert trajectory.positions[0, 0] == 0.0
@@ -58,7 +58,7 @@ def test_they_swell_from_rest_and_last_a_common_period(make):
 
 def test_the_load_motion_is_that_of_its_test():
     test = LoadTest(0.05)
-    trajectory = load_reference(test)
+    trajectory = load_trajectory(test)
     np.testing.assert_array_equal(trajectory.positions[:, 0], test.angles(trajectory.times))
     assert trajectory.times[-1] == test.end
     assert "50 g" in trajectory.name
@@ -76,4 +76,4 @@ def test_the_load_motion_is_that_of_its_test():
 )
 def test_senseless_sines_are_refused(tones, duration):
     with pytest.raises(TrajectoryError):
-        sine_reference(tones, duration)
+        sine_trajectory(tones, duration)

@@ -36,17 +36,17 @@ DURATION: Final = 20.0 * math.pi
 _RATE: Final = 1000.0
 
 
-def calibration_reference(duration: float = DURATION) -> Trajectory:
+def calibration_trajectory(duration: float = DURATION) -> Trajectory:
     """Motion (27) of yan2020 for `duration` s after the ramp: one sine of 50 deg, 1 kHz."""
-    return sine_reference(CALIBRATION_TONES, duration, name="yan2020 (27)")
+    return sine_trajectory(CALIBRATION_TONES, duration, name="yan2020 (27)")
 
 
-def verification_reference(duration: float = DURATION) -> Trajectory:
+def verification_trajectory(duration: float = DURATION) -> Trajectory:
     """Motion (28) of yan2020 for `duration` s after the ramp: many reversals, 1 kHz."""
-    return sine_reference(VERIFICATION_TONES, duration, name="yan2020 (28)")
+    return sine_trajectory(VERIFICATION_TONES, duration, name="yan2020 (28)")
 
 
-def sine_reference(
+def sine_trajectory(
     tones: tuple[Tone, ...], duration: float = DURATION, *, name: str = "sines"
 ) -> Trajectory:
     """Sum of sines of `tones` for the jaw of the forceps, swelling from rest; 1 kHz, from time 0.
@@ -65,7 +65,7 @@ def sine_reference(
     return _jaw_trajectory(t, angles, name)
 
 
-def load_reference(test: LoadTest) -> Trajectory:
+def load_trajectory(test: LoadTest) -> Trajectory:
     """Motion of the load experiment `test` at 1 kHz: constant speed, then standstill."""
     t = np.arange(round(test.end * _RATE) + 1) / _RATE
     return _jaw_trajectory(t, test.angles(t), f"yan2020 load test, {1e3 * test.mass:g} g")
