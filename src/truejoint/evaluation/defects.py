@@ -10,8 +10,8 @@ from typing import Literal
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.evaluation.signals import GAP_STEPS, Mask, gaps, longest_run
-from truejoint.recordings.recording import Recording
+from truejoint.evaluation.signals import GAP_STEPS, Mask, gaps
+from truejoint.recordings.recording import Recording, runs
 
 
 @dataclass(frozen=True)
@@ -155,11 +155,11 @@ def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Def
     Far is a quarter of the covered range: less may be honest backlash.
     """
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
-        first, length = longest_run(np.diff(still) == 0.0)
-        rows = slice(first, first + length + 1)
-        moved, span = np.ptp(other[rows]) if length else 0.0, np.ptp(other)
+        repeats = runs(np.diff(still) == 0.0)
+        first, last = max(repeats, key=lambda run: run[1] - run[0], default=(0, 0))
+        moved, span = np.ptp(other[first : last + 1]), np.ptp(other)
         if span > 0.0 and moved > 0.25 * span:
-            seconds = float(t[rows][-1] - t[rows][0])
+            seconds = float(t[last] - t[first])
             what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
                 "the joint moves"

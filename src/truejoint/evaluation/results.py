@@ -313,12 +313,6 @@ def pooled_error(traces: Sequence[Trace], estimator: str, column: int) -> Array:
     return np.concatenate([trace.error(estimator)[:, column] for trace in traces])
 
 
-def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
-    """Known masses [kg] hung on the tool, ascending; empty unless they differ."""
-    known = known_loads(traces)
-    return tuple(known) if len(known) > 1 else ()
-
-
 def known_loads(traces: Sequence[Trace]) -> list[float]:
     """Masses [kg] at the tool that recordings name, ascending."""
     loads = [trace.provenance.get("load") for trace in traces]

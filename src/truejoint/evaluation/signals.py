@@ -42,13 +42,3 @@ def gaps(t: Array) -> NDArray[np.int64]:
     """Rows (m,) after which the next time stamp is more than `GAP_STEPS` median steps away."""
     step = np.diff(t)
     return np.flatnonzero(step > GAP_STEPS * np.median(step))
-
-
-def longest_run(same: Mask) -> tuple[int, int]:
-    """First row and length of the longest run of True; length 0 when there is none."""
-    edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if not len(starts):
-        return 0, 0
-    longest = int(np.argmax(ends - starts))
-    return int(starts[longest]), int(ends[longest] - starts[longest])

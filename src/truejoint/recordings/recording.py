@@ -291,6 +291,12 @@ def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:
     return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
 
 
+def runs(same: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    """First row of each run of True in `same` (n,), and the row behind its last."""
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
 def recording_of_file(
     path: Path,
     robot: Robot | str,

@@ -115,9 +115,8 @@ def run_study(
         parts = {part.key: read_part(file) for part, file in files.items()}
     results = {key: part for key, part in parts.items() if part is not None}
     if not len(results) == len(files) > 0:
-        raise StudyError(
-            f"{chosen.name}: no parts, two of one key, or one that cannot be read back"
-        )
+        what = "no parts, two of one key, or one that cannot be read back"
+        raise StudyError(f"{chosen.name}: {what}")
     return StudyResult(chosen, settings, results, chosen.summarise(settings, results), len(missing))
 
 

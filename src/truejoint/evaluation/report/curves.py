@@ -1,15 +1,19 @@
-"""Figures over time and position: tracking, worst stretches, hysteresis loops, histograms."""
+"""Figures over time and position: tracking, worst stretches, hysteresis loops, histograms.
+
+`plot_corrected` draws a still one for documents.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
 from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import COLOURS, Figure, Spec, colour_of
+from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -20,6 +24,7 @@ from truejoint.evaluation.results import (
     shown_joints,
 )
 from truejoint.evaluation.signals import Mask, gaps
+from truejoint.extras import require
 from truejoint.units import DisplayUnit, display_unit
 
 MENU: Final = 12  # recordings that the time figures offer; the table lists all
@@ -233,3 +238,50 @@ def cartesian_errors(evaluation: Evaluation) -> list[Figure]:
     )
     spec = plot.drawing(data, 300, **axes)
     return [Figure("cartesian", "Error of the tool position", caption, [spec])]
+
+
+def plot_corrected(
+    evaluation: Evaluation, path: str | Path, *, recording: int = 0, seconds: float = 60.0
+) -> Path:
+    """Draw corrected and true position, and the error, of the first seconds of a recording.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    path : str or Path
+        Picture to write; its suffix tells the format.
+    recording : int
+        Index into `Evaluation.traces`.
+    seconds : float
+        How much of it to show [s].
+
+    Examples
+    --------
+    >>> plot_corrected(evaluation, "jaw.png").name
+    'jaw.png'
+    """
+    trace = evaluation.traces[recording]
+    rows = trace.t <= trace.t[0] + seconds
+    t, count = trace.t[rows], len(evaluation.joints)
+    drawing = require("matplotlib.figure", "plots", "a figure")
+    figure = drawing.Figure(figsize=(4.2 * count, 4.4), layout="constrained")
+    axes = figure.subplots(2, count, sharex="col", squeeze=False, height_ratios=[1.6, 1.0])
+    for column, joint, unit in shown_joints(evaluation):
+        truth = unit.scale * trace.truth[rows, column]
+        upper, lower = axes[:, column]
+        upper.plot(t, truth, color=COLOURS["truth"], lw=1.6, ls=":", label="True")
+        for name in dict.fromkeys((OFFSET, evaluation.chosen)):
+            colour = colour_of(name, evaluation)
+            values = unit.scale * trace.estimates[name][rows, column]
+            upper.plot(t, values, color=colour, lw=1.0, label=estimator_title(name))
+            lower.plot(t, values - truth, color=colour, lw=0.9)
+        upper.set_title(joint, fontsize=10, loc="left")
+        lower.set_xlabel("time [s]")
+        for panel, what in ((upper, "position"), (lower, "error")):
+            panel.set_ylabel(f"{what} [{unit.name}]")
+            panel.spines[["top", "right"]].set_visible(False)
+            panel.grid(color=GRID, lw=0.7)
+    legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
+    figure.savefig(path, dpi=150)
+    return Path(path)

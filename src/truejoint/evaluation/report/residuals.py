@@ -16,7 +16,7 @@ from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
 from truejoint.evaluation.results import (
     Evaluation,
     estimator_phrase,
-    hung_masses,
+    known_loads,
     pooled_error,
     shown_joints,
 )
@@ -72,7 +72,8 @@ def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Pan
         values = np.concatenate([trace.effort[joint] for trace in traces])
         label = f" [{effort.name}]" if effort.name != "1" else " [no unit]"
         panels.append(_Panel(f"effort{label}", effort.scale * values))
-    if masses := hung_masses(traces):
+    masses = known_loads(traces)
+    if len(masses) > 1:
         loads = [trace.provenance.get("load") for trace in traces]
         values = np.repeat(
             [math.nan if load is None else 1e3 * load for load in loads],

@@ -27,7 +27,13 @@ from truejoint.recordings.numeric_text import (
     count_fields,
     read_numbers,
 )
-from truejoint.recordings.recording import Recording, nominal_rates, recording_of_file, since_first
+from truejoint.recordings.recording import (
+    Recording,
+    nominal_rates,
+    recording_of_file,
+    runs,
+    since_first,
+)
 from truejoint.robots import Robot, get_robot
 
 # In the 252-column layout the external encoders of shoulder, elbow and insertion stand in columns 1
@@ -120,8 +126,7 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> NDArray[np.bool_]:
     """
     frozen = np.zeros(t.size, dtype=np.bool_)
     still = (np.diff(truth, axis=0) == 0).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in runs(still):
         span = np.ptp(measured[first : last + 1], axis=0)
         if t[last] - t[first] > _FROZEN_TIME and (span > _FROZEN_TRAVEL).any():
             frozen[first + 1 : last + 1] = True

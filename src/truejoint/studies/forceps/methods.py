@@ -132,8 +132,7 @@ class Judged:
     def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:
         """Estimate minus truth from `first` to `last` [s] by method: rms, largest, smallest [rad].
 
-        ``exact_rms`` is against the jaw itself: it holds the encoder's own error, which every
-        calibrated method learns.
+        ``exact_rms`` is against the jaw itself, so it holds the encoder's own error.
         """
         rows, found = within(self.t, first, last), {}
         for key, estimate in self.estimates.items():
