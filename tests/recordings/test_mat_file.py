@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.mat_file import read_mat
+from truejoint.recordings.array_files import read_mat
 
 Refusal = Callable[[Callable[[], object]], str]
 
@@ -77,7 +77,7 @@ def test_damage_is_refused_in_one_line_or_harmless(
 
 
 def test_a_bomb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truejoint.recordings.mat_file.MAX_MAT_BYTES", 10**6)
+    monkeypatch.setattr("truejoint.recordings.array_files.MAX_MAT_BYTES", 10**6)
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     body = zlib.compress(b"\0" * (10**6 + 8))
     data = header + struct.pack("<2I", 15, len(body)) + body

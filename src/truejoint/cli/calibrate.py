@@ -24,8 +24,8 @@ def calibrate(
         typer.Option(
             "--estimator",
             "-e",
-            help=f"One of {', '.join(complete.estimators())}.",
-            autocompletion=complete.estimators,
+            help=f"One of {', '.join(truejoint.estimators.estimator_names())}.",
+            autocompletion=truejoint.estimators.estimator_names,
         ),
     ] = "dnn",
     settings: Annotated[

@@ -33,10 +33,9 @@ class Files:
     def __post_init__(self) -> None:
         if self.robot is not None:
             truejoint.get_robot(self.robot, self.arm)
-        if self.format is not None and self.format not in truejoint.recordings.format_names():
-            raise RecordingError(
-                unknown("format", self.format, truejoint.recordings.format_names())
-            )
+        known = truejoint.recordings.format_names()
+        if self.format is not None and self.format not in known:
+            raise RecordingError(unknown("format", self.format, known))
 
     def find(
         self,
@@ -50,9 +49,8 @@ class Files:
         """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
 
         What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
-        set's recommended `split`, that to judge on if `held_out`. Raises RecordingError or
-        RobotError here if one is not there or is named twice, the part is not ``FROM:TO``, or the
-        robot lacks one of the `joints`.
+        set's recommended `split`, that to judge on if `held_out`. What is wrong with names, part or
+        `joints` is raised here, before anything is read.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})

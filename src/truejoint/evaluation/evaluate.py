@@ -193,8 +193,7 @@ def _models(
 ) -> dict[str, Sequence[Corrects]]:
     """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
     first = calibrations[chosen][0]
-    known: dict[str, Sequence[Corrects]] = {k: [model] for k, model in first.baselines.items()}
-    known.update(calibrations)
+    known = {k: [model] for k, model in first.baselines.items()} | dict(calibrations)
     models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
     if OFFSET not in models:
         raise CalibrationError(
@@ -292,11 +291,9 @@ def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
 
 def all_joints(recording: Recording, robot: Robot) -> Array:
     """Measured positions (n, n_joints) [rad or m] of all joints; home where there is no column."""
-    known = recording.joints_of("measured")
+    known = [joint for joint in robot.joint_names if joint in recording.joints_of("measured")]
     positions = np.tile(robot.home, (len(recording), 1))
-    for column, joint in enumerate(robot.joint_names):
-        if joint in known:
-            positions[:, column] = recording.column(f"measured/{joint}")
+    positions[:, robot.index(known)] = recording.columns("measured", known)
     return positions
 
 

@@ -24,19 +24,14 @@ _NAMED: Final = 4  # recordings that a sentence names
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """One recording as the interval sees it: rows with truth, re-zeroed where that is asked.
-
-    `error` is (n, n_joints), `widening` (n,); `scored` (n,) tells which rows the re-zeroing did
-    not use, `objection` why coverage on it would mislead. Where the interval holds after this
-    homing, `trace` has its bounds, NaN in the rows that the re-zeroing used.
-    """
+    """One recording as the interval sees it: rows with truth, re-zeroed where that is asked."""
 
     homing: str
-    trace: Trace
-    error: Array
-    widening: Array
-    scored: Mask
-    objection: str
+    trace: Trace  # with bounds where the interval holds, NaN in rows that the re-zeroing used
+    error: Array  # (n, n_joints)
+    widening: Array  # (n,)
+    scored: Mask  # (n,), rows that the re-zeroing did not use
+    objection: str  # why coverage on it would mislead
 
 
 def judge_interval(
@@ -44,11 +39,9 @@ def judge_interval(
 ) -> dict[str, Any]:
     """Judge the interval of a `Calibration` on recordings that no part of it saw.
 
-    Recordings of the fit, those that the interval was made of, and those after a homing that it
-    does not hold for are left out and named. A recording counts as one trajectory, and where the
-    interval holds after any homing, all recordings after one homing do. `traces` are of the same
-    recordings, with the estimates of the calibration under `chosen`. Gives what `Evaluation` says
-    of intervals, by attribute, and the traces with the bounds where the interval holds.
+    Recordings on which it would mislead are left out and named. A recording counts as one
+    trajectory; where the interval holds after any homing, all recordings after one homing do.
+    Gives what `Evaluation` says of intervals, by attribute, and `traces` with bounds.
     """
     if not isinstance(calibration, Calibration) or calibration.interval is None:
         return {"traces": tuple(traces)}
@@ -65,14 +58,12 @@ def judge_interval(
         shared = motion.homing and _any_homing(interval)
         name = f"homing {motion.homing}" if shared else motion.trace.name
         units.setdefault(name, []).append(motion)
-    reasons: dict[str, list[str]] = {}
-    for motion in motions:
-        reasons.setdefault(motion.objection, []).append(motion.trace.name)
     objections = []
-    for reason, names in reasons.items():
+    for reason in dict.fromkeys(motion.objection for motion in motions if motion.objection):
+        names = [motion.trace.name for motion in motions if motion.objection == reason]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         listed = "; ".join(names[:_NAMED]) + more
-        objections += [f"Coverage is not judged on {listed}: {reason}."] if reason else []
+        objections.append(f"Coverage is not judged on {listed}: {reason}.")
     return {
         "intervals": tuple(_scores(calibration, list(units.values()))),
         "interval_trajectories": tuple(units),

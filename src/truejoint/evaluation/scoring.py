@@ -112,9 +112,8 @@ def worst_windows(
 ) -> list[tuple[int, int, float]]:
     """Windows of one recording with the largest RMSE, at most `count`, worst first, apart.
 
-    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,),
-    which sets the unit. A shorter recording is one window. One covers at least half of `window`
-    [s], so that a few rows beside a gap do not count, unless all rows are so far apart.
+    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,).
+    One covers at least half of `window` [s], so that a few rows beside a gap do not count.
     """
     n = len(t)
     first = np.arange(n)
@@ -143,14 +142,14 @@ def worst_stretches(
     Windows of different joints are ordered by their RMSE as a multiple of the joint's limit.
     """
     ranked: list[tuple[float, Stretch]] = []
-    for column, (joint, unit, limit) in enumerate((v.joint, v.unit, v.limit) for v in joints):
-        own: list[tuple[float, Stretch]] = []
+    for column, own in enumerate(joints):
+        found = []
         for index, trace in enumerate(traces):
             error = trace.error(chosen)[:, column]
             for first, end, root in worst_windows(trace.t, error, window, _COUNT):
                 largest = float(np.abs(error[first:end]).max())
                 start, stop = float(trace.t[first]), float(trace.t[end - 1])
-                stretch = Stretch(joint, unit, index, start, stop, root, largest)
-                own.append((root / limit if limit > 0 else root, stretch))
-        ranked += sorted(own, key=lambda pair: -pair[0])[:_COUNT]
+                stretch = Stretch(own.joint, own.unit, index, start, stop, root, largest)
+                found.append((root / own.limit if own.limit > 0 else root, stretch))
+        ranked += sorted(found, key=lambda pair: -pair[0])[:_COUNT]
     return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))

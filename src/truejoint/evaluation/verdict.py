@@ -11,13 +11,7 @@ from typing import Any
 from truejoint.calibration.conformal import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.digits import shown
-from truejoint.evaluation.results import (
-    OFFSET,
-    JointVerdict,
-    Score,
-    Verdict,
-    estimator_phrase,
-)
+from truejoint.evaluation.results import OFFSET, JointVerdict, Score, Verdict, estimator_phrase
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 

@@ -79,8 +79,7 @@ class Provenance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        values |= {"rates": dict(self.rates), "dropped": dict(self.dropped)}
+        values = {**vars(self), "rates": dict(self.rates), "dropped": dict(self.dropped)}
         return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
 
     @classmethod
@@ -108,8 +107,7 @@ def _fits(kind: str, value: object) -> bool:
     if kind == "str":
         return isinstance(value, str)
     if kind == "float":
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return value is None or number
+        return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
     return isinstance(value, dict) and all(
         isinstance(k, str) and v is not None and _fits("float", v) for k, v in value.items()
     )
@@ -156,19 +154,10 @@ class Recording(Summarised):
     ) -> Recording:
         """Make a recording of columns by name; units of joint positions come from the robot.
 
-        Parameters
-        ----------
-        columns : mapping of str to array (n,), or DataFrame
-            ``t`` [s] and ``<quantity>/<joint>`` columns, SI.
-        provenance : Provenance or str
-            Where they come from, or no more than the robot's name.
-        units : mapping, optional
-            Units of the columns for which `default_unit` is not right.
-
-        Raises
-        ------
-        RecordingError, RobotError
-            If the columns break a rule of a recording, or there is no such robot.
+        `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
+        `provenance` says where they come from, or no more than the robot's name; `units` those for
+        which `default_unit` is not right. Raises RecordingError or RobotError if the columns break
+        a rule of a recording, or there is no such robot.
 
         Examples
         --------

@@ -1,7 +1,7 @@
-"""MATLAB files of numbers, and of structs of numbers, read by SciPy within bounds.
+"""Binary files of arrays, .npy and MATLAB's, read within bounds and without pickle.
 
-SciPy believes the sizes that a file announces. They are compared here, before it reads, with the
-bytes that stand for them (MathWorks, "MAT-File Format", R2023b, chapter 1).
+NumPy and SciPy believe the sizes that a file announces. They are compared here, before any memory
+is taken, with the bytes that stand for them (MathWorks, "MAT-File Format", R2023b, chapter 1).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -19,9 +20,11 @@ from scipy.io import loadmat
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
+from truejoint.recordings.files import read_bounded
 
 MatValue = Array | dict[str, Array]
 
+NPY_MAGIC: Final = b"\x93NUMPY"
 VERSION5_MARK: Final = b"MATLAB 5.0 MAT-file"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
 
@@ -34,6 +37,36 @@ _STRUCTS_AND_NUMBERS: Final = (2, *range(6, 16))
 
 class _MatError(Exception):
     """A rule of the format that the file breaks."""
+
+
+def read_npy(path: Path) -> tuple[Array, str]:
+    """Array of a .npy file of real numbers as float64, and the file's SHA-256.
+
+    Raises RecordingError too if it does not hold exactly the numbers that its header announces.
+    """
+    data, digest = read_bounded(path)
+    file = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(file)
+        with warnings.catch_warnings(action="error"):
+            first, later = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
+            shape, fortran_order, dtype = (first if version == (1, 0) else later)(file)
+    except Exception as error:  # noqa: BLE001  # NumPy evaluates the header, which fails in many ways
+        reason = " ".join(str(error).split())[:80]
+        raise RecordingError(f"{path}: is not a .npy file ({reason}); was it cut short?") from None
+    flat = len(shape) <= 4 and min(shape, default=0) >= 0
+    if dtype.kind not in "fiu" or dtype.itemsize > 8 or not flat:
+        raise RecordingError(
+            f"{path}: its header does not announce an array of real numbers; save it as float64"
+        )
+    expected, left = math.prod(shape) * dtype.itemsize, len(data) - file.tell()
+    if expected != left or not expected:
+        raise RecordingError(
+            f"{path}: holds {left} bytes, its header announces {expected}; "
+            "the file is empty, cut short or damaged"
+        )
+    values = np.frombuffer(data, dtype, offset=file.tell()).astype(np.float64)
+    return values.reshape(shape, order="F" if fortran_order else "C"), digest
 
 
 def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
