@@ -190,7 +190,7 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
 
 def _models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
-) -> dict[str, Sequence[Corrects]]:
+) -> Mapping[str, Sequence[Corrects]]:
     """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
     first = calibrations[chosen][0]
     known = {k: [model] for k, model in first.baselines.items()} | dict(calibrations)
