@@ -9,8 +9,8 @@ from typing import Literal
 
 import numpy as np
 
-from truejoint.array_types import Array
-from truejoint.evaluation.signals import GAP_STEPS, Mask, gaps
+from truejoint.array_types import Array, Mask
+from truejoint.evaluation.signals import GAP_STEPS, gaps
 from truejoint.recordings.recording import Recording, runs
 
 

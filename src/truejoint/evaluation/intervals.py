@@ -9,13 +9,12 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import made_interval_of, trained_on, zero_offset
 from truejoint.calibration.interval import Interval
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
-from truejoint.evaluation.signals import Mask
 from truejoint.recordings.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
-
-Mask = NDArray[np.bool_]
+from truejoint.array_types import Array, Integers
 
 # Below this share of its brisk speed (99th percentile) a joint counts as standing.
 STANDING: float = 0.02
@@ -38,7 +35,7 @@ def direction(t: Array, position: Array) -> Array:
     return np.where(moving, np.sign(rate), 0.0)
 
 
-def gaps(t: Array) -> NDArray[np.int64]:
+def gaps(t: Array) -> Integers:
     """Rows (m,) after which the next time stamp is more than `GAP_STEPS` median steps away."""
     step = np.diff(t)
     return np.flatnonzero(step > GAP_STEPS * np.median(step))

@@ -13,6 +13,7 @@ from rich import box
 from rich.table import Table
 from rich.text import Text
 
+from truejoint.array_types import Mask
 from truejoint.evaluation.data_check import DataCheck, JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 from truejoint.evaluation.results import (
@@ -25,7 +26,6 @@ from truejoint.evaluation.results import (
     pooled_error,
     shown_joints,
 )
-from truejoint.evaluation.signals import Mask
 from truejoint.units import DisplayUnit, display_unit
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}

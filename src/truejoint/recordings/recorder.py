@@ -10,9 +10,8 @@ from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
 from truejoint.recordings.parquet import write_parquet
@@ -38,7 +37,7 @@ class Decimator:
         self._origin = math.nan
         self._cell = -math.inf
 
-    def pick(self, t: Array) -> NDArray[np.bool_]:
+    def pick(self, t: Array) -> Mask:
         """Say which rows to keep, of the next stamps (n,) [s]; bool (n,)."""
         if math.isinf(self._rate) or not t.size:
             return np.ones(t.shape, dtype=np.bool_)
@@ -46,7 +45,7 @@ class Decimator:
             self._origin = float(t[0])
         # A stamp on an edge belongs to the cell that it starts, rounding or not.
         cell = np.floor((t - self._origin) * self._rate + 1e-6)
-        chosen: NDArray[np.bool_] = np.diff(cell, prepend=self._cell) != 0
+        chosen: Mask = np.diff(cell, prepend=self._cell) != 0
         self._cell = float(cell[-1])
         return chosen
 
@@ -207,7 +206,7 @@ class _Rows:
     def __len__(self) -> int:
         return sum(len(t) for t, _ in self._blocks)
 
-    def add(self, t: Array, values: Array, kept: NDArray[np.bool_]) -> None:
+    def add(self, t: Array, values: Array, kept: Mask) -> None:
         """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
         self._blocks.append((t[kept], values[kept]))
 

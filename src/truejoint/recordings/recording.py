@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError
 from truejoint.robots import Robot, get_robot
 from truejoint.summary import Summarised
@@ -236,7 +235,7 @@ class Recording(Summarised):
         """Truth minus measured (n, n_joints) [rad or m]; the correction to be added."""
         return self.columns("truth", joints) - self.columns("measured", joints)
 
-    def rows(self, selection: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Recording:
+    def rows(self, selection: slice | Mask | Integers) -> Recording:
         """Keep the selected rows only."""
         return replace(self, table=self.table.iloc[selection].reset_index(drop=True))
 
@@ -275,12 +274,12 @@ def nominal_rates(**stamps: Array) -> dict[str, float]:
     return {name: round(1.0 / dt, 3) for name, dt in steps.items() if dt > 0}
 
 
-def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:
+def last_of_each_stamp(t: Array) -> Mask:
     """Rows (n,) of stamps `t` (n,) [s] that are not repeated by the next: a clock that stood."""
     return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
 
 
-def runs(same: NDArray[np.bool_]) -> list[tuple[int, int]]:
+def runs(same: Mask) -> list[tuple[int, int]]:
     """First row of each run of True in `same` (n,), and the row behind its last."""
     edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
 
 BACK: Final = "time stamp not after the one before"
@@ -49,7 +48,7 @@ class Stream:
                     f"{self.t.shape}; both must be (n,)"
                 )
 
-    def rows(self, selection: NDArray[np.bool_]) -> Stream:
+    def rows(self, selection: Mask) -> Stream:
         """Keep the selected rows only."""
         return Stream(self.t[selection], {n: v[selection] for n, v in self.columns.items()})
 
@@ -113,7 +112,7 @@ def synchronise(
     return columns, dropped
 
 
-def forward_rows(t: Array) -> NDArray[np.bool_]:
+def forward_rows(t: Array) -> Mask:
     """Rows (n,) whose stamps `t` (n,) [s] go forward; NaN does not.
 
     A single stamp that leaps ahead is a stray: it is left out, not all those after it.

@@ -13,8 +13,7 @@ from truejoint.errors import StudyError
 from truejoint.evaluation.report.page import render_page, versions
 from truejoint.recordings import write_parquet
 from truejoint.studies.figures import png
-from truejoint.studies.runner import StudyResult
-from truejoint.studies.store import write_bytes
+from truejoint.studies.runner import StudyResult, write_bytes
 from truejoint.studies.study import Settings, Study
 
 MAX_RESULT_BYTES: Final = 200_000_000

@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from truejoint.array_types import Mask
 from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
@@ -23,7 +24,7 @@ from truejoint.evaluation.results import (
     pooled_error,
     shown_joints,
 )
-from truejoint.evaluation.signals import Mask, gaps
+from truejoint.evaluation.signals import gaps
 from truejoint.extras import require
 from truejoint.units import DisplayUnit, display_unit
 
@@ -130,7 +131,7 @@ def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
     pairs = ((OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8))
 
-    def draw(column: int, unit: DisplayUnit, place: Spec) -> list[Spec]:
+    def draw(column: int, unit: DisplayUnit) -> list[Spec]:
         curves = []
         for name, colour, opacity in pairs:
             paths = [
@@ -138,7 +139,7 @@ def loops(evaluation: Evaluation) -> Figure:
                 for trace in evaluation.traces
             ]
             path, title = unit.scale * plot.joined(paths, _LOOP_POINTS), estimator_title(name)
-            options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip", **place}
+            options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip"}
             curves.append(plot.curve(path[:, 0], path[:, 1], title, colour, **options))
         return curves
 
@@ -153,7 +154,7 @@ def loops(evaluation: Evaluation) -> Figure:
 def histograms(evaluation: Evaluation) -> Figure:
     """How errors are distributed, before and after."""
 
-    def draw(column: int, unit: DisplayUnit, place: Spec) -> list[Spec]:
+    def draw(column: int, unit: DisplayUnit) -> list[Spec]:
         errors = {
             name: pooled_error(evaluation.traces, name, column) * unit.scale
             for name in (OFFSET, evaluation.chosen)
@@ -171,7 +172,6 @@ def histograms(evaluation: Evaluation) -> Figure:
                 "legendgroup": plot.plain(estimator_title(name)),
                 "marker": {"color": colour_of(name, evaluation), "line": {"width": 0}},
                 "opacity": 0.7,
-                **place,
             }
             for name, error in errors.items()
         ]
@@ -184,20 +184,16 @@ def histograms(evaluation: Evaluation) -> Figure:
 
 def _small_multiples(
     evaluation: Evaluation,
-    draw: Callable[[int, DisplayUnit, Spec], list[Spec]],
+    draw: Callable[[int, DisplayUnit], list[Spec]],
     x_title: str,
     y_title: str,
     row_height: int,
 ) -> Spec:
-    """One panel a joint, at most three side by side.
-
-    `draw(column, unit, place)` gives the curves of one joint, `place` being the axes to use.
-    """
+    """One panel a joint, at most three side by side; `draw(column, unit)` gives its curves."""
     count = len(evaluation.joints)
     across = min(3, count) if count != 4 else 2
     down = -(-count // across)
-    data: list[Spec] = []
-    axes: Spec = {}
+    panels = []
     band, domains = 1.0 / down, plot.columns(across, 0.075)
     for column, joint, unit in shown_joints(evaluation):
         row, left = divmod(column, across)
@@ -206,38 +202,38 @@ def _small_multiples(
         bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
         x = {"title": f"{joint} {x_title} [{unit.name}]", "domain": domains[left]}
         y = {"title": f"{y_title}{y_unit}" if left == 0 or y_unit else "", "domain": [bottom, top]}
-        own, place = plot.panel(column, x, y)
-        axes |= own
-        data += [{**trace, "showlegend": column == 0} for trace in draw(column, unit, place)]
-    return plot.drawing(data, row_height * down + 40, **axes)
+        panels.append((x, y, draw(column, unit)))
+    spec = plot.panels(panels, row_height * down + 40)
+    for curve in spec["data"]:
+        curve["showlegend"] = curve["xaxis"] == "x"
+    return spec
 
 
 def cartesian_errors(evaluation: Evaluation) -> list[Figure]:
     """Tool position error along each axis and as a distance; nothing without kinematics."""
     if not evaluation.cartesian:
         return []
-    data: list[Spec] = []
-    axes: Spec = {}
+    panels = []
     share = np.linspace(0.0, 1.0, 201)
     titles = [*(f"|{name} error| [mm]" for name in "xyz"), "distance [mm]"]
     for i, (title, domain) in enumerate(zip(titles, plot.columns(4, 0.07), strict=True)):
         x = {"title": title, "domain": domain, "rangemode": "tozero"}
         y = {"title": "" if i else "share of rows within [%]", "range": [0, 101]}
-        own, place = plot.panel(i, x, y)
-        axes |= own
+        drawn = []
         for name in dict.fromkeys((OFFSET, evaluation.chosen)):
             error = np.concatenate([t.tool[name] - t.tool["truth"] for t in evaluation.traces])
             size = np.linalg.norm(error, axis=1) if i == 3 else np.abs(error[:, i])
             within = np.quantile(1e3 * size, share), 100.0 * share
-            style = {"width": 1.6, "showlegend": i == 0, **place}
+            style = {"width": 1.6, "showlegend": i == 0}
             colour = colour_of(name, evaluation)
-            data.append(plot.curve(*within, estimator_title(name), colour, **style))
+            drawn.append(plot.curve(*within, estimator_title(name), colour, **style))
+        panels.append((x, y, drawn))
     caption = (
         "Share of the test's rows in which the tool is within a given distance of its true "
         "position: along each axis of the base frame and in space [mm]."
     )
-    spec = plot.drawing(data, 300, **axes)
-    return [Figure("cartesian", "Error of the tool position", caption, [spec])]
+    title, spec = "Error of the tool position", plot.panels(panels, 300)
+    return [Figure("cartesian", title, caption, [spec])]
 
 
 def plot_corrected(

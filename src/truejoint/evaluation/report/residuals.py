@@ -88,8 +88,7 @@ def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Pan
 
 
 def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
-    data: list[Spec] = []
-    axes: Spec = {}
+    drawn = []
     low, high = float(error.min()), float(error.max())
     margin = 0.05 * (high - low) or 1e-9
     domains = plot.columns(len(panels), 0.035)
@@ -101,25 +100,21 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
             ticks = {"tickvals": list(panel.steps), "range": around}
         errors: Spec = {"title": "" if i else title, "range": [low - margin, high + margin]}
         errors |= {"showticklabels": i == 0, "zeroline": True}
-        causes = {"title": panel.title, "domain": domain, **ticks}
-        own, place = plot.panel(i, causes, errors)
-        axes |= own
+        curves: list[Spec] = []
         for name, colour, side in (("moving up", BLUE, 1), ("moving down", ORANGE, -1)):
             rows = moves == side
             x, y = panel.values[rows], error[rows]
-            hidden = {"legendgroup": name, "showlegend": False, **place}
             if rows.any() and panel.steps:
-                data.append(_bars(x, y, panel.steps, 0.04 * side * apart, name, colour, hidden))
+                curves.append(_bars(x, y, panel.steps, 0.04 * side * apart, name, colour))
             elif rows.any():
-                data += _cloud(x, y, name, colour, hidden, legend=i == 0)
-    return plot.drawing(data, 270, **axes)
+                curves += _cloud(x, y, name, colour, legend=i == 0)
+        drawn.append(({"title": panel.title, "domain": domain, **ticks}, errors, curves))
+    return plot.panels(drawn, 270)
 
 
-def _cloud(
-    x: Array, y: Array, name: str, colour: str, hidden: Spec, *, legend: bool
-) -> Iterable[Spec]:
+def _cloud(x: Array, y: Array, name: str, colour: str, *, legend: bool) -> Iterable[Spec]:
     """Dots, and the median and the middle 90 % of `y` (n,) along `x` (n,)."""
-    keep = plot.every(len(x), _POINTS)
+    keep, hidden = plot.every(len(x), _POINTS), {"legendgroup": name, "showlegend": False}
     style = {"marker": {"color": colour, "size": 2.5, "opacity": 0.22}, "hoverinfo": "skip"}
     dots = plot.scatter("markers", x[keep], y[keep], name, **style, **hidden)
     centre, low, middle, high = binned(x, y)
@@ -131,13 +126,14 @@ def _cloud(
 
 
 def _bars(
-    x: Array, y: Array, steps: tuple[float, ...], apart: float, name: str, colour: str, hidden: Spec
+    x: Array, y: Array, steps: tuple[float, ...], apart: float, name: str, colour: str
 ) -> Spec:
     """Median and middle 90 % of `y` (n,) at each of a few values, beside the other direction's."""
     place, low, middle, high = _quantiles((step + apart, y[x == step]) for step in steps)
     ends = {"array": plot.packed(high - middle), "arrayminus": plot.packed(middle - low)}
     bars = {**ends, "thickness": 1.5, "width": 4, "color": colour}
-    return plot.scatter("markers", place, middle, name, **_dots(colour), error_y=bars, **hidden)
+    style = {**_dots(colour), "error_y": bars, "legendgroup": name, "showlegend": False}
+    return plot.scatter("markers", place, middle, name, **style)
 
 
 def binned(x: Array, y: Array) -> Array:

@@ -113,11 +113,9 @@ def _planes(groups: _Groups, names: Sequence[str], height: int) -> Spec:
     """Curves projected on the plane of each pair of axes."""
     pairs = [(0, 1), (0, 2), (1, 2)][: 1 if len(names) == 2 else 3]
     drawn = [(name, colour, plot.joined(paths, _POINTS)) for name, colour, paths in groups if paths]
-    data: list[Spec] = []
-    axes: Spec = {}
-    for i, ((a, b), domain) in enumerate(zip(pairs, plot.columns(len(pairs), 0.09), strict=True)):
-        own, place = plot.panel(i, {"title": names[a], "domain": domain}, {"title": names[b]})
-        axes |= own
-        style = {"width": 1.0, "opacity": 0.7, "showlegend": not i, "hoverinfo": "skip", **place}
-        data += [plot.curve(path[:, a], path[:, b], *who, **style) for *who, path in drawn]
-    return plot.drawing(data, height, **axes)
+    panels: list[plot.Panel] = []
+    for (a, b), domain in zip(pairs, plot.columns(len(pairs), 0.09), strict=True):
+        style = {"width": 1.0, "opacity": 0.7, "showlegend": not panels, "hoverinfo": "skip"}
+        curves = [plot.curve(path[:, a], path[:, b], *who, **style) for *who, path in drawn]
+        panels.append(({"title": names[a], "domain": domain}, {"title": names[b]}, curves))
+    return plot.panels(panels, height)

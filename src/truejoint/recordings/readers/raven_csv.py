@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
 from truejoint.recordings.numeric_text import (
     NumericTable,
@@ -118,7 +117,7 @@ def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> Record
     return _recording(path, robot, table, columns, dropped)
 
 
-def frozen_rows(t: Array, truth: Array, measured: Array) -> NDArray[np.bool_]:
+def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
     """Rows (n,) in which no truth changes while a motor-side position travels.
 
     Stretches of more than 1 s of `t` (n,) [s] and 5 deg (5 mm) of `measured`, whose first row is
@@ -187,7 +186,7 @@ def _check_truth_unit(
     if not known.any():
         raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
 
-    def fits(unit: str) -> NDArray[np.bool_]:
+    def fits(unit: str) -> Mask:
         distance = np.median(np.abs(raw[known] * TRUTH_UNITS[unit] - measured[known]), axis=0)
         return np.asarray(distance < _PLAUSIBLE)
 
