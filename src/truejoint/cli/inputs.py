@@ -20,10 +20,7 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 @dataclass(frozen=True)
 class Files:
-    """What a person says of recordings whose files do not say it themselves.
-
-    Raises RobotError or RecordingError if there is no such robot, arm or format.
-    """
+    """What a person says of recordings whose files do not say it themselves."""
 
     format: str | None = None
     columns: Path | None = None
@@ -163,10 +160,7 @@ def parse_part(text: str) -> tuple[float, float]:
 
 
 def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``.
-
-    `units` are SI, by joint. Raises RecordingError if a joint is unknown or a number not positive.
-    """
+    """Largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``; `units` are SI."""
     tolerances = {}
     for text in texts:
         joint, _, number = text.partition("=")

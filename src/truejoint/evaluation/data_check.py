@@ -304,15 +304,12 @@ def _jumps(recording: Recording, name: str, t: Array, values: Array) -> Iterable
 
 
 def _frozen(joint: str, t: Array, truth: Array, measured: Array) -> Iterable[Defect]:
-    """Find a sensor that repeats one value while the other end of the cable moves far.
-
-    Far is a quarter of the covered range: less may be honest backlash.
-    """
+    """Find a sensor that repeats one value while the other end of the cable moves far."""
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
         repeats = runs(np.diff(still) == 0.0)
         first, last = max(repeats, key=lambda run: run[1] - run[0], default=(0, 0))
         moved, span = np.ptp(other[first : last + 1]), np.ptp(other)
-        if span > 0.0 and moved > 0.25 * span:
+        if span > 0.0 and moved > 0.25 * span:  # less may be honest backlash
             seconds = float(t[last] - t[first])
             what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "

@@ -269,10 +269,7 @@ def _finite(positions: Array, estimator: str, name: str) -> Array:
 
 
 def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
-    """Give the reason why tool positions cannot be computed; empty when they can.
-
-    A joint may be missing from a recording if it does not move the tool, such as a jaw.
-    """
+    """Why tool positions cannot be computed; empty when no joint that moves the tool is missing."""
     if robot.kinematics is None:
         return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
     for recording in recordings:

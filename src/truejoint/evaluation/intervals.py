@@ -54,7 +54,7 @@ def judge_interval(
     judged = [motion for motion in motions if not motion.objection]
     units: dict[str, list[_Motion]] = {}
     for motion in judged:
-        shared = motion.homing and _any_homing(interval)
+        shared = motion.homing and interval.homings > 1 and interval.rezero == 0.0
         name = f"homing {motion.homing}" if shared else motion.trace.name
         units.setdefault(name, []).append(motion)
     objections = []
@@ -86,8 +86,7 @@ def _motion(
         error, position, scored = error - shift, position + shift, ~used
     widening = 1.0 + interval.growth * calibration.range_excess(recording)[known]
     homing, own = recording.provenance.homing_id, _own_homings(calibration)
-    anywhere = interval.rezero > 0.0 or _any_homing(interval) or not own or not homing
-    holds = anywhere or homing in own
+    holds = _allows_offset(interval) or not own or not homing or homing in own
     if holds and scored.any():
         half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
         trace = replace(trace, lower=position - half, upper=position + half)
@@ -104,9 +103,9 @@ def _motion(
     return _Motion(homing, trace, error, widening, scored, objection)
 
 
-def _any_homing(interval: Interval) -> bool:
-    """Whether the interval allows for the offset that a fresh homing brings."""
-    return interval.homings > 1 and interval.rezero == 0.0
+def _allows_offset(interval: Interval) -> bool:
+    """Whether the interval holds after a fresh homing, which brings an offset."""
+    return interval.rezero > 0.0 or interval.homings > 1
 
 
 def _own_homings(calibration: Calibration) -> set[str]:
@@ -170,8 +169,7 @@ def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> 
     if beyond:
         masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
         note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
-    if interval.rezero > 0.0 or _any_homing(interval):
-        return note
-    if not _own_homings(calibration) or any(not motion.homing for motion in judged):
+    named = _own_homings(calibration) and all(motion.homing for motion in judged)
+    if not named and not _allows_offset(interval):
         note += " Not all recordings name their homing; it is taken to be the same one."
     return note

@@ -137,10 +137,7 @@ def worst_windows(
 def worst_stretches(
     traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
 ) -> tuple[Stretch, ...]:
-    """Find the worst windows [s] of each joint over all recordings, worst first.
-
-    Windows of different joints are ordered by their RMSE as a multiple of the joint's limit.
-    """
+    """Worst windows [s] of each joint over all recordings, by RMSE as a multiple of its limit."""
     ranked: list[tuple[float, Stretch]] = []
     for column, own in enumerate(joints):
         found = []

@@ -25,10 +25,7 @@ def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
 
 
 def direction(t: Array, position: Array) -> Array:
-    """Direction of motion, shape of `position`: 1 up, -1 down, 0 standing.
-
-    Standing is slower than `STANDING` times the 99th percentile of the speed.
-    """
+    """Direction of motion, shape of `position`: 1 up, -1 down, 0 standing (see `STANDING`)."""
     rate = velocity(t, position)
     brisk = np.quantile(np.abs(rate), 0.99, axis=0)
     moving = np.abs(rate) > STANDING * brisk

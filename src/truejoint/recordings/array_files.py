@@ -40,10 +40,7 @@ class _MatError(Exception):
 
 
 def read_npy(path: Path) -> tuple[Array, str]:
-    """Array of a .npy file of real numbers as float64, and the file's SHA-256.
-
-    Raises RecordingError too if it does not hold exactly the numbers that its header announces.
-    """
+    """Array of a .npy file of real numbers as float64, and the file's SHA-256."""
     data, digest = read_bounded(path)
     file = io.BytesIO(data)
     try:

@@ -84,7 +84,7 @@ def read_recording(
     format: str | None = None,  # noqa: A002 - the word that a person types
     **context: Any,
 ) -> Recording:
-    """Read a recording from a file or folder of any known layout.
+    """Read a recording from a file or folder of any known layout into SI units.
 
     Parameters
     ----------
@@ -95,11 +95,6 @@ def read_recording(
         What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
         formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
         ``notes`` for any.
-
-    Returns
-    -------
-    Recording
-        In SI units.
 
     Raises
     ------

@@ -68,16 +68,7 @@ def write_parquet(
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording that `write_parquet` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Recording
-        With the provenance that it was written with.
+    """Read a recording that `write_parquet` wrote, with its units and provenance.
 
     Raises
     ------

@@ -58,10 +58,11 @@ def synchronise(
 ) -> tuple[dict[str, Array], dict[str, int]]:
     """Truth at the time stamps of the state, by linear interpolation.
 
-    Nothing is extrapolated, and nothing is interpolated across two truth samples that are more
-    than `gap_limit` apart: such rows keep their state and have NaN for the truth. Angles are
-    interpolated as they are, without wrapping: a joint sensor that jumps by a turn must be
-    unwrapped before.
+    Gives ``t``, the state's and the truth's columns (n,) by name; and, by reason, how many rows
+    were left out of either stream or have no truth. Nothing is extrapolated, nor interpolated
+    across two truth samples more than `gap_limit` apart: such rows keep their state and have NaN
+    for the truth. Angles are interpolated as they are, without wrapping: a joint sensor that jumps
+    by a turn must be unwrapped before.
 
     Parameters
     ----------
@@ -70,14 +71,6 @@ def synchronise(
         (a clock that was set back, a stray stamp) or that hold NaN are left out.
     gap_limit : float
         Longest time between two truth samples to interpolate across [s].
-
-    Returns
-    -------
-    columns : dict of str to ndarray (n,)
-        ``t``, the state's columns, the truth's columns.
-    dropped : dict of str to int
-        Rows by reason: left out of either stream, and rows without truth; only reasons that
-        occurred.
 
     Raises
     ------

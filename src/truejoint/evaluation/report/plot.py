@@ -140,10 +140,7 @@ def columns(count: int, gap: float) -> list[list[float]]:
 
 
 def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:
-    """Stamps and values (m,) of a curve (n,) that keeps every peak; NaN breaks it at gaps.
-
-    m is at most ``2 * buckets`` and one for each gap.
-    """
+    """Stamps and values (m,) of a curve (n,) that keeps every peak; NaN breaks it at gaps."""
     keep = extreme_rows(values, buckets)
     piece = np.searchsorted(gaps(t), keep, side="left") if len(t) > 1 else np.zeros(len(keep))
     breaks = np.flatnonzero(np.diff(piece)) + 1

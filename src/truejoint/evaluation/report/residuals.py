@@ -137,10 +137,7 @@ def _bars(
 
 
 def binned(x: Array, y: Array) -> Array:
-    """Centres of the equal bins of `x` (n,) that hold 8 rows, and quantiles of `y` there, (4, m).
-
-    The quantiles are the 5th, 50th and 95th percentile.
-    """
+    """Centres of equal bins of `x` (n,), and 5th, 50th, 95th percentile of `y` there, (4, m)."""
     edges = np.linspace(x.min(), x.max(), _BINS + 1)
     which = np.searchsorted(edges[1:-1], x, side="right")
     return _quantiles((0.5 * (edges[k] + edges[k + 1]), y[which == k]) for k in range(_BINS))

@@ -69,17 +69,12 @@ def data_folders() -> tuple[Path, ...]:
 
 
 def locate(name: str) -> Path:
-    """Folder of a data set on this machine.
+    """Folder of a data set on this machine: in the first of `data_folders` that has some of it.
 
     Parameters
     ----------
     name : str
         One of `DATASETS`.
-
-    Returns
-    -------
-    Path
-        The first of `data_folders` that has it, whole or in part.
 
     Raises
     ------
@@ -103,7 +98,7 @@ def locate(name: str) -> Path:
 def fetch(
     name: str, pattern: str = "*", *, progress: Callable[[float], None] | None = None
 ) -> Path:
-    """Get a data set, or part of it, from its upstream repository into the user's cache.
+    """Get a data set, or part of it, from its upstream repository; gives its folder in the cache.
 
     A file that is there with the right hash is not fetched again. Each file is checked against
     its SHA-256 before it is put in place.
@@ -116,11 +111,6 @@ def fetch(
         Shell pattern of the recordings to get.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
-
-    Returns
-    -------
-    Path
-        Folder of the data set in the cache.
 
     Raises
     ------
@@ -161,7 +151,9 @@ def fetch(
 def open_dataset(
     name: str, pattern: str = "*", *, progress: Callable[[float], None] | None = None
 ) -> list[Recording]:
-    """Read recordings of a data set that is on this machine.
+    """Read recordings of a data set that is on this machine, in the order of the catalogue.
+
+    The session of each is its name in the data set, its source the upstream place.
 
     Parameters
     ----------
@@ -171,12 +163,6 @@ def open_dataset(
         Shell pattern of the recordings' names, for instance ``"Tool_4_Maryland_L_4/3?"``.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
-
-    Returns
-    -------
-    list of Recording
-        In the order of the catalogue; the session of each is its name in the data set, its source
-        the upstream place.
 
     Raises
     ------

@@ -20,12 +20,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
-from truejoint.recordings.numeric_text import (
-    NumericTable,
-    TextLayout,
-    count_fields,
-    read_numbers,
-)
+from truejoint.recordings.numeric_text import NumericTable, TextLayout, count_fields, read_numbers
 from truejoint.recordings.recording import (
     Recording,
     nominal_rates,
@@ -160,21 +155,16 @@ def _recording(
     stamps, start = since_first(time)
     names = [f"{quantity}/{channel}" for quantity in BLOCKS for channel in robot.channels]
     factors = np.repeat([factor for _, factor in BLOCKS.values()], CHANNELS)
-    state = {
-        name: rows[keep] * factor
-        for name, rows, factor in zip(names, values, factors, strict=False)
-    }
+    state = {n: rows * factor for n, rows, factor in zip(names, values, factors, strict=False)}
+    columns = {name: rows[keep] for name, rows in {"t": stamps, **state, **truth}.items()}
+    missing = {"homing": int((~keep).sum()), "last line cut short": table.incomplete}
     return recording_of_file(
         path,
         robot,
-        {"t": stamps[keep], **state, **{name: rows[keep] for name, rows in truth.items()}},
+        columns,
         sha256=table.sha256,
         rates=nominal_rates(state=time),
-        dropped={
-            **dropped,
-            "homing": int((~keep).sum()),
-            "last line cut short": table.incomplete,
-        },
+        dropped={**dropped, **missing},
         start=start,
     )
 

@@ -27,10 +27,7 @@ MOTOR, DRIVE, RESET = "motor/jaw", "cable/drive", "cable/reset"
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the tables: estimator and columns that it takes; those in figures have a colour.
-
-    Its strategy is of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both.
-    """
+    """One row of the tables: an estimator, columns that it takes, and its colour in figures."""
 
     title: str
     inputs: tuple[str, ...]
@@ -39,7 +36,7 @@ class Method:
 
     @property
     def strategy(self) -> int:
-        """Number of sensors on cables, and one: (29) and (30) need both."""
+        """Of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both, as (29) and (30) need."""
         return 1 + sum(name in self.inputs for name in (DRIVE, RESET))
 
 
