@@ -387,9 +387,8 @@ class Evaluation(Summarised):
         """Verdict, and the accuracy beside that of the fixed offset, by label."""
         accuracy = {}
         for joint, unit in zip(self.joints, self.units, strict=True):
-            own, offset = (
-                with_unit(self.score(name, joint).rmse, unit) for name in (self.chosen, OFFSET)
-            )
+            both = (self.score(name, joint).rmse for name in (self.chosen, OFFSET))
+            own, offset = (with_unit(value, unit) for value in both)
             accuracy[joint] = f"{own} RMSE (fixed offset {offset})"
         return {
             "of": f"{estimator_title(self.chosen)}, {self.title}",

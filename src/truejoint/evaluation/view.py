@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from typing import Any, Final
@@ -41,15 +41,12 @@ class Row:
     chosen: bool = False
 
 
-def _judged(evaluation: Evaluation) -> list[tuple[str, DisplayUnit, Sequence[Any]]]:
+def _judged(evaluation: Evaluation) -> Iterator[tuple[str, DisplayUnit, Sequence[Any]]]:
     """Joints, then the tool's distance, with the scores of all estimators."""
-    found: list[tuple[str, DisplayUnit, Sequence[Any]]] = [
-        (joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators])
-        for _, joint, unit in shown_joints(evaluation)
-    ]
+    for _, joint, unit in shown_joints(evaluation):
+        yield joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators]
     if evaluation.cartesian:
-        found.append(("tool position", display_unit("m"), evaluation.cartesian))
-    return found
+        yield "tool position", display_unit("m"), evaluation.cartesian
 
 
 def main_rows(evaluation: Evaluation) -> list[Row]:
@@ -181,12 +178,10 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     scores = {(r.recording, r.estimator, r.joint): r for r in evaluation.recording_scores}
     limits = {v.joint: v.limit for v in evaluation.verdict.joints}
     chosen, rows = evaluation.chosen, []
-    digits = {
-        joint: decimals_for(
-            unit.scale * scores[t.name, chosen, joint].rmse for t in evaluation.traces
-        )
-        for _, joint, unit in shown_joints(evaluation)
-    }
+    digits = {}
+    for _, joint, unit in shown_joints(evaluation):
+        own = (scores[trace.name, chosen, joint].rmse for trace in evaluation.traces)
+        digits[joint] = decimals_for(unit.scale * value for value in own)
     for trace in evaluation.traces:
         cells, ratio = [], 0.0
         for _, joint, unit in shown_joints(evaluation):

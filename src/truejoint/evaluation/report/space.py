@@ -78,17 +78,10 @@ def _space(
     data = []
     for name, colour, paths in groups:
         if paths:
-            points = plot.joined(paths, _POINTS)
-            data.append(
-                {
-                    "type": "scatter3d",
-                    "mode": "lines",
-                    **{letter: plot.packed(points[:, i]) for i, letter in enumerate("xyz")},
-                    "name": plot.plain(name),
-                    "line": {"color": colour, "width": 2.5},
-                    "opacity": 0.6,
-                }
-            )
+            points = map(plot.packed, plot.joined(paths, _POINTS).T)
+            curve = {"type": "scatter3d", "mode": "lines", **dict(zip("xyz", points, strict=False))}
+            line = {"color": colour, "width": 2.5}
+            data.append(curve | {"name": plot.plain(name), "line": line, "opacity": 0.6})
     scene: Spec = {
         f"{letter}axis": {
             "title": {"text": plot.plain(name), "font": {"size": 12}},

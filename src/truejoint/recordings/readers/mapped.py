@@ -164,7 +164,8 @@ def _recording(
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
     keep = last_of_each_stamp(columns["t"])
-    columns = {name: values[keep] for name, values in columns.items()}
+    if not keep.all():
+        columns = {name: values[keep] for name, values in columns.items()}
     columns["t"], start = since_first(columns["t"])
     truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
     dropped = {
