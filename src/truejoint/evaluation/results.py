@@ -302,17 +302,6 @@ class Trace:
         return self.estimates[estimator] - self.truth
 
 
-def shown_joints(evaluation: Evaluation) -> list[tuple[int, str, DisplayUnit]]:
-    """Column, name and unit for a person of each calibrated joint."""
-    units = map(display_unit, evaluation.units)
-    return list(zip(range(len(evaluation.joints)), evaluation.joints, units, strict=True))
-
-
-def pooled_error(traces: Sequence[Trace], estimator: str, column: int) -> Array:
-    """Error (n,) [rad or m] of an estimator in one joint, over the rows of all traces."""
-    return np.concatenate([trace.error(estimator)[:, column] for trace in traces])
-
-
 def known_loads(traces: Sequence[Trace]) -> list[float]:
     """Masses [kg] at the tool that recordings name, ascending."""
     loads = [trace.provenance.get("load") for trace in traces]
@@ -403,6 +392,15 @@ class Evaluation(Summarised):
             if row.estimator == estimator and row.joint == joint:
                 return row
         raise KeyError(f"no score of {estimator!r} in joint {joint!r}")
+
+    def shown_joints(self) -> list[tuple[int, str, DisplayUnit]]:
+        """Column, name and unit for a person of each calibrated joint."""
+        units = map(display_unit, self.units)
+        return list(zip(range(len(self.joints)), self.joints, units, strict=True))
+
+    def error(self, estimator: str, column: int) -> Array:
+        """Error (n,) [rad or m] of an estimator in one joint, over the rows of all `traces`."""
+        return np.concatenate([trace.error(estimator)[:, column] for trace in self.traces])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as values for JSON; SI units, NaN becomes None."""

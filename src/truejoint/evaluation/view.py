@@ -16,16 +16,7 @@ from rich.text import Text
 from truejoint.array_types import Mask
 from truejoint.evaluation.data_check import DataCheck, JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
-from truejoint.evaluation.results import (
-    OFFSET,
-    RAW,
-    Evaluation,
-    Trace,
-    estimator_title,
-    known_loads,
-    pooled_error,
-    shown_joints,
-)
+from truejoint.evaluation.results import OFFSET, RAW, Evaluation, estimator_title, known_loads
 from truejoint.units import DisplayUnit, display_unit
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
@@ -43,7 +34,7 @@ class Row:
 
 def _judged(evaluation: Evaluation) -> Iterator[tuple[str, DisplayUnit, Sequence[Any]]]:
     """Joints, then the tool's distance, with the scores of all estimators."""
-    for _, joint, unit in shown_joints(evaluation):
+    for _, joint, unit in evaluation.shown_joints():
         yield joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators]
     if evaluation.cartesian:
         yield "tool position", display_unit("m"), evaluation.cartesian
@@ -110,7 +101,7 @@ def _interval_line(evaluation: Evaluation, joint: str) -> str:
 def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     """One row a joint and stated level: coverage, and half-widths beside the fixed offset's."""
     rows = []
-    for _, joint, unit in shown_joints(evaluation):
+    for _, joint, unit in evaluation.shown_joints():
         scores = [score for score in evaluation.intervals if score.joint == joint]
         pairs = [(unit.scale * s.half_width, unit.scale * s.offset_half_width) for s in scores]
         decimals = decimals_for(value for pair in pairs for value in pair)
@@ -139,35 +130,34 @@ def load_rows(evaluation: Evaluation) -> list[Row]:
     """RMSE before and after by hung mass; empty unless the test has several known masses."""
     rows = []
     masses = known_loads(evaluation.traces)
+    loads = [trace.provenance.get("load") for trace in evaluation.traces]
     for mass in masses if len(masses) > 1 else ():
-        traces = [trace for trace in evaluation.traces if trace.provenance.get("load") == mass]
-        for column, joint, unit in shown_joints(evaluation):
-            numbers = _before_after(evaluation, traces, column)
-            rows.append(Row(f"{1e3 * mass:.0f} g", [joint, len(traces), *numbers], unit.name))
+        mask = np.repeat([load == mass for load in loads], [len(t.t) for t in evaluation.traces])
+        for column, joint, unit in evaluation.shown_joints():
+            cells = [joint, loads.count(mass), *_before_after(evaluation, column, mask)]
+            rows.append(Row(f"{1e3 * mass:.0f} g", cells, unit.name))
     return rows
 
 
 def direction_rows(evaluation: Evaluation) -> list[Row]:
     """Bias and RMSE of the chosen model by joint and direction of motion."""
     rows = []
-    for column, joint, unit in shown_joints(evaluation):
+    for column, joint, unit in evaluation.shown_joints():
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         for title, way in (("up", 1), ("down", -1), ("standing", 0)):
             mask = moves == way
             if mask.any():
-                numbers = _before_after(evaluation, evaluation.traces, column, mask)
+                numbers = _before_after(evaluation, column, mask)
                 rows.append(Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name))
     return rows
 
 
-def _before_after(
-    evaluation: Evaluation, traces: Sequence[Trace], column: int, rows: Mask | slice = slice(None)
-) -> list[str]:
+def _before_after(evaluation: Evaluation, column: int, rows: Mask) -> list[str]:
     """Mean error and RMSE of the fixed offset and of the chosen model in some rows."""
     unit = display_unit(evaluation.units[column])
     numbers: list[float] = []
     for name in (OFFSET, evaluation.chosen):
-        error = unit.scale * pooled_error(traces, name, column)[rows]
+        error = unit.scale * evaluation.error(name, column)[rows]
         numbers += [error.mean(), np.sqrt(np.mean(error**2))]
     decimals = decimals_for(numbers[1::2])
     return [fixed(value, decimals) for value in numbers]
@@ -179,12 +169,12 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     limits = {v.joint: v.limit for v in evaluation.verdict.joints}
     chosen, rows = evaluation.chosen, []
     digits = {}
-    for _, joint, unit in shown_joints(evaluation):
+    for _, joint, unit in evaluation.shown_joints():
         own = (scores[trace.name, chosen, joint].rmse for trace in evaluation.traces)
         digits[joint] = decimals_for(unit.scale * value for value in own)
     for trace in evaluation.traces:
         cells, ratio = [], 0.0
-        for _, joint, unit in shown_joints(evaluation):
+        for _, joint, unit in evaluation.shown_joints():
             before, after = (scores[trace.name, name, joint] for name in (OFFSET, chosen))
             ratio = max(ratio, after.rmse / limits[joint] if limits[joint] > 0 else 0.0)
             values = (before.rmse, after.rmse, after.max_abs)
@@ -221,7 +211,7 @@ def cartesian_rows(evaluation: Evaluation) -> list[Row]:
 def bias_rows(evaluation: Evaluation) -> list[Row]:
     """Every score in full: RMSE, spread, largest, bias and percent by joint and estimator."""
     rows = []
-    for _, joint, unit in shown_joints(evaluation):
+    for _, joint, unit in evaluation.shown_joints():
         scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         decimals = decimals_for(unit.scale * score.rmse for score in scores)
         for score in scores:

@@ -15,15 +15,7 @@ from truejoint.array_types import Mask
 from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
-from truejoint.evaluation.results import (
-    OFFSET,
-    RAW,
-    Evaluation,
-    Trace,
-    estimator_title,
-    pooled_error,
-    shown_joints,
-)
+from truejoint.evaluation.results import OFFSET, RAW, Evaluation, Trace, estimator_title
 from truejoint.evaluation.signals import gaps
 from truejoint.extras import require
 from truejoint.units import DisplayUnit, display_unit
@@ -59,7 +51,7 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
             f"{joint}: true position, estimates and their error [{unit.name}] over time [s].",
             [_tracking(evaluation, evaluation.traces[i], column, buckets) for i in order],
         )
-        for column, joint, unit in shown_joints(evaluation)
+        for column, joint, unit in evaluation.shown_joints()
     ]
 
 
@@ -156,7 +148,7 @@ def histograms(evaluation: Evaluation) -> Figure:
 
     def draw(column: int, unit: DisplayUnit) -> list[Spec]:
         errors = {
-            name: pooled_error(evaluation.traces, name, column) * unit.scale
+            name: evaluation.error(name, column) * unit.scale
             for name in (OFFSET, evaluation.chosen)
         }
         low = min(float(e.min()) for e in errors.values())
@@ -195,7 +187,7 @@ def _small_multiples(
     down = -(-count // across)
     panels = []
     band, domains = 1.0 / down, plot.columns(across, 0.075)
-    for column, joint, unit in shown_joints(evaluation):
+    for column, joint, unit in evaluation.shown_joints():
         row, left = divmod(column, across)
         top = 1.0 - row * band
         y_unit = "" if "[" in y_title else f" [{unit.name}]"
@@ -262,7 +254,7 @@ def plot_corrected(
     drawing = require("matplotlib.figure", "plots", "a figure")
     figure = drawing.Figure(figsize=(4.2 * count, 4.4), layout="constrained")
     axes = figure.subplots(2, count, sharex="col", squeeze=False, height_ratios=[1.6, 1.0])
-    for column, joint, unit in shown_joints(evaluation):
+    for column, joint, unit in evaluation.shown_joints():
         truth = unit.scale * trace.truth[rows, column]
         upper, lower = axes[:, column]
         upper.plot(t, truth, color=COLOURS["truth"], lw=1.6, ls=":", label="True")

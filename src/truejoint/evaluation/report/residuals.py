@@ -13,13 +13,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
-from truejoint.evaluation.results import (
-    Evaluation,
-    estimator_phrase,
-    known_loads,
-    pooled_error,
-    shown_joints,
-)
+from truejoint.evaluation.results import Evaluation, estimator_phrase, known_loads
 from truejoint.units import DisplayUnit, display_unit
 
 _POINTS: Final = 1200  # of each direction in each panel
@@ -42,8 +36,8 @@ class _Panel:
 def residuals(evaluation: Evaluation) -> list[Figure]:
     """Return one figure a joint: error against position, velocity, effort, hung mass and time."""
     figures = []
-    for column, joint, unit in shown_joints(evaluation):
-        error = unit.scale * pooled_error(evaluation.traces, evaluation.chosen, column)
+    for column, joint, unit in evaluation.shown_joints():
+        error = unit.scale * evaluation.error(evaluation.chosen, column)
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         panels = _panels(evaluation, column, unit)
         causes = [panel.title.partition(" [")[0] for panel in panels]

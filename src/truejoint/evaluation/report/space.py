@@ -10,7 +10,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
+from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
 from truejoint.evaluation.signals import velocity
 from truejoint.recordings.recording import Recording
 
@@ -22,11 +22,11 @@ _POINTS: Final = 5000  # points of a 3-D curve; more are not seen at this size
 
 def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figure:
     """Measured joint positions in training and test: in 3-D, a plane, or against speed."""
-    units = [unit for _, _, unit in shown_joints(evaluation)]
+    units = [unit for _, _, unit in evaluation.shown_joints()]
     scale = np.array([unit.scale for unit in units])
     train = [recording.columns("measured", evaluation.joints) for recording in training]
     test = [trace.measured for trace in evaluation.traces]
-    names = [f"{joint} [{unit.name}]" for _, joint, unit in shown_joints(evaluation)]
+    names = [f"{joint} [{unit.name}]" for _, joint, unit in evaluation.shown_joints()]
     title, what = "Trajectories in joint space", "Measured joint positions"
     if len(names) == 1:
         # One joint has no path in space; position against speed shows what was covered.
