@@ -14,11 +14,11 @@ from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.intervals import judge_interval
-from truejoint.evaluation.metrics import tool_error, tool_positions
+from truejoint.evaluation.metrics import tool_positions
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
 from truejoint.evaluation.scoring import JudgedRecording
 from truejoint.evaluation.signals import direction, velocity
-from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
+from truejoint.evaluation.verdict import judge, remarks_on, seen_in_training
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
@@ -116,7 +116,7 @@ def evaluate(
         chosen,
         tolerance=tolerance or {},
         objections=seen_in_training(metadata, recordings),
-        remarks=other_homings(metadata, recordings) + rezeroed_on(metadata, recordings),
+        remarks=tuple(remarks_on(metadata, recordings)),
     )
     return Evaluation(
         robot=robot.name,
@@ -235,11 +235,11 @@ def _test(
             changed[:, columns] = positions
             return changed
 
-        true = pose(truth)
+        true = tool_positions(robot.kinematics, pose(truth))
         for key, seeds in estimates.items():
-            tool_errors[key] = [tool_error(robot.kinematics, pose(value), true) for value in seeds]
-        tool = {"truth": tool_positions(robot.kinematics, true)}
-        tool |= {key: tool["truth"] + tool_errors[key][0] for key in (OFFSET, chosen)}
+            positions = [tool_positions(robot.kinematics, pose(value)) for value in seeds]
+            tool_errors[key] = [position - true for position in positions]
+        tool = {"truth": true} | {key: true + tool_errors[key][0] for key in (OFFSET, chosen)}
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
     trace = Trace(
         name=name,

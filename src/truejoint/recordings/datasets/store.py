@@ -55,17 +55,14 @@ def data_folders() -> tuple[Path, ...]:
     >>> cache_folder() in data_folders()
     True
     """
-    folders = []
-    stated = os.environ.get(DATA_VARIABLE, "")
-    if stated:
+    if stated := os.environ.get(DATA_VARIABLE, ""):
         if not Path(stated).is_dir():
             raise RecordingError(f"{DATA_VARIABLE}={stated}: is not a folder; correct or unset it")
-        folders.append(Path(stated))
+        return Path(stated), cache_folder()
     project = Path(__file__).parents[4]
     beside = project.parent / "shared" / "data"
-    if not stated and (project / "pyproject.toml").is_file() and beside.is_dir():
-        folders.append(beside)
-    return (*folders, cache_folder())
+    known = (project / "pyproject.toml").is_file() and beside.is_dir()
+    return (beside, cache_folder()) if known else (cache_folder(),)
 
 
 def locate(name: str) -> Path:
@@ -132,8 +129,7 @@ def fetch(
         urls={file.name: dataset.url(file) for file in wanted},
         retry_if_failed=_RETRIES,
     )
-    total = sum(file.size for file in wanted)
-    done = 0
+    total, done = sum(file.size for file in wanted), 0
     logger = pooch.get_logger()
     level = logger.level
     logger.setLevel(logging.ERROR)
