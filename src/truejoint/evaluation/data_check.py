@@ -17,7 +17,6 @@ from truejoint.evaluation.results import json_values
 from truejoint.evaluation.signals import GAP_STEPS, direction, gaps, velocity
 from truejoint.recordings.recording import Recording, as_recordings, runs
 
-
 _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
 _BINS: Final = 20
 _EVERYWHERE: Final = "all recordings"
