@@ -61,28 +61,24 @@ def main_rows(evaluation: Evaluation) -> list[Row]:
     return rows
 
 
-def headlines(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return the chosen model's RMSE of each joint, and of the tool, for the first screen."""
+def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
+    """Give the chosen model's RMSE of each joint, and of the tool, for the first screen."""
     verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
-    found = []
     for name, unit, scores in _judged(evaluation):
         rows = {score.estimator: score for score in scores}
         own, verdict = rows[evaluation.chosen], verdicts.get(name)
         limit = verdict.limit if verdict else rows[OFFSET].rmse
         value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
         against = "tolerance" if verdict and verdict.stated else "fixed offset"
-        found.append(
-            {
-                "name": name,
-                "value": value,
-                "unit": unit.name,
-                "percent": percent_text(own.percent_of_offset),
-                "limit": f"{against} {beside} {unit.name}",
-                "interval": _interval_line(evaluation, name),
-                "passed": verdict.passed if verdict else None,
-            }
-        )
-    return found
+        yield {
+            "name": name,
+            "value": value,
+            "unit": unit.name,
+            "percent": percent_text(own.percent_of_offset),
+            "limit": f"{against} {beside} {unit.name}",
+            "interval": _interval_line(evaluation, name),
+            "passed": verdict.passed if verdict else None,
+        }
 
 
 def _interval_line(evaluation: Evaluation, joint: str) -> str:
@@ -234,16 +230,14 @@ def coverage_rows(coverage: Sequence[JointCoverage]) -> list[Row]:
         low, high = shown([unit.scale * row.lowest, unit.scale * row.highest], most=2)
         speed = shown([unit.scale * row.speed_median, unit.scale * row.speed_high])
         force = shown([effort.scale * row.effort_low, effort.scale * row.effort_high])
-        effort_unit = "" if effort.name == "1" else f" {effort.name}"
+        effort_text = f"{force[0]} to {force[1]} {effort.name}".removesuffix(" 1")
         cells = [
             f"{low} to {high} {unit.name}",
             percent_text(100 * row.share_of_limits),
             percent_text(100 * row.filled),
             " / ".join(f"{100 * share:.0f}" for share in (row.up, row.down, row.standing)),
             f"{speed[0]} / {speed[1]} {unit.name}/s",
-            f"{force[0]} to {force[1]}{effort_unit}"
-            if math.isfinite(row.effort_low)
-            else "\N{EN DASH}",
+            effort_text if math.isfinite(row.effort_low) else "\N{EN DASH}",
             percent_text(100 * row.truth_missing),
             f"{row.rows:,}",
             duration(row.duration),

@@ -196,7 +196,7 @@ def _small_multiples(
         y = {"title": f"{y_title}{y_unit}" if left == 0 or y_unit else "", "domain": [bottom, top]}
         panels.append((x, y, draw(column, unit)))
     spec = plot.panels(panels, row_height * down + 40)
-    for curve in spec["data"]:
+    for curve in spec["data"]:  # the legend of the first panel serves all
         curve["showlegend"] = curve["xaxis"] == "x"
     return spec
 
