@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,32 +52,28 @@ def joint_scores(
 
 def recording_scores(
     tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
-) -> tuple[RecordingScore, ...]:
+) -> Iterator[RecordingScore]:
     """One `RecordingScore` per recording, estimator and joint."""
-    rows = []
     for test in tested:
         for name, seeds in test.errors.items():
             for j, (joint, unit) in enumerate(zip(joints, units, strict=True)):
                 own = [error[:, j] for error in seeds]
                 root, bias = (np.mean([how(e) for e in own]) for how in (rmse, mean_error))
                 values = map(float, (root, np.max([max_abs(e) for e in own]), bias))
-                rows.append(RecordingScore(test.trace.name, name, joint, unit, *values))
-    return tuple(rows)
+                yield RecordingScore(test.trace.name, name, joint, unit, *values)
 
 
-def cartesian_scores(tested: Sequence[JudgedRecording]) -> tuple[CartesianScore, ...]:
+def cartesian_scores(tested: Sequence[JudgedRecording]) -> Iterator[CartesianScore]:
     """One `CartesianScore` per estimator; none where there are no tool errors."""
     pooled = {
         name: _pooled([test.tool_errors[name] for test in tested]) for name in tested[0].tool_errors
     }
     distances = {k: [np.linalg.norm(e, axis=1) for e in seeds] for k, seeds in pooled.items()}
-    rows = []
     for name, found in _over_seeds(distances).items():
         axes = np.mean([rmse(error) for error in pooled[name]], axis=0)
         values = {key: float(value) for key, value in found.items() if key != "mean"}
         values |= dict(zip("xyz", map(float, axes), strict=True))
-        rows.append(CartesianScore(estimator=name, seeds=len(pooled[name]), **values))
-    return tuple(rows)
+        yield CartesianScore(estimator=name, seeds=len(pooled[name]), **values)
 
 
 def _pooled(by_recording: Sequence[Sequence[Array]]) -> list[Array]:

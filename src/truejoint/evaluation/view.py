@@ -40,9 +40,8 @@ def _judged(evaluation: Evaluation) -> Iterator[tuple[str, DisplayUnit, Sequence
         yield "tool position", display_unit("m"), evaluation.cartesian
 
 
-def main_rows(evaluation: Evaluation) -> list[Row]:
+def main_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Joints and the tool by estimator: RMSE, spread, largest, percent."""
-    rows = []
     for name, unit, scores in _judged(evaluation):
         values = [unit.scale * score.rmse for score in scores]
         decimals = decimals_for(values)
@@ -57,8 +56,7 @@ def main_rows(evaluation: Evaluation) -> list[Row]:
             }
             for value, s in zip(values, scores, strict=True)
         ]
-        rows.append(Row(name, cells, unit.name))
-    return rows
+        yield Row(name, cells, unit.name)
 
 
 def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
@@ -94,9 +92,8 @@ def _interval_line(evaluation: Evaluation, joint: str) -> str:
     return ""
 
 
-def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+def interval_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """One row a joint and stated level: coverage, and half-widths beside the fixed offset's."""
-    rows = []
     for _, joint, unit in evaluation.shown_joints():
         scores = [score for score in evaluation.intervals if score.joint == joint]
         pairs = [(unit.scale * s.half_width, unit.scale * s.offset_half_width) for s in scores]
@@ -105,47 +102,40 @@ def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
             offset = score.offset_half_width
             error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
             worst = int(np.argmin(score.shares))
-            rows.append(
-                {
-                    "joint": joint,
-                    "unit": unit.name,
-                    "level": f"{100 * score.level:g} %",
-                    "coverage": f"{100 * score.coverage:.1f}{error} %",
-                    "agreement": score.agreement,
-                    "worst": f"{100 * score.shares[worst]:.1f} %",
-                    "worst_name": evaluation.interval_trajectories[worst],
-                    "widths": [fixed(width, decimals) for width in widths],
-                    "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
-                    "chosen": score.level == evaluation.interval_level,
-                }
-            )
-    return rows
+            yield {
+                "joint": joint,
+                "unit": unit.name,
+                "level": f"{100 * score.level:g} %",
+                "coverage": f"{100 * score.coverage:.1f}{error} %",
+                "agreement": score.agreement,
+                "worst": f"{100 * score.shares[worst]:.1f} %",
+                "worst_name": evaluation.interval_trajectories[worst],
+                "widths": [fixed(width, decimals) for width in widths],
+                "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
+                "chosen": score.level == evaluation.interval_level,
+            }
 
 
-def load_rows(evaluation: Evaluation) -> list[Row]:
+def load_rows(evaluation: Evaluation) -> Iterator[Row]:
     """RMSE before and after by hung mass; empty unless the test has several known masses."""
-    rows = []
     masses = known_loads(evaluation.traces)
     loads = [trace.provenance.get("load") for trace in evaluation.traces]
     for mass in masses if len(masses) > 1 else ():
         mask = np.repeat([load == mass for load in loads], [len(t.t) for t in evaluation.traces])
         for column, joint, unit in evaluation.shown_joints():
             cells = [joint, loads.count(mass), *_before_after(evaluation, column, mask)]
-            rows.append(Row(f"{1e3 * mass:.0f} g", cells, unit.name))
-    return rows
+            yield Row(f"{1e3 * mass:.0f} g", cells, unit.name)
 
 
-def direction_rows(evaluation: Evaluation) -> list[Row]:
+def direction_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Bias and RMSE of the chosen model by joint and direction of motion."""
-    rows = []
     for column, joint, unit in evaluation.shown_joints():
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         for title, way in (("up", 1), ("down", -1), ("standing", 0)):
             mask = moves == way
             if mask.any():
                 numbers = _before_after(evaluation, column, mask)
-                rows.append(Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name))
-    return rows
+                yield Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name)
 
 
 def _before_after(evaluation: Evaluation, column: int, rows: Mask) -> list[str]:
@@ -191,22 +181,19 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -row["ratio"])
 
 
-def cartesian_rows(evaluation: Evaluation) -> list[Row]:
+def cartesian_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Tool position errors [mm] by estimator: x, y, z, distance, largest, percent."""
     every = [1e3 * v for r in evaluation.cartesian if r.estimator != RAW for v in (r.x, r.y, r.z)]
     decimals = decimals_for(every)
-    rows = []
     for row in evaluation.cartesian:
         numbers = (row.x, row.y, row.z, row.rmse, row.max_abs)
         cells = [fixed(1e3 * v, decimals) for v in numbers] + [percent_text(row.percent_of_offset)]
         name = estimator_title(row.estimator)
-        rows.append(Row(name, cells, chosen=row.estimator == evaluation.chosen))
-    return rows
+        yield Row(name, cells, chosen=row.estimator == evaluation.chosen)
 
 
-def bias_rows(evaluation: Evaluation) -> list[Row]:
+def bias_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Every score in full: RMSE, spread, largest, bias and percent by joint and estimator."""
-    rows = []
     for _, joint, unit in evaluation.shown_joints():
         scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         decimals = decimals_for(unit.scale * score.rmse for score in scores)
@@ -218,13 +205,11 @@ def bias_rows(evaluation: Evaluation) -> list[Row]:
                 percent_text(score.percent_of_offset),
                 score.seeds if score.estimator != RAW else "\N{EN DASH}",
             ]
-            rows.append(Row(joint, cells, unit.name, score.estimator == evaluation.chosen))
-    return rows
+            yield Row(joint, cells, unit.name, score.estimator == evaluation.chosen)
 
 
-def coverage_rows(coverage: Sequence[JointCoverage]) -> list[Row]:
+def coverage_rows(coverage: Sequence[JointCoverage]) -> Iterator[Row]:
     """Coverage of each joint as text: range, travel, filled, directions, speed, effort, truth."""
-    rows = []
     for row in coverage:
         unit, effort = display_unit(row.unit), display_unit(row.effort_unit)
         low, high = shown([unit.scale * row.lowest, unit.scale * row.highest], most=2)
@@ -242,8 +227,7 @@ def coverage_rows(coverage: Sequence[JointCoverage]) -> list[Row]:
             f"{row.rows:,}",
             duration(row.duration),
         ]
-        rows.append(Row(row.joint, cells))
-    return rows
+        yield Row(row.joint, cells)
 
 
 def duration(seconds: float) -> str:

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Final
 
@@ -55,9 +55,8 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
     ]
 
 
-def worst_stretches(evaluation: Evaluation) -> list[Figure]:
-    """Return the worst windows in full, worst first."""
-    figures = []
+def worst_stretches(evaluation: Evaluation) -> Iterator[Figure]:
+    """Draw the worst windows in full, worst first."""
     for rank, stretch in enumerate(evaluation.worst[:_STRETCHES], 1):
         column, unit = evaluation.joints.index(stretch.joint), display_unit(stretch.unit)
         trace = evaluation.traces[stretch.recording]
@@ -70,8 +69,7 @@ def worst_stretches(evaluation: Evaluation) -> list[Figure]:
         )
         spec = _tracking(evaluation, trace, column, 1500, rows)
         key, label = f"stretch-{rank - 1}", f"Worst stretch {rank}"
-        figures.append(Figure(key, label, caption, [spec], wide=False))
-    return figures
+        yield Figure(key, label, caption, [spec], wide=False)
 
 
 def _tracking(

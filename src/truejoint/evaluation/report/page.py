@@ -91,10 +91,10 @@ def render_report(
     True
     """
     drawn = {
-        "worst": curves.worst_stretches(evaluation),
+        "worst": list(curves.worst_stretches(evaluation)),
         "paths": [space.trajectories(evaluation, training), *space.tool_paths(evaluation)],
         "time": curves.over_time(evaluation),
-        "residuals": residuals.residuals(evaluation),
+        "residuals": list(residuals.residuals(evaluation)),
         "loops": [curves.loops(evaluation)],
         "histograms": [curves.histograms(evaluation)],
         "tool": curves.cartesian_errors(evaluation),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Final
@@ -33,9 +33,8 @@ class _Panel:
     steps: tuple[float, ...] = ()
 
 
-def residuals(evaluation: Evaluation) -> list[Figure]:
-    """Return one figure a joint: error against position, velocity, effort, hung mass and time."""
-    figures = []
+def residuals(evaluation: Evaluation) -> Iterator[Figure]:
+    """Draw one figure a joint: error against position, velocity, effort, hung mass and time."""
     for column, joint, unit in evaluation.shown_joints():
         error = unit.scale * evaluation.error(evaluation.chosen, column)
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
@@ -49,8 +48,7 @@ def residuals(evaluation: Evaluation) -> list[Figure]:
             "moves down; lines are medians, bands hold the middle 90 %."
         )
         spec = _spec(panels, error, moves, f"error [{unit.name}]")
-        figures.append(Figure(f"residual-{column}", f"{joint} residuals", caption, [spec]))
-    return figures
+        yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
 def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Panel]:
