@@ -123,3 +123,11 @@ def test_many_empty_arrays_take_no_memory() -> None:
 def test_version_7_3_is_named() -> None:
     with pytest.raises(RecordingError, match="save it with -v7"):
         read_mat(b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
+
+
+@pytest.mark.parametrize(("at", "value"), [(0xB1, 1), (0x91, 8)], ids=["type", "complex"])
+def test_what_scipy_would_crash_on_is_refused(refusal: Refusal, at: int, value: int) -> None:
+    broken = bytearray(save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))}))
+    broken[at] = value
+    message = refusal(lambda: read_mat(bytes(broken), "f.mat"))
+    assert message.startswith("f.mat: cannot be read as a MAT file")

@@ -33,6 +33,9 @@ _HEADER_BYTES: Final = 128
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
 # Classes of array that are read; SciPy cannot list what is in a file with some of the others.
 _STRUCTS_AND_NUMBERS: Final = (2, *range(6, 16))
+_PLAIN: Final = range(4, 16)  # classes of array that hold no others
+_COMPLEX: Final = 8  # bit of the flags: a second part follows
+_DATA: Final = (*range(1, 8), 9, 12, 13, 16, 17, 18)  # types of element; others crash SciPy
 
 
 class _MatError(Exception):
@@ -122,8 +125,8 @@ def _unpacked(data: bytes) -> bytes:
                 raise _MatError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))
         flags = next(_elements(body, order), (0, b""))[1] if kind == _MATRIX else b""
-        if len(flags) == 8 and struct.unpack(order + "2I", flags)[0] & 0xFF in _STRUCTS_AND_NUMBERS:
-            _check_sizes(body, order)
+        if len(flags) == 8 and _class_of(flags, order) in _STRUCTS_AND_NUMBERS:
+            _check(body, order)
             pieces += [struct.pack(order + "2I", _MATRIX, len(body)), body]
     return b"".join(pieces)
 
@@ -148,12 +151,24 @@ def _elements(
             at += -at % 8
 
 
-def _check_sizes(variable: memoryview, order: str) -> None:
-    """Refuse arrays of more elements than there are bytes, and more arrays than anyone keeps."""
+def _class_of(flags: bytes | memoryview, order: str) -> int:
+    """Class of array that its first element tells."""
+    return int(struct.unpack(order + "2I", flags)[0] & 0xFF)
+
+
+def _check(variable: memoryview, order: str) -> None:
+    """Refuse more arrays than anyone keeps, and what SciPy would read past the end of."""
     waiting, seen = [variable], 0
     while waiting:
         body = waiting.pop()
-        for place, (kind, part) in enumerate(_elements(body, order)):
+        parts = list(_elements(body, order))
+        flags = parts[0][1] if parts else b""
+        plain = len(flags) == 8 and _class_of(flags, order) in _PLAIN
+        if plain and len(parts) < 4 + bool(bytes(flags)[1 if order == "<" else 2] & _COMPLEX):
+            raise _MatError("an array is cut short")
+        for place, (kind, part) in enumerate(parts):
+            if kind not in (_DATA if plain else (*_DATA, _MATRIX)):
+                raise _MatError(f"a data element of type {kind}")
             # Second come the dimensions; an object without any has its name there.
             if place == 1 and kind == _INT32:
                 shape = struct.unpack(f"{order}{len(part) // 4}i", part)
