@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -115,12 +115,13 @@ def _own_homings(calibration: Calibration) -> set[str]:
     return {str(session.get("homing_id", "")) for session in sessions} - {""}
 
 
-def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> list[IntervalScore]:
+def _scores(
+    calibration: Calibration, units: Sequence[Sequence[_Motion]]
+) -> Iterator[IntervalScore]:
     """Score every level and joint on trajectories, each of one or several recordings."""
     interval = calibration.required_interval()
     errors = [np.concatenate([m.error[m.scored] for m in unit]) for unit in units]
     widenings = [np.concatenate([m.widening[m.scored] for m in unit]) for unit in units]
-    scores: list[IntervalScore] = []
     for row, level in enumerate(interval.levels if units else ()):
         base = interval.half_widths[row]
         allowed = [widening[:, None] * base for widening in widenings]
@@ -128,8 +129,8 @@ def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> lis
         shares = np.array([rows.mean(axis=0) for rows in inside])
         sampling = spread(shares) / math.sqrt(len(units))
         half_width = base * np.mean([widening.mean() for widening in widenings])
-        scores += [
-            IntervalScore(
+        for k, joint in enumerate(calibration.joints):
+            yield IntervalScore(
                 joint=joint,
                 unit=calibration.units[f"measured/{joint}"],
                 level=float(level),
@@ -139,9 +140,6 @@ def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> lis
                 offset_half_width=float(interval.offset_half_widths[row, k]),
                 shares=tuple(float(share) for share in shares[:, k]),
             )
-            for k, joint in enumerate(calibration.joints)
-        ]
-    return scores
 
 
 def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> str:

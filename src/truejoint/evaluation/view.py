@@ -241,19 +241,17 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min"
 
 
-def flattened(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flattened(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Nested JSON values as (name, text) pairs; long lists are cut short and say so."""
-    pairs: list[tuple[str, str]] = []
     for key, value in values.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            pairs += flattened(value, f"{name}.")
+            yield from flattened(value, f"{name}.")
         elif isinstance(value, list | tuple):
             more = f", and {len(value) - 24} more" if len(value) > 24 else ""
-            pairs.append((name, ", ".join(str(item) for item in value[:24]) + more))
+            yield name, ", ".join(str(item) for item in value[:24]) + more
         elif value is not None and value != "":
-            pairs.append((name, f"{value:.6g}" if isinstance(value, float) else str(value)))
-    return pairs
+            yield name, f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def score_table(evaluation: Evaluation) -> Table:
