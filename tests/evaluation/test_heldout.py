@@ -4,7 +4,7 @@ from typing import Any
 import pytest
 
 from truejoint.evaluation.splits import split_by_time
-from truejoint.evaluation.verdict import other_homings, seen_in_training
+from truejoint.evaluation.verdict import remarks_on, seen_in_training
 from truejoint.recordings.recording import Recording
 
 
@@ -42,7 +42,7 @@ def test_another_file_at_the_same_time_was_not_seen(
 
 def test_another_homing_is_said(recording_of: Callable[..., Recording]) -> None:
     test = recording_of("davinci_grasper", homing_id="h2")
-    (remark,) = other_homings({"homing_ids": ["h1"]}, [test])
+    (remark,) = tuple(remarks_on({"homing_ids": ["h1"]}, [test]))
     assert "h2" in remark
-    assert other_homings({"homing_ids": ["h1", "h2"]}, [test]) == ()
-    assert other_homings({"homing_ids": []}, [test]) == ()
+    assert tuple(remarks_on({"homing_ids": ["h1", "h2"]}, [test])) == ()
+    assert tuple(remarks_on({"homing_ids": []}, [test])) == ()

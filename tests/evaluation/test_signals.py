@@ -1,9 +1,7 @@
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
-from truejoint.evaluation.signals import direction, gaps, longest_run, velocity
+from truejoint.evaluation.signals import direction, gaps, velocity
 
 
 def test_velocity_of_a_ramp_is_its_slope_whatever_the_stamps() -> None:
@@ -36,14 +34,6 @@ def test_a_joint_that_never_moves_stands() -> None:
 def test_gaps_are_found_where_steps_are_long() -> None:
     t = np.delete(np.arange(100.0), [*range(30, 40), 70])
     np.testing.assert_array_equal(gaps(t), [29])
-
-
-@given(st.lists(st.booleans(), max_size=60))
-def test_the_longest_run_is_the_longest(same: list[bool]) -> None:
-    first, length = longest_run(np.array(same, dtype=bool))
-    runs = "".join("x" if s else " " for s in same).split()
-    assert length == max((len(run) for run in runs), default=0)
-    assert all(same[first : first + length])
 
 
 def test_slow_rates_use_neighbours() -> None:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.mat_file import read_mat
+from truejoint.recordings.array_files import read_mat
 
 Refusal = Callable[[Callable[[], object]], str]
 
@@ -77,7 +77,7 @@ def test_damage_is_refused_in_one_line_or_harmless(
 
 
 def test_a_bomb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("truejoint.recordings.mat_file.MAX_MAT_BYTES", 10**6)
+    monkeypatch.setattr("truejoint.recordings.array_files.MAX_MAT_BYTES", 10**6)
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     body = zlib.compress(b"\0" * (10**6 + 8))
     data = header + struct.pack("<2I", 15, len(body)) + body
@@ -123,3 +123,11 @@ def test_many_empty_arrays_take_no_memory() -> None:
 def test_version_7_3_is_named() -> None:
     with pytest.raises(RecordingError, match="save it with -v7"):
         read_mat(b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
+
+
+@pytest.mark.parametrize(("at", "value"), [(0xB1, 1), (0x91, 8)], ids=["type", "complex"])
+def test_what_scipy_would_crash_on_is_refused(refusal: Refusal, at: int, value: int) -> None:
+    broken = bytearray(save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))}))
+    broken[at] = value
+    message = refusal(lambda: read_mat(bytes(broken), "f.mat"))
+    assert message.startswith("f.mat: cannot be read as a MAT file")

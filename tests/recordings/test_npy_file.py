@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.npy_file import read_npy
+from truejoint.recordings.array_files import read_npy
 
 Refusal = Callable[[Callable[[], object]], str]
 

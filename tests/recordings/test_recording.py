@@ -1,13 +1,16 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import Provenance, Recording
-from truejoint.recordings.recording import default_unit, since_first
+from truejoint.recordings.recording import default_unit, runs, since_first
 from truejoint.robots import get_robot
 
 BROS = Provenance(robot="bros", source="bench.csv")
@@ -125,3 +128,10 @@ def test_only_stamps_since_1970_are_shifted() -> None:
     t, start = since_first(np.array([50.2, 50.3]))
     assert math.isnan(start)
     assert t.tolist() == [50.2, 50.3]
+
+
+@given(st.lists(st.booleans(), max_size=60))
+def test_runs_hold_what_is_true_and_nothing_else(same: list[bool]) -> None:
+    found = runs(np.array(same, dtype=bool))
+    assert [k for first, end in found for k in range(first, end)] == np.flatnonzero(same).tolist()
+    assert all(end < first for (_, end), (first, _) in pairwise(found))

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from truejoint.studies import Part, PartResult, Study
-from truejoint.studies.store import part_file, read_part, write_part
+from truejoint.studies.runner import part_file, read_part, write_part
 
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),

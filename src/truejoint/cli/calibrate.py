@@ -25,8 +25,8 @@ def calibrate(
         typer.Option(
             "--estimator",
             "-e",
-            help=f"One of {', '.join(complete.estimators())}.",
-            autocompletion=complete.estimators,
+            help=f"One of {', '.join(truejoint.estimators.estimator_names())}.",
+            autocompletion=truejoint.estimators.estimator_names,
         ),
     ] = DEFAULT,
     settings: Annotated[
@@ -137,10 +137,7 @@ def fit(
 
 
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:
-    """Features of their texts, where the name of a data set stands for those that suit it.
-
-    Raises CalibrationError if a text is no feature, or a feature stands twice.
-    """
+    """Features of their texts, where the name of a data set stands for those that suit it."""
     if not texts:
         return None
     sets = truejoint.recordings.datasets.DATASETS
@@ -151,11 +148,7 @@ def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet 
 def configured(
     name: str, settings: Sequence[str], dataset: str | None = None
 ) -> truejoint.estimators.JointRegressor:
-    """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set.
-
-    Raises CalibrationError if there is no such estimator or parameter, or the value is of another
-    kind or forbidden.
-    """
+    """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set."""
     estimator = truejoint.estimators.get_estimator(name)
     known = estimator.get_params()
     if dataset is not None:

@@ -141,13 +141,12 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
 def _report_agreement(
     calibration: truejoint.Calibration, found: truejoint.calibration.CrossCheck, as_json: bool
 ) -> None:
-    names = ("joint", "unit", "difference", "allowed", "inside", "consistent")
+    names = ("difference", "allowed", "inside", "consistent")
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
-    columns = (found.difference, found.allowed, found.inside, found.consistent)
-    values = [column.tolist() for column in columns]
+    values = [getattr(found, name).tolist() for name in names]
     rows = list(zip(calibration.joints, units, *values, strict=True))
     if as_json:
-        joints = [dict(zip(names, row, strict=True)) for row in rows]
+        joints = [dict(zip(("joint", "unit", *names), row, strict=True)) for row in rows]
         result_json({"level": found.level, "joints": joints})
         return
     lines = [

@@ -90,14 +90,8 @@ def collect(
         recording, report = record(
             device, trajectory, target, load=load_grams / 1e3, state_rate=state_rate_hz
         )
-        rows.append(
-            {
-                "file": str(target),
-                "rows": len(recording),
-                "tracking": report.to_dict(),
-                "dropped": dict(recording.provenance.dropped),
-            }
-        )
+        facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}
+        rows.append({**facts, "dropped": dict(recording.provenance.dropped)})
         if not as_json:
             out.print(f"{target}: {len(recording)} rows; {report}")
             say_dropped(recording)

@@ -14,11 +14,6 @@ import truejoint
 from truejoint.errors import TruejointError
 
 
-def estimators() -> list[str]:
-    """Names of estimators."""
-    return list(truejoint.estimators.estimator_names())
-
-
 def robots() -> list[str]:
     """Names of robots."""
     return list(truejoint.robots.robot_names())

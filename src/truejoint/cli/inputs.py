@@ -20,10 +20,7 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 @dataclass(frozen=True)
 class Files:
-    """What a person says of recordings whose files do not say it themselves.
-
-    Raises RobotError or RecordingError if there is no such robot, arm or format.
-    """
+    """What a person says of recordings whose files do not say it themselves."""
 
     format: str | None = None
     columns: Path | None = None
@@ -33,10 +30,9 @@ class Files:
     def __post_init__(self) -> None:
         if self.robot is not None:
             truejoint.get_robot(self.robot, self.arm)
-        if self.format is not None and self.format not in truejoint.recordings.format_names():
-            raise RecordingError(
-                unknown("format", self.format, truejoint.recordings.format_names())
-            )
+        known = truejoint.recordings.format_names()
+        if self.format is not None and self.format not in known:
+            raise RecordingError(unknown("format", self.format, known))
 
     def find(
         self,
@@ -50,9 +46,8 @@ class Files:
         """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
 
         What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
-        set's recommended `split`, that to judge on if `held_out`. Raises RecordingError or
-        RobotError here if one is not there or is named twice, the part is not ``FROM:TO``, or the
-        robot lacks one of the `joints`.
+        set's recommended `split`, that to judge on if `held_out`. What is wrong with names, part or
+        `joints` is raised here, before anything is read.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -165,10 +160,7 @@ def parse_part(text: str) -> tuple[float, float]:
 
 
 def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Read the largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``.
-
-    `units` are SI, by joint. Raises RecordingError if a joint is unknown or a number not positive.
-    """
+    """Largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``; `units` are SI."""
     tolerances = {}
     for text in texts:
         joint, _, number = text.partition("=")

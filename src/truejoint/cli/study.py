@@ -99,11 +99,10 @@ def _list(*, as_json: bool) -> None:
     for s in STUDIES.values():
         options, source = {o.name: shown(o.default) for o in s.options}, s.source or "ours"
         listed[s.name] = {"title": s.title, "source": source, "options": options}
+        if not as_json:
+            out.print(f"{s.name}: {s.title} ({source})", style="bold")
+            for option in s.options:
+                text = f"    --set {option.name}={options[option.name]}  {option.meaning}"
+                out.print(text, soft_wrap=True)
     if as_json:
         result_json(listed)
-        return
-    for s in STUDIES.values():
-        out.print(f"{s.name}: {s.title} ({s.source or 'ours'})", style="bold")
-        for option in s.options:
-            text = f"    --set {option.name}={shown(option.default)}  {option.meaning}"
-            out.print(text, soft_wrap=True)

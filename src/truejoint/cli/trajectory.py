@@ -51,7 +51,7 @@ def make_zigzag(
     """Make a zig-zag path that covers the calibration workspace."""
     target = truejoint.get_robot(robot, arm)
     trajectory = truejoint.motion.zigzag(target, direction, parse_sparsity(sparsity))
-    _save(trajectory, target, output, plot, force, as_json)
+    _tell(trajectory, target, plot, as_json, output=output, force=force)
 
 
 @app.command(
@@ -70,7 +70,7 @@ def make_random(
     """Make a random motion, to test a calibration on what it was not trained on."""
     target = truejoint.get_robot(robot, arm)
     trajectory = truejoint.motion.random_motion(target, duration=60.0 * minutes, seed=seed)
-    _save(trajectory, target, output, plot, force, as_json)
+    _tell(trajectory, target, plot, as_json, output=output, force=force)
 
 
 @app.command("show", epilog="Example: `truejoint trajectory show zigzag.csv --plot zigzag.html`")
@@ -85,26 +85,19 @@ def show(
     _tell(truejoint.motion.read_trajectory(path), truejoint.get_robot(robot, arm), plot, as_json)
 
 
-def _save(
-    trajectory: truejoint.motion.Trajectory,
-    robot: truejoint.robots.Robot,
-    output: Path,
-    plot: Path | None,
-    force: bool,
-    as_json: bool,
-) -> None:
-    truejoint.motion.write_trajectory(trajectory, output, overwrite=force)
-    say(f"wrote {output}")
-    _tell(trajectory, robot, plot, as_json)
-
-
 def _tell(
     trajectory: truejoint.motion.Trajectory,
     robot: truejoint.robots.Robot,
     plot: Path | None,
     as_json: bool,
+    *,
+    output: Path | None = None,
+    force: bool = False,
 ) -> None:
-    """Draw it where that is asked for, and say how far and how long it goes."""
+    """Write and draw it where that is asked for, and say how far and how long it goes."""
+    if output is not None:
+        truejoint.motion.write_trajectory(trajectory, output, overwrite=force)
+        say(f"wrote {output}")
     if plot is not None:
         truejoint.motion.plot_trajectories([trajectory], plot)
         say(f"wrote {plot}")
@@ -120,9 +113,8 @@ def _tell(
         plain = {name: values.tolist() for name, values in ranges.items()}
         result_json({**result, **plain, "duration": duration})
         return
-    table = Table(
-        "joint", "from", "to", "path", "unit", title=trajectory.name, title_justify="left"
-    )
+    header = ("joint", "from", "to", "path", "unit")
+    table = Table(*header, title=trajectory.name, title_justify="left")
     for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
         shown = display_unit(robot.joint(name).unit)
         table.add_row(name, *(f"{value * shown.scale:.2f}" for value in values), shown.name)

@@ -1,7 +1,7 @@
 from .data_check import DataCheck as DataCheck
+from .data_check import Finding as Finding
 from .data_check import JointCoverage as JointCoverage
 from .data_check import check_data as check_data
-from .defects import Finding as Finding
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate
@@ -12,6 +12,7 @@ from .metrics import rmse as rmse
 from .metrics import tool_error as tool_error
 from .report import render_report as render_report
 from .report import write_report as write_report
+from .report.curves import plot_corrected as plot_corrected
 from .results import CartesianScore as CartesianScore
 from .results import Evaluation as Evaluation
 from .results import IntervalScore as IntervalScore
@@ -25,8 +26,7 @@ from .results import estimator_title as estimator_title
 from .splits import part_by_time as part_by_time
 from .splits import split_by_file as split_by_file
 from .splits import split_by_time as split_by_time
-from .still import plot_corrected as plot_corrected
-from .tables import findings_table as findings_table
-from .tables import interval_table as interval_table
-from .tables import score_table as score_table
 from .verdict import judge as judge
+from .view import findings_table as findings_table
+from .view import interval_table as interval_table
+from .view import score_table as score_table

@@ -14,11 +14,11 @@ from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.intervals import judge_interval
-from truejoint.evaluation.metrics import tool_error, tool_positions
+from truejoint.evaluation.metrics import tool_positions
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
 from truejoint.evaluation.scoring import JudgedRecording
 from truejoint.evaluation.signals import direction, velocity
-from truejoint.evaluation.verdict import judge, other_homings, rezeroed_on, seen_in_training
+from truejoint.evaluation.verdict import judge, remarks_on, seen_in_training
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.robots import Robot
 
@@ -116,7 +116,7 @@ def evaluate(
         chosen,
         tolerance=tolerance or {},
         objections=seen_in_training(metadata, recordings),
-        remarks=other_homings(metadata, recordings) + rezeroed_on(metadata, recordings),
+        remarks=tuple(remarks_on(metadata, recordings)),
     )
     return Evaluation(
         robot=robot.name,
@@ -128,8 +128,8 @@ def evaluate(
         estimators=tuple(tested[0].errors),
         baseline_notes=dict(metadata.get("baseline_notes", {})),
         scores=scores,
-        recording_scores=scoring.recording_scores(tested, joints, units),
-        cartesian=scoring.cartesian_scores(tested),
+        recording_scores=tuple(scoring.recording_scores(tested, joints, units)),
+        cartesian=tuple(scoring.cartesian_scores(tested)),
         cartesian_note=note,
         worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
         window=window,
@@ -190,11 +190,10 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
 
 def _models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
-) -> dict[str, Sequence[Corrects]]:
+) -> Mapping[str, Sequence[Corrects]]:
     """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
     first = calibrations[chosen][0]
-    known: dict[str, Sequence[Corrects]] = {k: [model] for k, model in first.baselines.items()}
-    known.update(calibrations)
+    known = {k: [model] for k, model in first.baselines.items()} | dict(calibrations)
     models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
     if OFFSET not in models:
         raise CalibrationError(
@@ -236,11 +235,11 @@ def _test(
             changed[:, columns] = positions
             return changed
 
-        true = pose(truth)
+        true = tool_positions(robot.kinematics, pose(truth))
         for key, seeds in estimates.items():
-            tool_errors[key] = [tool_error(robot.kinematics, pose(value), true) for value in seeds]
-        tool = {"truth": tool_positions(robot.kinematics, true)}
-        tool |= {key: tool["truth"] + tool_errors[key][0] for key in (OFFSET, chosen)}
+            positions = [tool_positions(robot.kinematics, pose(value)) for value in seeds]
+            tool_errors[key] = [position - true for position in positions]
+        tool = {"truth": true} | {key: true + tool_errors[key][0] for key in (OFFSET, chosen)}
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
     trace = Trace(
         name=name,
@@ -270,10 +269,7 @@ def _finite(positions: Array, estimator: str, name: str) -> Array:
 
 
 def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
-    """Give the reason why tool positions cannot be computed; empty when they can.
-
-    A joint may be missing from a recording if it does not move the tool, such as a jaw.
-    """
+    """Why tool positions cannot be computed; empty when no joint that moves the tool is missing."""
     if robot.kinematics is None:
         return f"The kinematics of {robot.name} are not known, so errors stay in joint space."
     for recording in recordings:
@@ -292,11 +288,9 @@ def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
 
 def all_joints(recording: Recording, robot: Robot) -> Array:
     """Measured positions (n, n_joints) [rad or m] of all joints; home where there is no column."""
-    known = recording.joints_of("measured")
+    known = [joint for joint in robot.joint_names if joint in recording.joints_of("measured")]
     positions = np.tile(robot.home, (len(recording), 1))
-    for column, joint in enumerate(robot.joint_names):
-        if joint in known:
-            positions[:, column] = recording.column(f"measured/{joint}")
+    positions[:, robot.index(known)] = recording.columns("measured", known)
     return positions
 
 

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import made_interval_of, trained_on, zero_offset
 from truejoint.calibration.interval import Interval
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
-from truejoint.evaluation.signals import Mask
 from truejoint.recordings.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
@@ -24,19 +23,14 @@ _NAMED: Final = 4  # recordings that a sentence names
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """One recording as the interval sees it: rows with truth, re-zeroed where that is asked.
-
-    `error` is (n, n_joints), `widening` (n,); `scored` (n,) tells which rows the re-zeroing did
-    not use, `objection` why coverage on it would mislead. Where the interval holds after this
-    homing, `trace` has its bounds, NaN in the rows that the re-zeroing used.
-    """
+    """One recording as the interval sees it: rows with truth, re-zeroed where that is asked."""
 
     homing: str
-    trace: Trace
-    error: Array
-    widening: Array
-    scored: Mask
-    objection: str
+    trace: Trace  # with bounds where the interval holds, NaN in rows that the re-zeroing used
+    error: Array  # (n, n_joints)
+    widening: Array  # (n,)
+    scored: Mask  # (n,), rows that the re-zeroing did not use
+    objection: str  # why coverage on it would mislead
 
 
 def judge_interval(
@@ -44,11 +38,9 @@ def judge_interval(
 ) -> dict[str, Any]:
     """Judge the interval of a `Calibration` on recordings that no part of it saw.
 
-    Recordings of the fit, those that the interval was made of, and those after a homing that it
-    does not hold for are left out and named. A recording counts as one trajectory, and where the
-    interval holds after any homing, all recordings after one homing do. `traces` are of the same
-    recordings, with the estimates of the calibration under `chosen`. Gives what `Evaluation` says
-    of intervals, by attribute, and the traces with the bounds where the interval holds.
+    Recordings on which it would mislead are left out and named. A recording counts as one
+    trajectory; where the interval holds after any homing, all recordings after one homing do.
+    Gives what `Evaluation` says of intervals, by attribute, and `traces` with bounds.
     """
     if not isinstance(calibration, Calibration) or calibration.interval is None:
         return {"traces": tuple(traces)}
@@ -62,17 +54,15 @@ def judge_interval(
     judged = [motion for motion in motions if not motion.objection]
     units: dict[str, list[_Motion]] = {}
     for motion in judged:
-        shared = motion.homing and _any_homing(interval)
+        shared = motion.homing and interval.homings > 1 and interval.rezero == 0.0
         name = f"homing {motion.homing}" if shared else motion.trace.name
         units.setdefault(name, []).append(motion)
-    reasons: dict[str, list[str]] = {}
-    for motion in motions:
-        reasons.setdefault(motion.objection, []).append(motion.trace.name)
     objections = []
-    for reason, names in reasons.items():
+    for reason in dict.fromkeys(motion.objection for motion in motions if motion.objection):
+        names = [motion.trace.name for motion in motions if motion.objection == reason]
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         listed = "; ".join(names[:_NAMED]) + more
-        objections += [f"Coverage is not judged on {listed}: {reason}."] if reason else []
+        objections.append(f"Coverage is not judged on {listed}: {reason}.")
     return {
         "intervals": tuple(_scores(calibration, list(units.values()))),
         "interval_trajectories": tuple(units),
@@ -96,8 +86,7 @@ def _motion(
         error, position, scored = error - shift, position + shift, ~used
     widening = 1.0 + interval.growth * calibration.range_excess(recording)[known]
     homing, own = recording.provenance.homing_id, _own_homings(calibration)
-    anywhere = interval.rezero > 0.0 or _any_homing(interval) or not own or not homing
-    holds = anywhere or homing in own
+    holds = _allows_offset(interval) or not own or not homing or homing in own
     if holds and scored.any():
         half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
         trace = replace(trace, lower=position - half, upper=position + half)
@@ -114,9 +103,9 @@ def _motion(
     return _Motion(homing, trace, error, widening, scored, objection)
 
 
-def _any_homing(interval: Interval) -> bool:
-    """Whether the interval allows for the offset that a fresh homing brings."""
-    return interval.homings > 1 and interval.rezero == 0.0
+def _allows_offset(interval: Interval) -> bool:
+    """Whether the interval holds after a fresh homing, which brings an offset."""
+    return interval.rezero > 0.0 or interval.homings > 1
 
 
 def _own_homings(calibration: Calibration) -> set[str]:
@@ -126,12 +115,13 @@ def _own_homings(calibration: Calibration) -> set[str]:
     return {str(session.get("homing_id", "")) for session in sessions} - {""}
 
 
-def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> list[IntervalScore]:
+def _scores(
+    calibration: Calibration, units: Sequence[Sequence[_Motion]]
+) -> Iterator[IntervalScore]:
     """Score every level and joint on trajectories, each of one or several recordings."""
     interval = calibration.required_interval()
     errors = [np.concatenate([m.error[m.scored] for m in unit]) for unit in units]
     widenings = [np.concatenate([m.widening[m.scored] for m in unit]) for unit in units]
-    scores: list[IntervalScore] = []
     for row, level in enumerate(interval.levels if units else ()):
         base = interval.half_widths[row]
         allowed = [widening[:, None] * base for widening in widenings]
@@ -139,8 +129,8 @@ def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> lis
         shares = np.array([rows.mean(axis=0) for rows in inside])
         sampling = spread(shares) / math.sqrt(len(units))
         half_width = base * np.mean([widening.mean() for widening in widenings])
-        scores += [
-            IntervalScore(
+        for k, joint in enumerate(calibration.joints):
+            yield IntervalScore(
                 joint=joint,
                 unit=calibration.units[f"measured/{joint}"],
                 level=float(level),
@@ -150,9 +140,6 @@ def _scores(calibration: Calibration, units: Sequence[Sequence[_Motion]]) -> lis
                 offset_half_width=float(interval.offset_half_widths[row, k]),
                 shares=tuple(float(share) for share in shares[:, k]),
             )
-            for k, joint in enumerate(calibration.joints)
-        ]
-    return scores
 
 
 def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> str:
@@ -180,8 +167,7 @@ def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> 
     if beyond:
         masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
         note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
-    if interval.rezero > 0.0 or _any_homing(interval):
-        return note
-    if not _own_homings(calibration) or any(not motion.homing for motion in judged):
+    named = _own_homings(calibration) and all(motion.homing for motion in judged)
+    if not named and not _allows_offset(interval):
         note += " Not all recordings name their homing; it is taken to be the same one."
     return note

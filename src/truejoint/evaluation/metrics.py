@@ -14,17 +14,12 @@ from truejoint.robots import Kinematics
 
 
 def rmse(error: ArrayLike) -> Array:
-    """Root mean square of errors over time.
+    """Root mean square of errors over time, shape () or (n_joints,): ``sqrt(mean(error**2))``.
 
     Parameters
     ----------
     error : array_like, shape (n,) or (n, n_joints)
         Estimated minus true position [rad or m].
-
-    Returns
-    -------
-    ndarray, shape () or (n_joints,)
-        ``sqrt(mean(error**2))`` in the same unit.
 
     Raises
     ------
@@ -62,17 +57,12 @@ def mean_error(error: ArrayLike) -> Array:
 
 
 def percent_of(value: ArrayLike, whole: ArrayLike) -> Array:
-    """`value` as a percentage of `whole`, as peng2024, Table I, states it.
+    """`value` as a percentage of `whole`, as peng2024, Table I, states it; NaN of zero.
 
     Parameters
     ----------
     value, whole : array_like, same shape
         RMSE of an estimator and of the fixed offset, in one unit.
-
-    Returns
-    -------
-    ndarray
-        ``100 * value / whole``; NaN where the whole is zero.
 
     Examples
     --------
@@ -90,7 +80,7 @@ def tool_positions(kinematics: Kinematics, joint: ArrayLike) -> Array:
 
 
 def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) -> Array:
-    """Cartesian error of the tool position caused by errors of the joints.
+    """Error (n, 3) of the tool position [m], x, y, z in the base frame, by errors of the joints.
 
     Both joint vectors go through the same forward kinematics, so errors of the geometry itself
     cancel, as in peng2024, Table IV.
@@ -101,11 +91,6 @@ def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) ->
     estimated, true : array_like, shape (n, n_joints)
         Joint positions [rad or m] of all joints of the robot; joints without truth hold the
         same value in both.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        Estimated minus true tool position, x, y, z in the base frame [m].
 
     Examples
     --------

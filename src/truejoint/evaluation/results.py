@@ -302,23 +302,6 @@ class Trace:
         return self.estimates[estimator] - self.truth
 
 
-def shown_joints(evaluation: Evaluation) -> list[tuple[int, str, DisplayUnit]]:
-    """Column, name and unit for a person of each calibrated joint."""
-    units = map(display_unit, evaluation.units)
-    return list(zip(range(len(evaluation.joints)), evaluation.joints, units, strict=True))
-
-
-def pooled_error(traces: Sequence[Trace], estimator: str, column: int) -> Array:
-    """Error (n,) [rad or m] of an estimator in one joint, over the rows of all traces."""
-    return np.concatenate([trace.error(estimator)[:, column] for trace in traces])
-
-
-def hung_masses(traces: Sequence[Trace]) -> tuple[float, ...]:
-    """Known masses [kg] hung on the tool, ascending; empty unless they differ."""
-    known = known_loads(traces)
-    return tuple(known) if len(known) > 1 else ()
-
-
 def known_loads(traces: Sequence[Trace]) -> list[float]:
     """Masses [kg] at the tool that recordings name, ascending."""
     loads = [trace.provenance.get("load") for trace in traces]
@@ -393,9 +376,8 @@ class Evaluation(Summarised):
         """Verdict, and the accuracy beside that of the fixed offset, by label."""
         accuracy = {}
         for joint, unit in zip(self.joints, self.units, strict=True):
-            own, offset = (
-                with_unit(self.score(name, joint).rmse, unit) for name in (self.chosen, OFFSET)
-            )
+            both = (self.score(name, joint).rmse for name in (self.chosen, OFFSET))
+            own, offset = (with_unit(value, unit) for value in both)
             accuracy[joint] = f"{own} RMSE (fixed offset {offset})"
         return {
             "of": f"{estimator_title(self.chosen)}, {self.title}",
@@ -410,6 +392,15 @@ class Evaluation(Summarised):
             if row.estimator == estimator and row.joint == joint:
                 return row
         raise KeyError(f"no score of {estimator!r} in joint {joint!r}")
+
+    def shown_joints(self) -> list[tuple[int, str, DisplayUnit]]:
+        """Column, name and unit for a person of each calibrated joint."""
+        units = map(display_unit, self.units)
+        return list(zip(range(len(self.joints)), self.joints, units, strict=True))
+
+    def error(self, estimator: str, column: int) -> Array:
+        """Error (n,) [rad or m] of an estimator in one joint, over the rows of all `traces`."""
+        return np.concatenate([trace.error(estimator)[:, column] for trace in self.traces])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as values for JSON; SI units, NaN becomes None."""

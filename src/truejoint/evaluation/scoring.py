@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,32 +52,28 @@ def joint_scores(
 
 def recording_scores(
     tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
-) -> tuple[RecordingScore, ...]:
+) -> Iterator[RecordingScore]:
     """One `RecordingScore` per recording, estimator and joint."""
-    rows = []
     for test in tested:
         for name, seeds in test.errors.items():
             for j, (joint, unit) in enumerate(zip(joints, units, strict=True)):
                 own = [error[:, j] for error in seeds]
                 root, bias = (np.mean([how(e) for e in own]) for how in (rmse, mean_error))
                 values = map(float, (root, np.max([max_abs(e) for e in own]), bias))
-                rows.append(RecordingScore(test.trace.name, name, joint, unit, *values))
-    return tuple(rows)
+                yield RecordingScore(test.trace.name, name, joint, unit, *values)
 
 
-def cartesian_scores(tested: Sequence[JudgedRecording]) -> tuple[CartesianScore, ...]:
+def cartesian_scores(tested: Sequence[JudgedRecording]) -> Iterator[CartesianScore]:
     """One `CartesianScore` per estimator; none where there are no tool errors."""
     pooled = {
         name: _pooled([test.tool_errors[name] for test in tested]) for name in tested[0].tool_errors
     }
     distances = {k: [np.linalg.norm(e, axis=1) for e in seeds] for k, seeds in pooled.items()}
-    rows = []
     for name, found in _over_seeds(distances).items():
         axes = np.mean([rmse(error) for error in pooled[name]], axis=0)
         values = {key: float(value) for key, value in found.items() if key != "mean"}
         values |= dict(zip("xyz", map(float, axes), strict=True))
-        rows.append(CartesianScore(estimator=name, seeds=len(pooled[name]), **values))
-    return tuple(rows)
+        yield CartesianScore(estimator=name, seeds=len(pooled[name]), **values)
 
 
 def _pooled(by_recording: Sequence[Sequence[Array]]) -> list[Array]:
@@ -112,9 +108,8 @@ def worst_windows(
 ) -> list[tuple[int, int, float]]:
     """Windows of one recording with the largest RMSE, at most `count`, worst first, apart.
 
-    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,),
-    which sets the unit. A shorter recording is one window. One covers at least half of `window`
-    [s], so that a few rows beside a gap do not count, unless all rows are so far apart.
+    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,).
+    One covers at least half of `window` [s], so that a few rows beside a gap do not count.
     """
     n = len(t)
     first = np.arange(n)
@@ -138,19 +133,16 @@ def worst_windows(
 def worst_stretches(
     traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
 ) -> tuple[Stretch, ...]:
-    """Find the worst windows [s] of each joint over all recordings, worst first.
-
-    Windows of different joints are ordered by their RMSE as a multiple of the joint's limit.
-    """
+    """Worst windows [s] of each joint over all recordings, by RMSE as a multiple of its limit."""
     ranked: list[tuple[float, Stretch]] = []
-    for column, (joint, unit, limit) in enumerate((v.joint, v.unit, v.limit) for v in joints):
-        own: list[tuple[float, Stretch]] = []
+    for column, own in enumerate(joints):
+        found = []
         for index, trace in enumerate(traces):
             error = trace.error(chosen)[:, column]
             for first, end, root in worst_windows(trace.t, error, window, _COUNT):
                 largest = float(np.abs(error[first:end]).max())
                 start, stop = float(trace.t[first]), float(trace.t[end - 1])
-                stretch = Stretch(joint, unit, index, start, stop, root, largest)
-                own.append((root / limit if limit > 0 else root, stretch))
-        ranked += sorted(own, key=lambda pair: -pair[0])[:_COUNT]
+                stretch = Stretch(own.joint, own.unit, index, start, stop, root, largest)
+                found.append((root / own.limit if own.limit > 0 else root, stretch))
+        ranked += sorted(found, key=lambda pair: -pair[0])[:_COUNT]
     return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))

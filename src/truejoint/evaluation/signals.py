@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
-
-Mask = NDArray[np.bool_]
+from truejoint.array_types import Array, Integers
 
 # Below this share of its brisk speed (99th percentile) a joint counts as standing.
 STANDING: float = 0.02
@@ -28,27 +25,14 @@ def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
 
 
 def direction(t: Array, position: Array) -> Array:
-    """Direction of motion, shape of `position`: 1 up, -1 down, 0 standing.
-
-    Standing is slower than `STANDING` times the 99th percentile of the speed.
-    """
+    """Direction of motion, shape of `position`: 1 up, -1 down, 0 standing (see `STANDING`)."""
     rate = velocity(t, position)
     brisk = np.quantile(np.abs(rate), 0.99, axis=0)
     moving = np.abs(rate) > STANDING * brisk
     return np.where(moving, np.sign(rate), 0.0)
 
 
-def gaps(t: Array) -> NDArray[np.int64]:
+def gaps(t: Array) -> Integers:
     """Rows (m,) after which the next time stamp is more than `GAP_STEPS` median steps away."""
     step = np.diff(t)
     return np.flatnonzero(step > GAP_STEPS * np.median(step))
-
-
-def longest_run(same: Mask) -> tuple[int, int]:
-    """First row and length of the longest run of True; length 0 when there is none."""
-    edges = np.diff(np.concatenate(([0], same.astype(np.int8), [0])))
-    starts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    if not len(starts):
-        return 0, 0
-    longest = int(np.argmax(ends - starts))
-    return int(starts[longest]), int(ends[longest] - starts[longest])

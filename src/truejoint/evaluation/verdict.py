@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from numbers import Real
 from pathlib import PurePath
 from typing import Any
@@ -11,13 +11,7 @@ from typing import Any
 from truejoint.calibration.conformal import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.digits import shown
-from truejoint.evaluation.results import (
-    OFFSET,
-    JointVerdict,
-    Score,
-    Verdict,
-    estimator_phrase,
-)
+from truejoint.evaluation.results import OFFSET, JointVerdict, Score, Verdict, estimator_phrase
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 
@@ -151,30 +145,24 @@ def seen_in_training(
     return tuple(f"the model was trained on rows of {n}, which it is tested on" for n in seen)
 
 
-def other_homings(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Tell when the test was recorded after another homing than the ``homing_ids`` of training."""
+def remarks_on(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> Iterator[str]:
+    """Tell of homings of the test that training has not seen, and of truth that re-zeroed."""
     known = set(metadata.get("homing_ids", ()))
     other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
-    if not known or not other:
-        return ()
-    return (
-        f"The test has homings that training has not seen ({', '.join(other[:4])}); positions of "
-        "two homings differ by an offset that no model knows.",
-    )
-
-
-def rezeroed_on(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Tell when the offset was taken from a recording of the test: see ``rezeroed``."""
+    if known and other:
+        yield (
+            f"The test has homings that training has not seen ({', '.join(other[:4])}); positions "
+            "of two homings differ by an offset that no model knows."
+        )
     since = metadata.get("rezeroed") or {}
-    key = (since.get("source"), since.get("homing_id"))
     for recording in recordings:
-        origin = recording.provenance
-        if origin.source and key == (origin.source, origin.homing_id):
-            return (
+        source, homing = recording.provenance.source, recording.provenance.homing_id
+        if source and (since.get("source"), since.get("homing_id")) == (source, homing):
+            yield (
                 f"The model was re-zeroed on truth of {_name(recording)}, which it is tested on; "
-                "what is left of the offset shows only in other recordings.",
+                "what is left of the offset shows only in other recordings."
             )
-    return ()
+            return
 
 
 def _name(recording: Recording) -> str:

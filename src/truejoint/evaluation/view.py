@@ -1,28 +1,25 @@
-"""Rows of the tables, for the page and the terminal: text, in deg and mm, with sensible digits."""
+"""Tables for the page and the terminal: text, in deg and mm, with sensible digits."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import groupby
+from typing import Any, Final
 
 import numpy as np
+from rich import box
+from rich.table import Table
+from rich.text import Text
 
-from truejoint.evaluation.data_check import JointCoverage
+from truejoint.array_types import Mask
+from truejoint.evaluation.data_check import DataCheck, JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
-from truejoint.evaluation.results import (
-    OFFSET,
-    RAW,
-    Evaluation,
-    Trace,
-    estimator_title,
-    hung_masses,
-    pooled_error,
-    shown_joints,
-)
-from truejoint.evaluation.signals import Mask
+from truejoint.evaluation.results import OFFSET, RAW, Evaluation, estimator_title, known_loads
 from truejoint.units import DisplayUnit, display_unit
+
+_LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
 
 
 @dataclass(frozen=True)
@@ -35,20 +32,16 @@ class Row:
     chosen: bool = False
 
 
-def _judged(evaluation: Evaluation) -> list[tuple[str, DisplayUnit, Sequence[Any]]]:
+def _judged(evaluation: Evaluation) -> Iterator[tuple[str, DisplayUnit, Sequence[Any]]]:
     """Joints, then the tool's distance, with the scores of all estimators."""
-    found: list[tuple[str, DisplayUnit, Sequence[Any]]] = [
-        (joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators])
-        for _, joint, unit in shown_joints(evaluation)
-    ]
+    for _, joint, unit in evaluation.shown_joints():
+        yield joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators]
     if evaluation.cartesian:
-        found.append(("tool position", display_unit("m"), evaluation.cartesian))
-    return found
+        yield "tool position", display_unit("m"), evaluation.cartesian
 
 
-def main_rows(evaluation: Evaluation) -> list[Row]:
+def main_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Joints and the tool by estimator: RMSE, spread, largest, percent."""
-    rows = []
     for name, unit, scores in _judged(evaluation):
         values = [unit.scale * score.rmse for score in scores]
         decimals = decimals_for(values)
@@ -63,34 +56,28 @@ def main_rows(evaluation: Evaluation) -> list[Row]:
             }
             for value, s in zip(values, scores, strict=True)
         ]
-        rows.append(Row(name, cells, unit.name))
-    return rows
+        yield Row(name, cells, unit.name)
 
 
-def headlines(evaluation: Evaluation) -> list[dict[str, Any]]:
-    """Return the chosen model's RMSE of each joint, and of the tool, for the first screen."""
+def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
+    """Give the chosen model's RMSE of each joint, and of the tool, for the first screen."""
     verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
-    found = []
     for name, unit, scores in _judged(evaluation):
         rows = {score.estimator: score for score in scores}
         own, verdict = rows[evaluation.chosen], verdicts.get(name)
         limit = verdict.limit if verdict else rows[OFFSET].rmse
         value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
         against = "tolerance" if verdict and verdict.stated else "fixed offset"
-        found.append(
-            {
-                "name": name,
-                "value": value,
-                "unit": unit.name,
-                "percent": ""
-                if evaluation.chosen == OFFSET
-                else f"{percent_text(own.percent_of_offset)} of fixed offset",
-                "limit": f"{against} {beside} {unit.name}",
-                "interval": _interval_line(evaluation, name),
-                "passed": verdict.passed if verdict else None,
-            }
-        )
-    return found
+        percent = f"{percent_text(own.percent_of_offset)} of fixed offset"
+        yield {
+            "name": name,
+            "value": value,
+            "unit": unit.name,
+            "percent": "" if evaluation.chosen == OFFSET else percent,
+            "limit": f"{against} {beside} {unit.name}",
+            "interval": _interval_line(evaluation, name),
+            "passed": verdict.passed if verdict else None,
+        }
 
 
 def _interval_line(evaluation: Evaluation, joint: str) -> str:
@@ -106,10 +93,9 @@ def _interval_line(evaluation: Evaluation, joint: str) -> str:
     return ""
 
 
-def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
+def interval_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """One row a joint and stated level: coverage, and half-widths beside the fixed offset's."""
-    rows = []
-    for _, joint, unit in shown_joints(evaluation):
+    for _, joint, unit in evaluation.shown_joints():
         scores = [score for score in evaluation.intervals if score.joint == joint]
         pairs = [(unit.scale * s.half_width, unit.scale * s.offset_half_width) for s in scores]
         decimals = decimals_for(value for pair in pairs for value in pair)
@@ -117,55 +103,48 @@ def interval_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
             offset = score.offset_half_width
             error = f" ± {100 * score.standard_error:.1f}" if len(score.shares) > 1 else ""
             worst = int(np.argmin(score.shares))
-            rows.append(
-                {
-                    "joint": joint,
-                    "unit": unit.name,
-                    "level": f"{100 * score.level:g} %",
-                    "coverage": f"{100 * score.coverage:.1f}{error} %",
-                    "agreement": score.agreement,
-                    "worst": f"{100 * score.shares[worst]:.1f} %",
-                    "worst_name": evaluation.interval_trajectories[worst],
-                    "widths": [fixed(width, decimals) for width in widths],
-                    "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
-                    "chosen": score.level == evaluation.interval_level,
-                }
-            )
-    return rows
+            yield {
+                "joint": joint,
+                "unit": unit.name,
+                "level": f"{100 * score.level:g} %",
+                "coverage": f"{100 * score.coverage:.1f}{error} %",
+                "agreement": score.agreement,
+                "worst": f"{100 * score.shares[worst]:.1f} %",
+                "worst_name": evaluation.interval_trajectories[worst],
+                "widths": [fixed(width, decimals) for width in widths],
+                "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
+                "chosen": score.level == evaluation.interval_level,
+            }
 
 
-def load_rows(evaluation: Evaluation) -> list[Row]:
+def load_rows(evaluation: Evaluation) -> Iterator[Row]:
     """RMSE before and after by hung mass; empty unless the test has several known masses."""
-    rows = []
-    for mass in hung_masses(evaluation.traces):
-        traces = [trace for trace in evaluation.traces if trace.provenance.get("load") == mass]
-        for column, joint, unit in shown_joints(evaluation):
-            numbers = _before_after(evaluation, traces, column)
-            rows.append(Row(f"{1e3 * mass:.0f} g", [joint, len(traces), *numbers], unit.name))
-    return rows
+    masses = known_loads(evaluation.traces)
+    loads = [trace.provenance.get("load") for trace in evaluation.traces]
+    for mass in masses if len(masses) > 1 else ():
+        mask = np.repeat([load == mass for load in loads], [len(t.t) for t in evaluation.traces])
+        for column, joint, unit in evaluation.shown_joints():
+            cells = [joint, loads.count(mass), *_before_after(evaluation, column, mask)]
+            yield Row(f"{1e3 * mass:.0f} g", cells, unit.name)
 
 
-def direction_rows(evaluation: Evaluation) -> list[Row]:
+def direction_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Bias and RMSE of the chosen model by joint and direction of motion."""
-    rows = []
-    for column, joint, unit in shown_joints(evaluation):
+    for column, joint, unit in evaluation.shown_joints():
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         for title, way in (("up", 1), ("down", -1), ("standing", 0)):
             mask = moves == way
             if mask.any():
-                numbers = _before_after(evaluation, evaluation.traces, column, mask)
-                rows.append(Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name))
-    return rows
+                numbers = _before_after(evaluation, column, mask)
+                yield Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name)
 
 
-def _before_after(
-    evaluation: Evaluation, traces: Sequence[Trace], column: int, rows: Mask | slice = slice(None)
-) -> list[str]:
+def _before_after(evaluation: Evaluation, column: int, rows: Mask) -> list[str]:
     """Mean error and RMSE of the fixed offset and of the chosen model in some rows."""
     unit = display_unit(evaluation.units[column])
     numbers: list[float] = []
     for name in (OFFSET, evaluation.chosen):
-        error = unit.scale * pooled_error(traces, name, column)[rows]
+        error = unit.scale * evaluation.error(name, column)[rows]
         numbers += [error.mean(), np.sqrt(np.mean(error**2))]
     decimals = decimals_for(numbers[1::2])
     return [fixed(value, decimals) for value in numbers]
@@ -176,15 +155,13 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     scores = {(r.recording, r.estimator, r.joint): r for r in evaluation.recording_scores}
     limits = {v.joint: v.limit for v in evaluation.verdict.joints}
     chosen, rows = evaluation.chosen, []
-    digits = {
-        joint: decimals_for(
-            unit.scale * scores[t.name, chosen, joint].rmse for t in evaluation.traces
-        )
-        for _, joint, unit in shown_joints(evaluation)
-    }
+    digits = {}
+    for _, joint, unit in evaluation.shown_joints():
+        own = (scores[trace.name, chosen, joint].rmse for trace in evaluation.traces)
+        digits[joint] = decimals_for(unit.scale * value for value in own)
     for trace in evaluation.traces:
         cells, ratio = [], 0.0
-        for _, joint, unit in shown_joints(evaluation):
+        for _, joint, unit in evaluation.shown_joints():
             before, after = (scores[trace.name, name, joint] for name in (OFFSET, chosen))
             ratio = max(ratio, after.rmse / limits[joint] if limits[joint] > 0 else 0.0)
             values = (before.rmse, after.rmse, after.max_abs)
@@ -205,23 +182,20 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -row["ratio"])
 
 
-def cartesian_rows(evaluation: Evaluation) -> list[Row]:
+def cartesian_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Tool position errors [mm] by estimator: x, y, z, distance, largest, percent."""
     every = [1e3 * v for r in evaluation.cartesian if r.estimator != RAW for v in (r.x, r.y, r.z)]
     decimals = decimals_for(every)
-    rows = []
     for row in evaluation.cartesian:
         numbers = (row.x, row.y, row.z, row.rmse, row.max_abs)
         cells = [fixed(1e3 * v, decimals) for v in numbers] + [percent_text(row.percent_of_offset)]
         name = estimator_title(row.estimator)
-        rows.append(Row(name, cells, chosen=row.estimator == evaluation.chosen))
-    return rows
+        yield Row(name, cells, chosen=row.estimator == evaluation.chosen)
 
 
-def bias_rows(evaluation: Evaluation) -> list[Row]:
+def bias_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Every score in full: RMSE, spread, largest, bias and percent by joint and estimator."""
-    rows = []
-    for _, joint, unit in shown_joints(evaluation):
+    for _, joint, unit in evaluation.shown_joints():
         scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         decimals = decimals_for(unit.scale * score.rmse for score in scores)
         for score in scores:
@@ -232,34 +206,29 @@ def bias_rows(evaluation: Evaluation) -> list[Row]:
                 percent_text(score.percent_of_offset),
                 score.seeds if score.estimator != RAW else "\N{EN DASH}",
             ]
-            rows.append(Row(joint, cells, unit.name, score.estimator == evaluation.chosen))
-    return rows
+            yield Row(joint, cells, unit.name, score.estimator == evaluation.chosen)
 
 
-def coverage_rows(coverage: Sequence[JointCoverage]) -> list[Row]:
+def coverage_rows(coverage: Sequence[JointCoverage]) -> Iterator[Row]:
     """Coverage of each joint as text: range, travel, filled, directions, speed, effort, truth."""
-    rows = []
     for row in coverage:
         unit, effort = display_unit(row.unit), display_unit(row.effort_unit)
         low, high = shown([unit.scale * row.lowest, unit.scale * row.highest], most=2)
         speed = shown([unit.scale * row.speed_median, unit.scale * row.speed_high])
         force = shown([effort.scale * row.effort_low, effort.scale * row.effort_high])
-        effort_unit = "" if effort.name == "1" else f" {effort.name}"
+        effort_text = f"{force[0]} to {force[1]} {effort.name}".removesuffix(" 1")
         cells = [
             f"{low} to {high} {unit.name}",
             percent_text(100 * row.share_of_limits),
             percent_text(100 * row.filled),
             " / ".join(f"{100 * share:.0f}" for share in (row.up, row.down, row.standing)),
             f"{speed[0]} / {speed[1]} {unit.name}/s",
-            f"{force[0]} to {force[1]}{effort_unit}"
-            if math.isfinite(row.effort_low)
-            else "\N{EN DASH}",
+            effort_text if math.isfinite(row.effort_low) else "\N{EN DASH}",
             percent_text(100 * row.truth_missing),
             f"{row.rows:,}",
             duration(row.duration),
         ]
-        rows.append(Row(row.joint, cells))
-    return rows
+        yield Row(row.joint, cells)
 
 
 def duration(seconds: float) -> str:
@@ -273,16 +242,86 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min"
 
 
-def flattened(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
+def flattened(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
     """Nested JSON values as (name, text) pairs; long lists are cut short and say so."""
-    pairs: list[tuple[str, str]] = []
     for key, value in values.items():
         name = f"{prefix}{key}"
         if isinstance(value, Mapping):
-            pairs += flattened(value, f"{name}.")
+            yield from flattened(value, f"{name}.")
         elif isinstance(value, list | tuple):
             more = f", and {len(value) - 24} more" if len(value) > 24 else ""
-            pairs.append((name, ", ".join(str(item) for item in value[:24]) + more))
+            yield name, ", ".join(str(item) for item in value[:24]) + more
         elif value is not None and value != "":
-            pairs.append((name, f"{value:.6g}" if isinstance(value, float) else str(value)))
-    return pairs
+            yield name, f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def score_table(evaluation: Evaluation) -> Table:
+    """Joints (and the tool) by estimator: RMSE, spread over seeds, percent of the fixed offset.
+
+    The smallest of a row is bold.
+
+    Examples
+    --------
+    >>> score_table(evaluation).row_count
+    1
+    """
+    title = f"{evaluation.title}: RMSE on the test, percent of the fixed offset"
+    table = Table("joint", title=title, box=box.SIMPLE_HEAD)
+    for name in evaluation.estimators:
+        style = "cyan" if name == evaluation.chosen else ""
+        table.add_column(estimator_title(name), justify="right", style=style)
+    for row in main_rows(evaluation):
+        if row.name == "tool position":
+            table.add_section()
+        cells = []
+        for cell in row.cells:
+            text = Text(cell["rmse"], style="bold" if cell["best"] else "")
+            for small in filter(None, (cell["spread"], f"{cell['percent']:>6}")):
+                text.append(f" {small}", style="not bold dim")
+            cells.append(text)
+        table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)
+    return table
+
+
+def interval_table(evaluation: Evaluation) -> Table:
+    """Stated levels by joint: share of the test inside, and half-widths beside the offset's.
+
+    Examples
+    --------
+    >>> interval_table(evaluation).row_count
+    2
+    """
+    count = len(evaluation.interval_trajectories)
+    title = f"Stated interval, on {count} test {'trajectories' if count != 1 else 'trajectory'}"
+    table = Table("joint", title=title, box=box.SIMPLE_HEAD)
+    for name in ("stated", "found inside", "half-width", "fixed offset's"):
+        table.add_column(name, justify="right")
+    table.add_column("")
+    for joint, rows in groupby(interval_rows(evaluation), key=lambda row: row["joint"]):
+        for place, row in enumerate(rows):
+            table.add_row(
+                Text("" if place else f"{joint} [{row['unit']}]"),
+                row["level"],
+                row["coverage"],
+                *row["widths"],
+                Text(row["agreement"], style="yellow" if row["agreement"] != "agrees" else "dim"),
+            )
+        table.add_section()
+    return table
+
+
+def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
+    """List the findings of a data check, worst first.
+
+    Examples
+    --------
+    >>> [column.header for column in findings_table(check_data(training)).columns]
+    ['level', 'found', 'where', 'what to do']
+    """
+    table = Table(title=title)
+    for name in ("level", "found", "where", "what to do"):
+        table.add_column(name, overflow="fold")
+    for found in check.findings:
+        texts = map(Text, (found.what, found.where, found.advice))
+        table.add_row(Text(found.level, style=_LEVEL_STYLE[found.level]), *texts)
+    return table

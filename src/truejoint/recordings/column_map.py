@@ -124,7 +124,7 @@ def read_column_map(source: MapSource) -> ColumnMap:
     return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
-_TEXTS: Final = {"robot": "", "arm": "", "delimiter": "", "comment": "#"}
+_TEXTS: Final = ("robot", "arm", "delimiter", "comment")
 
 
 def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
@@ -137,13 +137,14 @@ def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
             f"{name}: needs a table 'columns' that says which column is 't', or rate_hz where the "
             "file has no time stamps"
         )
-    texts = {key: values.get(key, default) for key, default in _TEXTS.items()}
+    texts = {key: values[key] for key in _TEXTS if key in values}
     for key, text in texts.items():
         if not isinstance(text, str) or (key == "comment" and len(text) > 1):
             raise RecordingError(f"{name}: {key} is {text!r}; want text, one character at most")
-    if texts["delimiter"] not in ("", ",", ";", "\t", " "):
+    delimiter = texts.get("delimiter", "")
+    if delimiter not in ("", ",", ";", "\t", " "):
         raise RecordingError(
-            f"{name}: delimiter is {texts['delimiter']!r}; want comma, semicolon, tab or blank"
+            f"{name}: delimiter is {delimiter!r}; want comma, semicolon, tab or blank"
         )
     mapped = {str(k): _column(f"{name}: {k!r}", v) for k, v in columns.items()}
     return ColumnMap(mapped, **texts, rate=float(rate))

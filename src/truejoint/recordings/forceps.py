@@ -43,18 +43,18 @@ def record_forceps(
         "truth/jaw": run.truth.position[:, 0],
         **run.extra,
     }
-    test = motion if isinstance(motion, LoadTest) else None
+    mass, notes = 0.0, ""
+    if isinstance(motion, LoadTest):
+        mass, angle = motion.mass, math.degrees(motion.angle)
+        notes = f"load test: {1e3 * mass:g} g {motion.direction} the motion to {angle:g} deg"
     provenance = Provenance(
         robot="forceps",
         source=f"virtual forceps {specimen}".rstrip() + f", seed {seed}",
         session=session,
         homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
         f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",
-        load=0.0 if test is None else test.mass,
+        load=mass,
         rates={"state": 1.0 / float(run.t[1] - run.t[0])},
-        notes=""
-        if test is None
-        else f"load test: {1e3 * test.mass:g} g {test.direction} the motion to "
-        f"{math.degrees(test.angle):g} deg",
+        notes=notes,
     )
     return Recording.from_columns(columns, provenance)

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 from truejoint.errors import RecordingError, unknown
 from truejoint.plugins import load_plugin, plugins
+from truejoint.recordings.array_files import VERSION5_MARK
 from truejoint.recordings.files import read_head, require_file
-from truejoint.recordings.mat_file import VERSION5_MARK
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
 from truejoint.recordings.parquet import PARQUET_MAGIC, read_parquet
 from truejoint.recordings.readers import (
@@ -55,6 +55,7 @@ class Format:
 
 
 _MAPPED: Final = ("robot", "arm", "column_map")
+_TRUTH: Final = ("arm", "truth_unit")
 FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
@@ -63,10 +64,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         Format("arrays", ".npy or .mat with a column map", mapped.read_arrays, _MAPPED),
         Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
         Format(
-            "raven_csv_252",
-            "RAVEN-II state with external encoders",
-            raven_csv.read_252,
-            ("arm", "truth_unit"),
+            "raven_csv_252", "RAVEN-II state with external encoders", raven_csv.read_252, _TRUTH
         ),
         Format("davinci_grasper_umn", "da Vinci grasper bench", davinci_grasper.read),
         Format("dvrk_psm_berkeley", "dVRK PSM, .npy folder", dvrk_berkeley.read, folder=True),
@@ -86,7 +84,7 @@ def read_recording(
     format: str | None = None,  # noqa: A002 - the word that a person types
     **context: Any,
 ) -> Recording:
-    """Read a recording from a file or folder of any known layout.
+    """Read a recording from a file or folder of any known layout into SI units.
 
     Parameters
     ----------
@@ -97,11 +95,6 @@ def read_recording(
         What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
         formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
         ``notes`` for any.
-
-    Returns
-    -------
-    Recording
-        In SI units.
 
     Raises
     ------

@@ -161,10 +161,7 @@ def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
 def _parse_by_line(
     path: Path, piece: _Piece, layout: TextLayout, wanted: dict[int, bool], after_rows: bool
 ) -> tuple[Array, int]:
-    """As `_parse`, and whether its last line was cut short; slow, names the fault.
-
-    It also reads what is right but unusual, such as numbers in quotes.
-    """
+    """As `_parse`, and whether its last line was cut short; slow, names faults, takes quotes."""
     rows: list[list[float]] = []
     fault = None
     for number, line in enumerate(_lines(piece.text), start=piece.number):

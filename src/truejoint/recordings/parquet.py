@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -67,16 +68,7 @@ def write_parquet(
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Recording:
-    """Read a recording that `write_parquet` wrote.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Recording
-        With the provenance that it was written with.
+    """Read a recording that `write_parquet` wrote, with its units and provenance.
 
     Raises
     ------
@@ -138,10 +130,9 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
             "save it as CSV and read that with a column map"
         )
     damaged = RecordingError(f"{source}: its metadata is damaged; copy or record it again")
-    try:
+    header = None
+    with suppress(ValueError, RecursionError):
         header = json.loads(text)
-    except (ValueError, RecursionError):
-        raise damaged from None
     if not isinstance(header, dict) or not isinstance(header.get("version"), int):
         raise damaged
     if header["version"] > VERSION:
@@ -149,9 +140,9 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
             f"{source}: is of version {header['version']}, this truejoint reads up to {VERSION}; "
             "update truejoint"
         )
-    units = header.get("units")
+    units = header.get("units", {})
     others = header.get("robot", {}), header.get("provenance")
-    if not isinstance(units, dict) or not all(isinstance(other, dict) for other in others):
+    if not all(isinstance(part, dict) for part in (units, *others)):
         raise damaged
     texts = all(isinstance(unit, str) for unit in units.values())
     if not texts or set(units) != set(schema.names) - {"t"}:

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import os
 import types
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
 from typing import Final, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
 from truejoint.recordings.parquet import write_parquet
@@ -38,7 +37,7 @@ class Decimator:
         self._origin = math.nan
         self._cell = -math.inf
 
-    def pick(self, t: Array) -> NDArray[np.bool_]:
+    def pick(self, t: Array) -> Mask:
         """Say which rows to keep, of the next stamps (n,) [s]; bool (n,)."""
         if math.isinf(self._rate) or not t.size:
             return np.ones(t.shape, dtype=np.bool_)
@@ -46,11 +45,12 @@ class Decimator:
             self._origin = float(t[0])
         # A stamp on an edge belongs to the cell that it starts, rounding or not.
         cell = np.floor((t - self._origin) * self._rate + 1e-6)
-        chosen: NDArray[np.bool_] = np.diff(cell, prepend=self._cell) != 0
+        chosen: Mask = np.diff(cell, prepend=self._cell) != 0
         self._cell = float(cell[-1])
         return chosen
 
 
+@dataclass(eq=False, repr=False)
 class Recorder:
     """Records an arm from entering to leaving a ``with`` block.
 
@@ -85,46 +85,33 @@ class Recorder:
     ('shoulder', 'elbow', 'insertion')
     """
 
-    def __init__(
-        self,
-        arm: Arm,
-        state_rate: float = 30.0,
-        truth_rate: float | None = None,
-        *,
-        gap_limit: float = 0.05,
-        max_duration: float = 12 * 3600.0,
-        path: str | os.PathLike[str] | None = None,
-        session: str = "",
-        homing_id: str | None = None,
-        load: float = math.nan,
-        command: str = "",
-    ) -> None:
-        if not (gap_limit > 0 and max_duration > 0):
+    arm: Arm
+    state_rate: float = 30.0
+    truth_rate: float | None = None
+    _: KW_ONLY
+    gap_limit: float = 0.05
+    max_duration: float = 12 * 3600.0
+    path: str | os.PathLike[str] | None = None
+    session: str = ""
+    homing_id: str | None = None
+    load: float = math.nan
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        if not (self.gap_limit > 0 and self.max_duration > 0):
             raise RecordingError(
-                f"recorder: gap limit {gap_limit} s and longest duration {max_duration} s; "
-                "both must be above 0 s"
+                f"recorder: gap limit {self.gap_limit} s and longest duration {self.max_duration} "
+                "s; both must be above 0 s"
             )
-        self._path = None if path is None else Path(path)
-        if self._path is not None and self._path.exists():
-            raise RecordingError(f"{self._path}: exists already; choose another name")
-        self._arm = arm
-        self._state_rate = state_rate
-        self._truth_rate = math.inf if truth_rate is None else truth_rate
-        self._gap_limit = gap_limit
-        self._max_duration = max_duration
-        self._provenance = Provenance(
-            robot=arm.robot.name,
-            arm=arm.robot.arm,
-            session=session,
-            homing_id=arm.homing_id if homing_id is None else homing_id,
-            load=load,
-            command=command,
-        )
+        if self.path is not None and Path(self.path).exists():
+            raise RecordingError(f"{self.path}: exists already; choose another name")
+        if self.homing_id is None:
+            self.homing_id = self.arm.homing_id
         self._clear()
 
     def __enter__(self) -> Self:
         self._clear()
-        self._arm.subscribe(self._receive)
+        self.arm.subscribe(self._receive)
         return self
 
     def __exit__(
@@ -133,11 +120,11 @@ class Recorder:
         error: BaseException | None,
         trace: types.TracebackType | None,
     ) -> None:
-        self._arm.unsubscribe(self._receive)
+        self.arm.unsubscribe(self._receive)
         if kind is not None:
             self._stopped = f"stopped by {kind.__name__}" + (f": {error}" if str(error) else "")
-        if self._path is not None and self.rows >= 2:
-            write_parquet(self.recording(), self._path)
+        if self.path is not None and self.rows >= 2:
+            write_parquet(self.recording(), self.path)
 
     @property
     def rows(self) -> int:
@@ -147,53 +134,46 @@ class Recorder:
     def recording(self, source: str = "") -> Recording:
         """Make a recording of what there is so far; may be called while recording goes on.
 
-        Parameters
-        ----------
-        source : str
-            For the provenance; by default ``"recorded from <robot>"``.
-
-        Returns
-        -------
-        Recording
-            `QUANTITIES` of every channel, whatever else the arm reads with its state
-            (`StateBlock.extra`), and the joint encoders where it has them, interpolated to the
-            state's stamps (`truejoint.recordings.synchronise`).
-
-        Raises
-        ------
-        RecordingError
-            If the arm has reported fewer than 2 rows: did it move?
+        It has `QUANTITIES` of every channel, whatever else the arm reads with its state
+        (`StateBlock.extra`), and the joint encoders where it has them, interpolated to the state's
+        stamps (`truejoint.recordings.synchronise`). `source` is for the provenance; by default
+        ``"recorded from <robot>"``. Raises RecordingError if there are fewer than 2 rows.
         """
         if self.rows < 2:
             raise RecordingError(
-                f"recorder: {self.rows} rows from {self._arm.robot.title}; it reports only while "
+                f"recorder: {self.rows} rows from {self.arm.robot.title}; it reports only while "
                 "homed and moving or holding"
             )
         state, back = self._state.joined()
         dropped = {PAST_END: self._past_end, f"state: {BACK}": back}
         columns = {"t": state.t, **state.columns}
-        known = {} if math.isinf(self._state_rate) else {"state": self._state_rate}
+        known = {} if math.isinf(self.state_rate) else {"state": self.state_rate}
         rates = nominal_rates(state=state.t) | known
         if len(self._truth) >= 2:
             truth, back = self._truth.joined()
-            columns, unmatched = synchronise(state, truth, self._gap_limit)
+            columns, unmatched = synchronise(state, truth, self.gap_limit)
             dropped |= {f"truth: {BACK}": back} | unmatched
             rates |= nominal_rates(truth=truth.t)
         start = float(columns["t"][0])
         columns["t"] = columns["t"] - start
-        provenance = replace(
-            self._provenance,
-            source=source or f"recorded from {self._arm.robot.title}",
+        provenance = Provenance(
+            robot=self.arm.robot.name,
+            arm=self.arm.robot.arm,
+            source=source or f"recorded from {self.arm.robot.title}",
+            session=self.session,
+            homing_id=self.homing_id or "",
+            load=self.load,
             rates=rates,
             dropped=dropped,
             start=start,
+            command=self.command,
             notes=self._stopped,
         )
         return Recording.from_columns(columns, provenance)
 
     def _clear(self) -> None:
-        self._state = _Rows(self._state_rate)
-        self._truth = _Rows(self._truth_rate)
+        self._state = _Rows(self.state_rate)
+        self._truth = _Rows(math.inf if self.truth_rate is None else self.truth_rate)
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
@@ -203,7 +183,7 @@ class Recorder:
         chosen = stream.decimator.pick(block.t)
         if stream is self._state and math.isnan(self._first) and chosen.any():
             self._first = float(block.t[chosen][0])
-        late = block.t - self._first > self._max_duration  # never, before the first state
+        late = block.t - self._first > self.max_duration  # never, before the first state
         if isinstance(block, TruthBlock):
             stream.names = tuple(f"truth/{joint}" for joint in block.name)
             stream.add(block.t, np.asarray(block.position), chosen & ~late)
@@ -226,7 +206,7 @@ class _Rows:
     def __len__(self) -> int:
         return sum(len(t) for t, _ in self._blocks)
 
-    def add(self, t: Array, values: Array, kept: NDArray[np.bool_]) -> None:
+    def add(self, t: Array, values: Array, kept: Mask) -> None:
         """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
         self._blocks.append((t[kept], values[kept]))
 

@@ -10,9 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError
 from truejoint.robots import Robot, get_robot
 from truejoint.summary import Summarised
@@ -79,8 +78,7 @@ class Provenance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        values |= {"rates": dict(self.rates), "dropped": dict(self.dropped)}
+        values = {**vars(self), "rates": dict(self.rates), "dropped": dict(self.dropped)}
         return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
 
     @classmethod
@@ -108,8 +106,7 @@ def _fits(kind: str, value: object) -> bool:
     if kind == "str":
         return isinstance(value, str)
     if kind == "float":
-        number = isinstance(value, int | float) and not isinstance(value, bool)
-        return value is None or number
+        return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
     return isinstance(value, dict) and all(
         isinstance(k, str) and v is not None and _fits("float", v) for k, v in value.items()
     )
@@ -156,19 +153,10 @@ class Recording(Summarised):
     ) -> Recording:
         """Make a recording of columns by name; units of joint positions come from the robot.
 
-        Parameters
-        ----------
-        columns : mapping of str to array (n,), or DataFrame
-            ``t`` [s] and ``<quantity>/<joint>`` columns, SI.
-        provenance : Provenance or str
-            Where they come from, or no more than the robot's name.
-        units : mapping, optional
-            Units of the columns for which `default_unit` is not right.
-
-        Raises
-        ------
-        RecordingError, RobotError
-            If the columns break a rule of a recording, or there is no such robot.
+        `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
+        `provenance` says where they come from, or no more than the robot's name; `units` those for
+        which `default_unit` is not right. Raises RecordingError or RobotError if the columns break
+        a rule of a recording, or there is no such robot.
 
         Examples
         --------
@@ -247,7 +235,7 @@ class Recording(Summarised):
         """Truth minus measured (n, n_joints) [rad or m]; the correction to be added."""
         return self.columns("truth", joints) - self.columns("measured", joints)
 
-    def rows(self, selection: slice | NDArray[np.bool_] | NDArray[np.int64]) -> Recording:
+    def rows(self, selection: slice | Mask | Integers) -> Recording:
         """Keep the selected rows only."""
         return replace(self, table=self.table.iloc[selection].reset_index(drop=True))
 
@@ -286,9 +274,15 @@ def nominal_rates(**stamps: Array) -> dict[str, float]:
     return {name: round(1.0 / dt, 3) for name, dt in steps.items() if dt > 0}
 
 
-def last_of_each_stamp(t: Array) -> NDArray[np.bool_]:
+def last_of_each_stamp(t: Array) -> Mask:
     """Rows (n,) of stamps `t` (n,) [s] that are not repeated by the next: a clock that stood."""
     return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
+
+
+def runs(same: Mask) -> list[tuple[int, int]]:
+    """First row of each run of True in `same` (n,), and the row behind its last."""
+    edges = np.flatnonzero(np.diff(same, prepend=False, append=False))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
 def recording_of_file(

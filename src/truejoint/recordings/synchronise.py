@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
 
 BACK: Final = "time stamp not after the one before"
@@ -49,7 +48,7 @@ class Stream:
                     f"{self.t.shape}; both must be (n,)"
                 )
 
-    def rows(self, selection: NDArray[np.bool_]) -> Stream:
+    def rows(self, selection: Mask) -> Stream:
         """Keep the selected rows only."""
         return Stream(self.t[selection], {n: v[selection] for n, v in self.columns.items()})
 
@@ -59,10 +58,11 @@ def synchronise(
 ) -> tuple[dict[str, Array], dict[str, int]]:
     """Truth at the time stamps of the state, by linear interpolation.
 
-    Nothing is extrapolated, and nothing is interpolated across two truth samples that are more
-    than `gap_limit` apart: such rows keep their state and have NaN for the truth. Angles are
-    interpolated as they are, without wrapping: a joint sensor that jumps by a turn must be
-    unwrapped before.
+    Gives ``t``, the state's and the truth's columns (n,) by name; and, by reason, how many rows
+    were left out of either stream or have no truth. Nothing is extrapolated, nor interpolated
+    across two truth samples more than `gap_limit` apart: such rows keep their state and have NaN
+    for the truth. Angles are interpolated as they are, without wrapping: a joint sensor that jumps
+    by a turn must be unwrapped before.
 
     Parameters
     ----------
@@ -71,14 +71,6 @@ def synchronise(
         (a clock that was set back, a stray stamp) or that hold NaN are left out.
     gap_limit : float
         Longest time between two truth samples to interpolate across [s].
-
-    Returns
-    -------
-    columns : dict of str to ndarray (n,)
-        ``t``, the state's columns, the truth's columns.
-    dropped : dict of str to int
-        Rows by reason: left out of either stream, and rows without truth; only reasons that
-        occurred.
 
     Raises
     ------
@@ -113,7 +105,7 @@ def synchronise(
     return columns, dropped
 
 
-def forward_rows(t: Array) -> NDArray[np.bool_]:
+def forward_rows(t: Array) -> Mask:
     """Rows (n,) whose stamps `t` (n,) [s] go forward; NaN does not.
 
     A single stamp that leaps ahead is a stray: it is left out, not all those after it.

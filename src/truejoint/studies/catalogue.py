@@ -1,14 +1,82 @@
-"""Every study by name."""
+"""Every study by name: the experiments of yan2020 on virtual forceps, and past them, as data."""
 
 from __future__ import annotations
 
 from typing import Final
 
 from truejoint.errors import StudyError
-from truejoint.studies import forceps
-from truejoint.studies.study import Study
+from truejoint.studies.study import Option, Study
 
-STUDIES: Final = {study.name: study for study in forceps.STUDIES}
+_SPECIMEN: Final = Option(
+    "specimen", "A", "nominal, A, B, or a TOML file of your own, which states what is not nominal"
+)
+_MASSES: Final = Option("masses_g", (30.0, 50.0, 100.0, 200.0, 250.0), "weights [g]")
+_DIRECTIONS: Final = Option(
+    "directions", ("opposing", "along"), "whether weights pull against the motion or along it"
+)
+
+
+def _methods(*default: str) -> Option:
+    return Option("methods", default, "rows of the table, as in studies/forceps/methods.py")
+
+
+_UNLOADED: Final = _methods(
+    "rigid", "lsm", "lsm_intercept", "lsm_compensated", "poly2", "ukf", "ukf_compensated",
+    "play_reset", "play_both", "play_gated", "ukf_friction", "ukf_friction_smoothed",
+)  # fmt: skip
+_CHOICES: Final = _methods(
+    "rigid", "poly2_motor", "play_motor",
+    "poly2", "ukf_compensated", "play_reset", "play_both", "play_gated", "ukf_friction",
+    "lsm", "lsm_compensated", "play_cables",
+)  # fmt: skip
+_FEW: Final = _methods("ukf_compensated", "play_reset", "play_gated", "ukf_friction")
+
+
+def _study(name: str, title: str, source: str, *options: Option) -> Study:
+    return Study(f"forceps-{name}", title, source, f"truejoint.studies.forceps.{name}", options)
+
+
+_FORCEPS: Final = (
+    _study(
+        "unloaded", "How exactly is a jaw known without a load?",
+        "yan2020, Table 2, figures 6 and 7", _SPECIMEN, _UNLOADED,
+    ),
+    _study(
+        "loaded", "What do 30 to 250 g on the jaw do to it?",
+        "yan2020, Table 3, figure 9", _SPECIMEN, _MASSES, _DIRECTIONS, _FEW,
+    ),
+    _study(
+        "strategies", "Which sensor buys which accuracy: none on the cables, one, or both?",
+        "yan2020, II-B and IV-C",
+        _SPECIMEN, _DIRECTIONS, Option("masses_g", (50.0, 100.0, 200.0), "weights [g]"), _CHOICES,
+    ),
+    _study(
+        "population", "Does it hold on other specimens? Every method on each",
+        "yan2020, Table 2",
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
+        Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
+        _UNLOADED,
+    ),
+    _study(
+        "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
+        "", _SPECIMEN, _MASSES, _DIRECTIONS,
+    ),
+    _study(
+        "rezero", "What does a wrong zero after homing cost, and can it be found?",
+        "", _SPECIMEN, Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+    ),
+    _study(
+        "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",
+        "yan2020, (27), (28) and IV-D",
+        Option("specimen", "nominal", _SPECIMEN.meaning),
+        Option("motions", ("calibration", "verification", "load"), "(27), (28), a load test"),
+        Option("load_g", 100.0, "weight of the load test [g]"),
+        Option("direction", "opposing", "how it pulls: opposing, or along"),
+        Option("log_rate_hz", 200.0, "rows per second [Hz]"),
+    ),
+)  # fmt: skip
+
+STUDIES: Final = {study.name: study for study in _FORCEPS}
 """In the order in which they are listed."""
 
 

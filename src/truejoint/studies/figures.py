@@ -89,13 +89,8 @@ def png(figure: Figure) -> bytes:
 
 def _draw(panel: Panel, axis: Axes) -> None:
     for curve in panel.curves:
-        look: dict[str, Any] = {
-            "color": curve.colour,
-            "lw": curve.width,
-            "ms": 4,
-            "label": curve.label or None,
-        }
-        axis.plot(curve.x, curve.y, curve.style, **look)
+        look: dict[str, Any] = {"color": curve.colour, "lw": curve.width, "ms": 4}
+        axis.plot(curve.x, curve.y, curve.style, label=curve.label or None, **look)
     axis.set(xlabel=panel.x, ylabel=panel.y, title=panel.title)
     if panel.shade:
         axis.axvspan(*panel.shade, color="0.9", zorder=0)

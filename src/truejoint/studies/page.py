@@ -13,8 +13,7 @@ from truejoint.errors import StudyError
 from truejoint.evaluation.report.page import render_page, versions
 from truejoint.recordings import write_parquet
 from truejoint.studies.figures import png
-from truejoint.studies.runner import StudyResult
-from truejoint.studies.store import write_bytes
+from truejoint.studies.runner import StudyResult, write_bytes
 from truejoint.studies.study import Settings, Study
 
 MAX_RESULT_BYTES: Final = 200_000_000
@@ -23,12 +22,10 @@ MAX_RESULT_BYTES: Final = 200_000_000
 def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
     """Raise StudyError where `folder` holds results of the same study with other settings."""
     path, same = Path(folder) / f"{study.name}.json", False
-    if not path.exists():
-        return
-    with suppress(ValueError, KeyError, TypeError, RecursionError):
+    with suppress(ValueError, KeyError, TypeError, RecursionError, FileNotFoundError):
         known = path.stat().st_size <= MAX_RESULT_BYTES and json.loads(path.read_bytes())
         same = known and known["settings"] == settings.to_dict()
-    if not same:
+    if path.exists() and not same:
         raise StudyError(f"{path}: is of other settings; choose another --out, or --force")
 
 

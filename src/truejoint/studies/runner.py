@@ -1,28 +1,39 @@
-"""Compute the parts of a study, here or in a pool of processes, and keep each as it is done."""
+"""Compute the parts of a study, here or in a pool of processes, and keep each as it is done.
+
+A part on disk is a hash and NumPy's archive without pickle, named after what it depends on.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import io
+import json
 import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
+from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final
 
+import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.errors import StudyError, TruejointError
 from truejoint.evaluation.results import json_values
+from truejoint.files import write_atomically
 from truejoint.studies.catalogue import get_study
-from truejoint.studies.store import part_file, read_part, write_part
 from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
 
 Outcome = tuple[Part, PartResult | TruejointError]
 
 _POOLS: Final = 3  # how often workers may die before it is given up
+_NUMBERS: Final = "numbers"
+_DIGEST: Final = 32  # bytes of a SHA-256
+_ARRAY: Final = "array/"
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,9 +126,8 @@ def run_study(
         parts = {part.key: read_part(file) for part, file in files.items()}
     results = {key: part for key, part in parts.items() if part is not None}
     if not len(results) == len(files) > 0:
-        raise StudyError(
-            f"{chosen.name}: no parts, two of one key, or one that cannot be read back"
-        )
+        what = "no parts, two of one key, or one that cannot be read back"
+        raise StudyError(f"{chosen.name}: {what}")
     return StudyResult(chosen, settings, results, chosen.summarise(settings, results), len(missing))
 
 
@@ -161,3 +171,36 @@ def compute(part: Part) -> Outcome:
             return part, part.compute(**part.arguments)
     except TruejointError as error:
         return part, error
+
+
+def part_file(folder: Path, study: Study, part: Part) -> Path:
+    """Where a part is kept: another argument, seed or version is another file."""
+    origin = (study.name, version("truejoint"), study.version, part.key, part.arguments)
+    digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
+    return folder / f"{part.key}-{digest[:16]}.part"
+
+
+def write_part(path: Path, result: PartResult) -> None:
+    """Write a part whole or not at all; raises RecordingError or OSError where it cannot."""
+    content = io.BytesIO()
+    numbers = np.frombuffer(json.dumps(result.numbers).encode(), np.uint8)
+    arrays = {_ARRAY + name: values for name, values in result.arrays.items()}
+    np.savez(content, allow_pickle=False, **{_NUMBERS: numbers}, **arrays)
+    write_bytes(path, hashlib.sha256(content.getvalue()).digest() + content.getvalue())
+
+
+def read_part(path: Path) -> PartResult | None:
+    """Part that was kept; None if there is none, or it is not as it was written."""
+    data = path.read_bytes() if path.is_file() else b""
+    digest, content = data[:_DIGEST], data[_DIGEST:]
+    if hashlib.sha256(content).digest() != digest:
+        return None
+    with np.load(io.BytesIO(content), allow_pickle=False) as archive:
+        arrays = {name.removeprefix(_ARRAY): archive[name] for name in archive.files}
+    return PartResult(json.loads(arrays.pop(_NUMBERS).tobytes()), arrays)
+
+
+def write_bytes(path: Path, data: bytes) -> None:
+    """Write a file whole or not at all, over what is there; makes its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, lambda temporary: temporary.write_bytes(data), overwrite=True)

@@ -1,10 +1,16 @@
-"""Tables of studies, for a terminal and as Markdown; the page draws its own."""
+"""Tables of studies, for a terminal and as Markdown, and what papers report, as they print it.
+
+The page draws its own; the numbers of all papers stand in one table, `paper_tables.csv`.
+"""
 
 from __future__ import annotations
 
+import csv
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 from typing import Final
 
 from rich import box
@@ -58,3 +64,22 @@ def reported_text(value: float | None, decimals: int = 2) -> str:
 
 def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
+
+
+def reported(source: str, table: str, condition: str, method: str) -> Mapping[str, float]:
+    """Numbers that a paper prints, by metric, in the unit that it prints; empty where it has none.
+
+    >>> reported("yan2020", "2", "trajectory 28", "ukf_compensated")["rms"]
+    0.12
+    """
+    return _rows().get((source, table, condition, method), {})
+
+
+@cache
+def _rows() -> dict[tuple[str, ...], dict[str, float]]:
+    text = files("truejoint.studies").joinpath("paper_tables.csv").read_text(encoding="utf-8")
+    found: dict[tuple[str, ...], dict[str, float]] = {}
+    for row in csv.DictReader(text.splitlines()):
+        *key, metric = (row[c] for c in ("source", "table", "condition", "method", "metric"))
+        found.setdefault(tuple(key), {})[metric] = float(row["value"])
+    return found

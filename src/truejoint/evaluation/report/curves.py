@@ -1,25 +1,25 @@
-"""Figures over time and position: tracking, worst stretches, hysteresis loops, histograms."""
+"""Figures over time and position: tracking, worst stretches, hysteresis loops, histograms.
+
+`plot_corrected` draws a still one for documents.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 from typing import Final
 
 import numpy as np
 
+from truejoint.array_types import Mask
 from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import COLOURS, Figure, Spec, colour_of
-from truejoint.evaluation.results import (
-    OFFSET,
-    RAW,
-    Evaluation,
-    Trace,
-    estimator_title,
-    pooled_error,
-    shown_joints,
-)
-from truejoint.evaluation.signals import Mask, gaps
+from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
+from truejoint.evaluation.results import OFFSET, RAW, Evaluation, Trace, estimator_title
+from truejoint.evaluation.signals import gaps
+from truejoint.extras import require
+from truejoint.files import write_atomically
 from truejoint.units import DisplayUnit, display_unit
 
 MENU: Final = 12  # recordings that the time figures offer; the table lists all
@@ -53,13 +53,12 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
             f"{joint}: true position, estimates and their error [{unit.name}] over time [s].",
             [_tracking(evaluation, evaluation.traces[i], column, buckets) for i in order],
         )
-        for column, joint, unit in shown_joints(evaluation)
+        for column, joint, unit in evaluation.shown_joints()
     ]
 
 
-def worst_stretches(evaluation: Evaluation) -> list[Figure]:
-    """Return the worst windows in full, worst first."""
-    figures = []
+def worst_stretches(evaluation: Evaluation) -> Iterator[Figure]:
+    """Draw the worst windows in full, worst first."""
     for rank, stretch in enumerate(evaluation.worst[:_STRETCHES], 1):
         column, unit = evaluation.joints.index(stretch.joint), display_unit(stretch.unit)
         trace = evaluation.traces[stretch.recording]
@@ -72,8 +71,7 @@ def worst_stretches(evaluation: Evaluation) -> list[Figure]:
         )
         spec = _tracking(evaluation, trace, column, 1500, rows)
         key, label = f"stretch-{rank - 1}", f"Worst stretch {rank}"
-        figures.append(Figure(key, label, caption, [spec], wide=False))
-    return figures
+        yield Figure(key, label, caption, [spec], wide=False)
 
 
 def _tracking(
@@ -125,7 +123,7 @@ def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
     pairs = ((OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8))
 
-    def draw(column: int, unit: DisplayUnit, place: Spec) -> list[Spec]:
+    def draw(column: int, unit: DisplayUnit) -> list[Spec]:
         curves = []
         for name, colour, opacity in pairs:
             paths = [
@@ -133,7 +131,7 @@ def loops(evaluation: Evaluation) -> Figure:
                 for trace in evaluation.traces
             ]
             path, title = unit.scale * plot.joined(paths, _LOOP_POINTS), estimator_title(name)
-            options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip", **place}
+            options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip"}
             curves.append(plot.curve(path[:, 0], path[:, 1], title, colour, **options))
         return curves
 
@@ -148,9 +146,9 @@ def loops(evaluation: Evaluation) -> Figure:
 def histograms(evaluation: Evaluation) -> Figure:
     """How errors are distributed, before and after."""
 
-    def draw(column: int, unit: DisplayUnit, place: Spec) -> list[Spec]:
+    def draw(column: int, unit: DisplayUnit) -> list[Spec]:
         errors = {
-            name: pooled_error(evaluation.traces, name, column) * unit.scale
+            name: evaluation.error(name, column) * unit.scale
             for name in (OFFSET, evaluation.chosen)
         }
         low = min(float(e.min()) for e in errors.values())
@@ -166,7 +164,6 @@ def histograms(evaluation: Evaluation) -> Figure:
                 "legendgroup": plot.plain(estimator_title(name)),
                 "marker": {"color": colour_of(name, evaluation), "line": {"width": 0}},
                 "opacity": 0.7,
-                **place,
             }
             for name, error in errors.items()
         ]
@@ -179,57 +176,102 @@ def histograms(evaluation: Evaluation) -> Figure:
 
 def _small_multiples(
     evaluation: Evaluation,
-    draw: Callable[[int, DisplayUnit, Spec], list[Spec]],
+    draw: Callable[[int, DisplayUnit], list[Spec]],
     x_title: str,
     y_title: str,
     row_height: int,
 ) -> Spec:
-    """One panel a joint, at most three side by side.
-
-    `draw(column, unit, place)` gives the curves of one joint, `place` being the axes to use.
-    """
+    """One panel a joint, at most three side by side; `draw(column, unit)` gives its curves."""
     count = len(evaluation.joints)
     across = min(3, count) if count != 4 else 2
     down = -(-count // across)
-    data: list[Spec] = []
-    axes: Spec = {}
+    panels = []
     band, domains = 1.0 / down, plot.columns(across, 0.075)
-    for column, joint, unit in shown_joints(evaluation):
+    for column, joint, unit in evaluation.shown_joints():
         row, left = divmod(column, across)
         top = 1.0 - row * band
         y_unit = "" if "[" in y_title else f" [{unit.name}]"
         bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
         x = {"title": f"{joint} {x_title} [{unit.name}]", "domain": domains[left]}
         y = {"title": f"{y_title}{y_unit}" if left == 0 or y_unit else "", "domain": [bottom, top]}
-        own, place = plot.panel(column, x, y)
-        axes |= own
-        data += [{**trace, "showlegend": column == 0} for trace in draw(column, unit, place)]
-    return plot.drawing(data, row_height * down + 40, **axes)
+        panels.append((x, y, draw(column, unit)))
+    spec = plot.panels(panels, row_height * down + 40)
+    for curve in spec["data"]:  # the legend of the first panel serves all
+        curve["showlegend"] = curve["xaxis"] == "x"
+    return spec
 
 
 def cartesian_errors(evaluation: Evaluation) -> list[Figure]:
     """Tool position error along each axis and as a distance; nothing without kinematics."""
     if not evaluation.cartesian:
         return []
-    data: list[Spec] = []
-    axes: Spec = {}
+    panels = []
     share = np.linspace(0.0, 1.0, 201)
     titles = [*(f"|{name} error| [mm]" for name in "xyz"), "distance [mm]"]
     for i, (title, domain) in enumerate(zip(titles, plot.columns(4, 0.07), strict=True)):
         x = {"title": title, "domain": domain, "rangemode": "tozero"}
         y = {"title": "" if i else "share of rows within [%]", "range": [0, 101]}
-        own, place = plot.panel(i, x, y)
-        axes |= own
+        drawn = []
         for name in dict.fromkeys((OFFSET, evaluation.chosen)):
             error = np.concatenate([t.tool[name] - t.tool["truth"] for t in evaluation.traces])
             size = np.linalg.norm(error, axis=1) if i == 3 else np.abs(error[:, i])
             within = np.quantile(1e3 * size, share), 100.0 * share
-            style = {"width": 1.6, "showlegend": i == 0, **place}
+            style = {"width": 1.6, "showlegend": i == 0}
             colour = colour_of(name, evaluation)
-            data.append(plot.curve(*within, estimator_title(name), colour, **style))
+            drawn.append(plot.curve(*within, estimator_title(name), colour, **style))
+        panels.append((x, y, drawn))
     caption = (
         "Share of the test's rows in which the tool is within a given distance of its true "
         "position: along each axis of the base frame and in space [mm]."
     )
-    spec = plot.drawing(data, 300, **axes)
-    return [Figure("cartesian", "Error of the tool position", caption, [spec])]
+    title, spec = "Error of the tool position", plot.panels(panels, 300)
+    return [Figure("cartesian", title, caption, [spec])]
+
+
+def plot_corrected(
+    evaluation: Evaluation, path: str | Path, *, recording: int = 0, seconds: float = 60.0
+) -> Path:
+    """Draw corrected and true position, and the error, of the first seconds of a recording.
+
+    Parameters
+    ----------
+    evaluation : Evaluation
+    path : str or Path
+        Picture to write; its suffix tells the format.
+    recording : int
+        Index into `Evaluation.traces`.
+    seconds : float
+        How much of it to show [s].
+
+    Examples
+    --------
+    >>> plot_corrected(evaluation, "jaw.png").name
+    'jaw.png'
+    """
+    trace = evaluation.traces[recording]
+    rows = trace.t <= trace.t[0] + seconds
+    t, count = trace.t[rows], len(evaluation.joints)
+    drawing = require("matplotlib.figure", "plots", "a figure")
+    figure = drawing.Figure(figsize=(4.2 * count, 4.4), layout="constrained")
+    axes = figure.subplots(2, count, sharex="col", squeeze=False, height_ratios=[1.6, 1.0])
+    for column, joint, unit in evaluation.shown_joints():
+        truth = unit.scale * trace.truth[rows, column]
+        upper, lower = axes[:, column]
+        upper.plot(t, truth, color=COLOURS["truth"], lw=1.6, ls=":", label="True")
+        for name in dict.fromkeys((OFFSET, evaluation.chosen)):
+            colour = colour_of(name, evaluation)
+            values = unit.scale * trace.estimates[name][rows, column]
+            upper.plot(t, values, color=colour, lw=1.0, label=estimator_title(name))
+            lower.plot(t, values - truth, color=colour, lw=0.9)
+        upper.set_title(joint, fontsize=10, loc="left")
+        lower.set_xlabel("time [s]")
+        for panel, what in ((upper, "position"), (lower, "error")):
+            panel.set_ylabel(f"{what} [{unit.name}]")
+            panel.spines[["top", "right"]].set_visible(False)
+            panel.grid(color=GRID, lw=0.7)
+    legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
+    figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
+    picture = Path(path)
+    draw = partial(figure.savefig, dpi=150, format=picture.suffix.removeprefix(".") or "png")
+    write_atomically(picture, draw, overwrite=True)
+    return picture

@@ -91,16 +91,17 @@ def render_report(
     True
     """
     drawn = {
-        "worst": curves.worst_stretches(evaluation),
+        "worst": list(curves.worst_stretches(evaluation)),
         "paths": [space.trajectories(evaluation, training), *space.tool_paths(evaluation)],
         "time": curves.over_time(evaluation),
-        "residuals": residuals.residuals(evaluation),
+        "residuals": list(residuals.residuals(evaluation)),
         "loops": [curves.loops(evaluation)],
         "histograms": [curves.histograms(evaluation)],
         "tool": curves.cartesian_errors(evaluation),
         "intervals": residuals.stated_interval(evaluation),
     }
-    figures = [figure for part in drawn.values() for figure in part]
+    shown = (figure for part in drawn.values() for figure in part)
+    figures = [{"key": f.key, "variants": f.variants, "flat": f.flat} for f in shown]
     recordings = view.recording_rows(evaluation)
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
@@ -120,9 +121,7 @@ def render_report(
         sources=used + tested,
         command=command,
         plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
-        figures=script_json(
-            [{"key": f.key, "variants": f.variants, "flat": f.flat} for f in figures]
-        ),
+        figures=script_json(figures),
     )
 
 

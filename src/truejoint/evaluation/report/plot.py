@@ -12,11 +12,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
 from truejoint.evaluation.signals import gaps
 
 Spec = dict[str, Any]
+Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves
 
 # Okabe and Ito's palette, which stays distinct under every common colour blindness; the orange
 # is darkened so that a thin line holds on white paper.
@@ -95,16 +96,6 @@ def axis(title: str = "", **options: Any) -> Spec:
     }
 
 
-def panel(index: int, x: Spec, y: Spec) -> tuple[Spec, Spec]:
-    """Axes of a panel as the layout wants them, and what puts a curve on them."""
-    number = str(index + 1) if index else ""
-    names = {"xaxis": f"x{number}", "yaxis": f"y{number}"}
-    return {
-        f"xaxis{number}": axis(**x, anchor=names["yaxis"]),
-        f"yaxis{number}": axis(**y, anchor=names["xaxis"]),
-    }, names
-
-
 def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
     """Curves, and the layout that all figures share with their own axes."""
     layout = {
@@ -129,6 +120,19 @@ def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
     return {"data": data, "layout": layout}
 
 
+def panels(parts: Iterable[Panel], height: int) -> Spec:
+    """Draw panels, each with its curves on axes of its own."""
+    data: list[Spec] = []
+    axes: Spec = {}
+    for index, (x, y, curves) in enumerate(parts):
+        number = str(index + 1) if index else ""
+        names = {"xaxis": f"x{number}", "yaxis": f"y{number}"}
+        axes[f"xaxis{number}"] = axis(**x, anchor=names["yaxis"])
+        axes[f"yaxis{number}"] = axis(**y, anchor=names["xaxis"])
+        data += [{**curve, **names} for curve in curves]
+    return drawing(data, height, **axes)
+
+
 def columns(count: int, gap: float) -> list[list[float]]:
     """Domains of `count` panels side by side, as shares of the width."""
     width = (1.0 - gap * (count - 1)) / count
@@ -136,17 +140,14 @@ def columns(count: int, gap: float) -> list[list[float]]:
 
 
 def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:
-    """Stamps and values (m,) of a curve (n,) that keeps every peak; NaN breaks it at gaps.
-
-    m is at most ``2 * buckets`` and one for each gap.
-    """
+    """Stamps and values (m,) of a curve (n,) that keeps every peak; NaN breaks it at gaps."""
     keep = extreme_rows(values, buckets)
     piece = np.searchsorted(gaps(t), keep, side="left") if len(t) > 1 else np.zeros(len(keep))
     breaks = np.flatnonzero(np.diff(piece)) + 1
     return np.insert(t[keep], breaks, t[keep][breaks]), np.insert(values[keep], breaks, np.nan)
 
 
-def outline(t: Array, low: Array, high: Array, pieces: NDArray[np.int64]) -> tuple[Array, Array]:
+def outline(t: Array, low: Array, high: Array, pieces: Integers) -> tuple[Array, Array]:
     """Draw the closed outline (m,), (m,) of a band between curves (n,), NaN after each piece.
 
     Rows of one piece share a number in `pieces` (n,), which ascends.
@@ -167,7 +168,7 @@ def joined(parts: Sequence[Array], most: int) -> Array:
     return broken(part[every(len(part), most)] for part in parts)
 
 
-def extreme_rows(values: Array, buckets: int) -> NDArray[np.int64]:
+def extreme_rows(values: Array, buckets: int) -> Integers:
     """Rows of the smallest and largest value of each bucket, in order, and both ends."""
     n = len(values)
     if n <= 2 * buckets:
@@ -178,6 +179,6 @@ def extreme_rows(values: Array, buckets: int) -> NDArray[np.int64]:
     return np.unique(np.array([0, *lowest, *highest, n - 1]))
 
 
-def every(n: int, most: int) -> NDArray[np.int64]:
+def every(n: int, most: int) -> Integers:
     """Evenly spaced rows, at most `most` of `n`."""
     return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(np.int64))

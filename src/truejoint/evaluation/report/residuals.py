@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Final
@@ -13,13 +13,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
-from truejoint.evaluation.results import (
-    Evaluation,
-    estimator_phrase,
-    hung_masses,
-    pooled_error,
-    shown_joints,
-)
+from truejoint.evaluation.results import Evaluation, estimator_phrase, known_loads
 from truejoint.units import DisplayUnit, display_unit
 
 _POINTS: Final = 1200  # of each direction in each panel
@@ -39,11 +33,10 @@ class _Panel:
     steps: tuple[float, ...] = ()
 
 
-def residuals(evaluation: Evaluation) -> list[Figure]:
-    """Return one figure a joint: error against position, velocity, effort, hung mass and time."""
-    figures = []
-    for column, joint, unit in shown_joints(evaluation):
-        error = unit.scale * pooled_error(evaluation.traces, evaluation.chosen, column)
+def residuals(evaluation: Evaluation) -> Iterator[Figure]:
+    """Draw one figure a joint: error against position, velocity, effort, hung mass and time."""
+    for column, joint, unit in evaluation.shown_joints():
+        error = unit.scale * evaluation.error(evaluation.chosen, column)
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         panels = _panels(evaluation, column, unit)
         causes = [panel.title.partition(" [")[0] for panel in panels]
@@ -55,8 +48,7 @@ def residuals(evaluation: Evaluation) -> list[Figure]:
             "moves down; lines are medians, bands hold the middle 90 %."
         )
         spec = _spec(panels, error, moves, f"error [{unit.name}]")
-        figures.append(Figure(f"residual-{column}", f"{joint} residuals", caption, [spec]))
-    return figures
+        yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
 def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Panel]:
@@ -72,7 +64,8 @@ def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Pan
         values = np.concatenate([trace.effort[joint] for trace in traces])
         label = f" [{effort.name}]" if effort.name != "1" else " [no unit]"
         panels.append(_Panel(f"effort{label}", effort.scale * values))
-    if masses := hung_masses(traces):
+    masses = known_loads(traces)
+    if len(masses) > 1:
         loads = [trace.provenance.get("load") for trace in traces]
         values = np.repeat(
             [math.nan if load is None else 1e3 * load for load in loads],
@@ -87,8 +80,7 @@ def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Pan
 
 
 def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
-    data: list[Spec] = []
-    axes: Spec = {}
+    drawn = []
     low, high = float(error.min()), float(error.max())
     margin = 0.05 * (high - low) or 1e-9
     domains = plot.columns(len(panels), 0.035)
@@ -100,25 +92,21 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
             ticks = {"tickvals": list(panel.steps), "range": around}
         errors: Spec = {"title": "" if i else title, "range": [low - margin, high + margin]}
         errors |= {"showticklabels": i == 0, "zeroline": True}
-        causes = {"title": panel.title, "domain": domain, **ticks}
-        own, place = plot.panel(i, causes, errors)
-        axes |= own
+        curves: list[Spec] = []
         for name, colour, side in (("moving up", BLUE, 1), ("moving down", ORANGE, -1)):
             rows = moves == side
             x, y = panel.values[rows], error[rows]
-            hidden = {"legendgroup": name, "showlegend": False, **place}
             if rows.any() and panel.steps:
-                data.append(_bars(x, y, panel.steps, 0.04 * side * apart, name, colour, hidden))
+                curves.append(_bars(x, y, panel.steps, 0.04 * side * apart, name, colour))
             elif rows.any():
-                data += _cloud(x, y, name, colour, hidden, legend=i == 0)
-    return plot.drawing(data, 270, **axes)
+                curves += _cloud(x, y, name, colour, legend=i == 0)
+        drawn.append(({"title": panel.title, "domain": domain, **ticks}, errors, curves))
+    return plot.panels(drawn, 270)
 
 
-def _cloud(
-    x: Array, y: Array, name: str, colour: str, hidden: Spec, *, legend: bool
-) -> Iterable[Spec]:
+def _cloud(x: Array, y: Array, name: str, colour: str, *, legend: bool) -> Iterable[Spec]:
     """Dots, and the median and the middle 90 % of `y` (n,) along `x` (n,)."""
-    keep = plot.every(len(x), _POINTS)
+    keep, hidden = plot.every(len(x), _POINTS), {"legendgroup": name, "showlegend": False}
     style = {"marker": {"color": colour, "size": 2.5, "opacity": 0.22}, "hoverinfo": "skip"}
     dots = plot.scatter("markers", x[keep], y[keep], name, **style, **hidden)
     centre, low, middle, high = binned(x, y)
@@ -130,20 +118,18 @@ def _cloud(
 
 
 def _bars(
-    x: Array, y: Array, steps: tuple[float, ...], apart: float, name: str, colour: str, hidden: Spec
+    x: Array, y: Array, steps: tuple[float, ...], apart: float, name: str, colour: str
 ) -> Spec:
     """Median and middle 90 % of `y` (n,) at each of a few values, beside the other direction's."""
     place, low, middle, high = _quantiles((step + apart, y[x == step]) for step in steps)
     ends = {"array": plot.packed(high - middle), "arrayminus": plot.packed(middle - low)}
     bars = {**ends, "thickness": 1.5, "width": 4, "color": colour}
-    return plot.scatter("markers", place, middle, name, **_dots(colour), error_y=bars, **hidden)
+    style = {**_dots(colour), "error_y": bars, "legendgroup": name, "showlegend": False}
+    return plot.scatter("markers", place, middle, name, **style)
 
 
 def binned(x: Array, y: Array) -> Array:
-    """Centres of the equal bins of `x` (n,) that hold 8 rows, and quantiles of `y` there, (4, m).
-
-    The quantiles are the 5th, 50th and 95th percentile.
-    """
+    """Centres of equal bins of `x` (n,), and 5th, 50th, 95th percentile of `y` there, (4, m)."""
     edges = np.linspace(x.min(), x.max(), _BINS + 1)
     which = np.searchsorted(edges[1:-1], x, side="right")
     return _quantiles((0.5 * (edges[k] + edges[k + 1]), y[which == k]) for k in range(_BINS))

@@ -10,7 +10,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title, shown_joints
+from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
 from truejoint.evaluation.signals import velocity
 from truejoint.recordings.recording import Recording
 
@@ -22,11 +22,11 @@ _POINTS: Final = 5000  # points of a 3-D curve; more are not seen at this size
 
 def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figure:
     """Measured joint positions in training and test: in 3-D, a plane, or against speed."""
-    units = [unit for _, _, unit in shown_joints(evaluation)]
+    units = [unit for _, _, unit in evaluation.shown_joints()]
     scale = np.array([unit.scale for unit in units])
     train = [recording.columns("measured", evaluation.joints) for recording in training]
     test = [trace.measured for trace in evaluation.traces]
-    names = [f"{joint} [{unit.name}]" for _, joint, unit in shown_joints(evaluation)]
+    names = [f"{joint} [{unit.name}]" for _, joint, unit in evaluation.shown_joints()]
     title, what = "Trajectories in joint space", "Measured joint positions"
     if len(names) == 1:
         # One joint has no path in space; position against speed shows what was covered.
@@ -78,17 +78,10 @@ def _space(
     data = []
     for name, colour, paths in groups:
         if paths:
-            points = plot.joined(paths, _POINTS)
-            data.append(
-                {
-                    "type": "scatter3d",
-                    "mode": "lines",
-                    **{letter: plot.packed(points[:, i]) for i, letter in enumerate("xyz")},
-                    "name": plot.plain(name),
-                    "line": {"color": colour, "width": 2.5},
-                    "opacity": 0.6,
-                }
-            )
+            points = map(plot.packed, plot.joined(paths, _POINTS).T)
+            curve = {"type": "scatter3d", "mode": "lines", **dict(zip("xyz", points, strict=False))}
+            line = {"color": colour, "width": 2.5}
+            data.append(curve | {"name": plot.plain(name), "line": line, "opacity": 0.6})
     scene: Spec = {
         f"{letter}axis": {
             "title": {"text": plot.plain(name), "font": {"size": 12}},
@@ -113,11 +106,9 @@ def _planes(groups: _Groups, names: Sequence[str], height: int) -> Spec:
     """Curves projected on the plane of each pair of axes."""
     pairs = [(0, 1), (0, 2), (1, 2)][: 1 if len(names) == 2 else 3]
     drawn = [(name, colour, plot.joined(paths, _POINTS)) for name, colour, paths in groups if paths]
-    data: list[Spec] = []
-    axes: Spec = {}
-    for i, ((a, b), domain) in enumerate(zip(pairs, plot.columns(len(pairs), 0.09), strict=True)):
-        own, place = plot.panel(i, {"title": names[a], "domain": domain}, {"title": names[b]})
-        axes |= own
-        style = {"width": 1.0, "opacity": 0.7, "showlegend": not i, "hoverinfo": "skip", **place}
-        data += [plot.curve(path[:, a], path[:, b], *who, **style) for *who, path in drawn]
-    return plot.drawing(data, height, **axes)
+    panels: list[plot.Panel] = []
+    for (a, b), domain in zip(pairs, plot.columns(len(pairs), 0.09), strict=True):
+        style = {"width": 1.0, "opacity": 0.7, "showlegend": not panels, "hoverinfo": "skip"}
+        curves = [plot.curve(path[:, a], path[:, b], *who, **style) for *who, path in drawn]
+        panels.append(({"title": names[a], "domain": domain}, {"title": names[b]}, curves))
+    return plot.panels(panels, height)

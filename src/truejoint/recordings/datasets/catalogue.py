@@ -156,9 +156,9 @@ class Dataset:
         found = tuple(r for r in self.recordings if fnmatchcase(r.name, pattern))
         if not found:
             some = ", ".join(r.name for r in self.recordings[:4])
+            more = ", ..." if len(self.recordings) > 4 else ""
             raise RecordingError(
-                f"{self.name}: no recording fits {pattern!r}; there are {some}"
-                + (", ..." if len(self.recordings) > 4 else "")
+                f"{self.name}: no recording fits {pattern!r}; there are {some}{more}"
             )
         return found
 
@@ -167,9 +167,8 @@ class Dataset:
         for split in self.splits:
             if name in {"", split.name}:
                 return split
-        raise RecordingError(
-            f"{self.name}: {unknown('split', name, (s.name for s in self.splits))}"
-        )
+        known = [split.name for split in self.splits]
+        raise RecordingError(f"{self.name}: {unknown('split', name, known)}")
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""

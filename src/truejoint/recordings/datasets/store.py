@@ -55,31 +55,23 @@ def data_folders() -> tuple[Path, ...]:
     >>> cache_folder() in data_folders()
     True
     """
-    folders = []
-    stated = os.environ.get(DATA_VARIABLE, "")
-    if stated:
+    if stated := os.environ.get(DATA_VARIABLE, ""):
         if not Path(stated).is_dir():
             raise RecordingError(f"{DATA_VARIABLE}={stated}: is not a folder; correct or unset it")
-        folders.append(Path(stated))
+        return Path(stated), cache_folder()
     project = Path(__file__).parents[4]
     beside = project.parent / "shared" / "data"
-    if not stated and (project / "pyproject.toml").is_file() and beside.is_dir():
-        folders.append(beside)
-    return (*folders, cache_folder())
+    known = (project / "pyproject.toml").is_file() and beside.is_dir()
+    return (beside, cache_folder()) if known else (cache_folder(),)
 
 
 def locate(name: str) -> Path:
-    """Folder of a data set on this machine.
+    """Folder of a data set on this machine: in the first of `data_folders` that has some of it.
 
     Parameters
     ----------
     name : str
         One of `DATASETS`.
-
-    Returns
-    -------
-    Path
-        The first of `data_folders` that has it, whole or in part.
 
     Raises
     ------
@@ -103,7 +95,7 @@ def locate(name: str) -> Path:
 def fetch(
     name: str, pattern: str = "*", *, progress: Callable[[float], None] | None = None
 ) -> Path:
-    """Get a data set, or part of it, from its upstream repository into the user's cache.
+    """Get a data set, or part of it, from its upstream repository; gives its folder in the cache.
 
     A file that is there with the right hash is not fetched again. Each file is checked against
     its SHA-256 before it is put in place.
@@ -116,11 +108,6 @@ def fetch(
         Shell pattern of the recordings to get.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
-
-    Returns
-    -------
-    Path
-        Folder of the data set in the cache.
 
     Raises
     ------
@@ -142,8 +129,7 @@ def fetch(
         urls={file.name: dataset.url(file) for file in wanted},
         retry_if_failed=_RETRIES,
     )
-    total = sum(file.size for file in wanted)
-    done = 0
+    total, done = sum(file.size for file in wanted), 0
     logger = pooch.get_logger()
     level = logger.level
     logger.setLevel(logging.ERROR)
@@ -161,7 +147,9 @@ def fetch(
 def read_dataset(
     name: str, pattern: str = "*", *, progress: Callable[[float], None] | None = None
 ) -> list[Recording]:
-    """Read recordings of a data set that is on this machine.
+    """Read recordings of a data set that is on this machine, in the order of the catalogue.
+
+    The session of each is its name in the data set, its source the upstream place.
 
     Parameters
     ----------
@@ -171,12 +159,6 @@ def read_dataset(
         Shell pattern of the recordings' names, for instance ``"Tool_4_Maryland_L_4/3?"``.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
-
-    Returns
-    -------
-    list of Recording
-        In the order of the catalogue; the session of each is its name in the data set, its source
-        the upstream place.
 
     Raises
     ------

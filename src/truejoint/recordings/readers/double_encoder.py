@@ -14,8 +14,8 @@ from typing import Final, cast
 import numpy as np
 
 from truejoint.errors import RecordingError
+from truejoint.recordings.array_files import read_mat
 from truejoint.recordings.files import read_bounded
-from truejoint.recordings.mat_file import read_mat
 from truejoint.recordings.recording import Recording, recording_of_file
 from truejoint.robots import Transmission, get_robot
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.npy_file import read_npy
+from truejoint.recordings.array_files import read_npy
 from truejoint.recordings.recording import Recording, recording_of_file
 from truejoint.robots import get_robot
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
+from truejoint.recordings.array_files import NPY_MAGIC, MatValue, read_mat, read_npy
 from truejoint.recordings.column_map import (
     SI_UNITS,
     ColumnMap,
@@ -17,8 +18,6 @@ from truejoint.recordings.column_map import (
     read_column_map,
 )
 from truejoint.recordings.files import read_bounded, read_head
-from truejoint.recordings.mat_file import MatValue, read_mat
-from truejoint.recordings.npy_file import NPY_MAGIC, read_npy
 from truejoint.recordings.numeric_text import (
     TextLayout,
     first_line,
@@ -150,8 +149,7 @@ def _recording(
     sha256: str,
     incomplete: int = 0,
 ) -> Recording:
-    columns: dict[str, Array] = {}
-    units = {}
+    columns, units = {}, {}
     for name, values in found.items():
         mapped = mapping.columns[name]
         expected = "s" if name == "t" else default_unit(name, robot)
@@ -186,23 +184,24 @@ def _positions(
     """Position in the file of every mapped column."""
     use = {}
     for name, mapped in mapping.columns.items():
-        if isinstance(mapped.column, int):
-            if mapped.column >= count:
+        column = mapped.column
+        if isinstance(column, int):
+            if column >= count:
                 raise RecordingError(
-                    f"{path}: {name!r} is to be column {mapped.column}, but there are {count} "
-                    "columns, counted from 0; correct the column map"
+                    f"{path}: {name!r} is to be column {column}, but there are {count} columns, "
+                    "counted from 0; correct the column map"
                 )
-            use[name] = mapped.column
-            continue
-        if header is None:
+            use[name] = column
+        elif header is None:
             raise RecordingError(
-                f"{path}: has no header, so column {mapped.column!r} cannot be found; "
-                "give its position in the column map"
+                f"{path}: has no header, so column {column!r} cannot be found; give its position "
+                "in the column map"
             )
-        if header.count(mapped.column) != 1:
-            often = "twice" if mapped.column in header else "not there"
+        elif header.count(column) != 1:
+            often = "twice" if column in header else "not there"
             raise RecordingError(
-                f"{path}: column {mapped.column!r} is {often}; the header has {', '.join(header)}"
+                f"{path}: column {column!r} is {often}; the header has {', '.join(header)}"
             )
-        use[name] = header.index(mapped.column)
+        else:
+            use[name] = header.index(column)
     return use

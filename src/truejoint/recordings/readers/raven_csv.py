@@ -17,17 +17,17 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
-from truejoint.recordings.numeric_text import (
-    NumericTable,
-    TextLayout,
-    count_fields,
-    read_numbers,
+from truejoint.recordings.numeric_text import NumericTable, TextLayout, count_fields, read_numbers
+from truejoint.recordings.recording import (
+    Recording,
+    nominal_rates,
+    recording_of_file,
+    runs,
+    since_first,
 )
-from truejoint.recordings.recording import Recording, nominal_rates, recording_of_file, since_first
 from truejoint.robots import Robot, get_robot
 
 # In the 252-column layout the external encoders of shoulder, elbow and insertion stand in columns 1
@@ -112,7 +112,7 @@ def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> Record
     return _recording(path, robot, table, columns, dropped)
 
 
-def frozen_rows(t: Array, truth: Array, measured: Array) -> NDArray[np.bool_]:
+def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
     """Rows (n,) in which no truth changes while a motor-side position travels.
 
     Stretches of more than 1 s of `t` (n,) [s] and 5 deg (5 mm) of `measured`, whose first row is
@@ -120,8 +120,7 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> NDArray[np.bool_]:
     """
     frozen = np.zeros(t.size, dtype=np.bool_)
     still = (np.diff(truth, axis=0) == 0).all(axis=1)
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], still, [False])).astype(np.int8)))
-    for first, last in zip(edges[::2], edges[1::2], strict=True):
+    for first, last in runs(still):
         span = np.ptp(measured[first : last + 1], axis=0)
         if t[last] - t[first] > _FROZEN_TIME and (span > _FROZEN_TRAVEL).any():
             frozen[first + 1 : last + 1] = True
@@ -156,21 +155,16 @@ def _recording(
     stamps, start = since_first(time)
     names = [f"{quantity}/{channel}" for quantity in BLOCKS for channel in robot.channels]
     factors = np.repeat([factor for _, factor in BLOCKS.values()], CHANNELS)
-    state = {
-        name: rows[keep] * factor
-        for name, rows, factor in zip(names, values, factors, strict=False)
-    }
+    state = {n: rows * factor for n, rows, factor in zip(names, values, factors, strict=False)}
+    columns = {name: rows[keep] for name, rows in {"t": stamps, **state, **truth}.items()}
+    missing = {"homing": int((~keep).sum()), "last line cut short": table.incomplete}
     return recording_of_file(
         path,
         robot,
-        {"t": stamps[keep], **state, **{name: rows[keep] for name, rows in truth.items()}},
+        columns,
         sha256=table.sha256,
         rates=nominal_rates(state=time),
-        dropped={
-            **dropped,
-            "homing": int((~keep).sum()),
-            "last line cut short": table.incomplete,
-        },
+        dropped={**dropped, **missing},
         start=start,
     )
 
@@ -182,7 +176,7 @@ def _check_truth_unit(
     if not known.any():
         raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
 
-    def fits(unit: str) -> NDArray[np.bool_]:
+    def fits(unit: str) -> Mask:
         distance = np.median(np.abs(raw[known] * TRUTH_UNITS[unit] - measured[known]), axis=0)
         return np.asarray(distance < _PLAUSIBLE)
 

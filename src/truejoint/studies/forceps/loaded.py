@@ -12,9 +12,8 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
-from truejoint.studies.paper import reported
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text, reported_text
+from truejoint.studies.table import Table, degrees_text, reported, reported_text
 
 Case = Mapping[str, Any]
 

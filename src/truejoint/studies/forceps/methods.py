@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
 from truejoint.evaluation import evaluate
@@ -28,46 +27,37 @@ SETTLED: Final = 2.2
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the tables: estimator and columns that it takes; those in figures have a colour.
-
-    Its strategy is of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both.
-    """
+    """One row of the tables: an estimator, columns that it takes, and its colour in figures."""
 
     title: str
-    estimator: str
     inputs: tuple[str, ...]
     colour: str | None = None
+    estimator: str = ""  # where that is not the method's key
 
     @property
     def strategy(self) -> int:
-        """Number of sensors on cables, and one: (29) and (30) need both."""
+        """Of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both, as (29) and (30) need."""
         return 1 + sum(name in self.inputs for name in (DRIVE, RESET))
 
 
 METHODS: Final[Mapping[str, Method]] = {
-    "rigid": Method("rigid cables, offset", "offset", (MOTOR,)),
-    "poly2_motor": Method("quadratic in motor angle", "poly2", (MOTOR,)),
-    "play_motor": Method("plays on motor angle", "play_motor", (MOTOR,)),
-    "lsm": Method("least squares (29)", "lsm", (DRIVE, RESET), "tab:red"),
-    "lsm_intercept": Method("(29) with intercept", "lsm_intercept", (DRIVE, RESET)),
+    "rigid": Method("rigid cables, offset", (MOTOR,), estimator="offset"),
+    "poly2_motor": Method("quadratic in motor angle", (MOTOR,), estimator="poly2"),
+    "play_motor": Method("plays on motor angle", (MOTOR,)),
+    "lsm": Method("least squares (29)", (DRIVE, RESET), "tab:red"),
+    "lsm_intercept": Method("(29) with intercept", (DRIVE, RESET)),
     "lsm_compensated": Method(
-        "compensated least squares (30)", "lsm_compensated", (MOTOR, DRIVE, RESET), "tab:orange"
+        "compensated least squares (30)", (MOTOR, DRIVE, RESET), "tab:orange"
     ),
-    "poly2": Method("quadratic in motor angle, x2", "poly2", (MOTOR, RESET)),
-    "ukf": Method("UKF (23), constant only", "ukf", (MOTOR, RESET)),
-    "ukf_compensated": Method(
-        "UKF with compensation (26)", "ukf_compensated", (MOTOR, RESET), "tab:blue"
-    ),
-    "play_reset": Method("plays on x2", "play_reset", (RESET,), "tab:olive"),
-    "play_both": Method("plays on motor angle, x2", "play_both", (MOTOR, RESET)),
-    "play_cables": Method("plays on x1, x2", "play_cables", (DRIVE, RESET)),
-    "play_gated": Method("gated plays (our best)", "play_gated", (MOTOR, RESET), "tab:green"),
-    "ukf_friction": Method(
-        "UKF with friction and load", "ukf_friction", (MOTOR, RESET), "tab:purple"
-    ),
-    "ukf_friction_smoothed": Method(
-        "the same, smoothed (not causal)", "ukf_friction_smoothed", (MOTOR, RESET)
-    ),
+    "poly2": Method("quadratic in motor angle, x2", (MOTOR, RESET)),
+    "ukf": Method("UKF (23), constant only", (MOTOR, RESET)),
+    "ukf_compensated": Method("UKF with compensation (26)", (MOTOR, RESET), "tab:blue"),
+    "play_reset": Method("plays on x2", (RESET,), "tab:olive"),
+    "play_both": Method("plays on motor angle, x2", (MOTOR, RESET)),
+    "play_cables": Method("plays on x1, x2", (DRIVE, RESET)),
+    "play_gated": Method("gated plays (our best)", (MOTOR, RESET), "tab:green"),
+    "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
+    "ukf_friction_smoothed": Method("the same, smoothed (not causal)", (MOTOR, RESET)),
 }
 """By the key that stands in options and numbers, in the order of the tables."""
 
@@ -86,8 +76,7 @@ def common_arguments(settings: Settings) -> dict[str, Any]:
 
 def check_methods(methods: Sequence[str]) -> None:
     """Raise StudyError naming the known methods if one is unknown."""
-    unknown = [key for key in methods if key not in METHODS]
-    if unknown:
+    if unknown := [key for key in methods if key not in METHODS]:
         raise StudyError(f"no method {', '.join(unknown):.60}; known: {', '.join(METHODS)}")
 
 
@@ -111,7 +100,7 @@ def calibrated(
         if set(method.inputs) <= set(recording.units):
             models[key] = calibrate(
                 recording,
-                method.estimator,
+                method.estimator or key,
                 features=method.inputs,
                 target="error" if key == "rigid" else "position",
             )
@@ -132,8 +121,7 @@ class Judged:
     def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:
         """Estimate minus truth from `first` to `last` [s] by method: rms, largest, smallest [rad].
 
-        ``exact_rms`` is against the jaw itself: it holds the encoder's own error, which every
-        calibrated method learns.
+        ``exact_rms`` is against the jaw itself, so it holds the encoder's own error.
         """
         rows, found = within(self.t, first, last), {}
         for key, estimate in self.estimates.items():
@@ -152,7 +140,7 @@ class Judged:
         return {prefix + name: values for name, values in named.items()}
 
 
-def within(t: Array, first: float, last: float) -> NDArray[np.bool_]:
+def within(t: Array, first: float, last: float) -> Mask:
     """Rows (n,) from `first` to `last` [s]."""
     return np.asarray((t >= first) & (t <= last))
 

@@ -16,7 +16,6 @@ from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen as shipped
 
 Plain = Mapping[str, Mapping[str, Any]]
@@ -47,15 +46,9 @@ def built(forceps: Plain) -> ForcepsParameters:
 
 
 def record(
-    forceps: ForcepsParameters,
-    motion: str | LoadTest,
-    *,
-    seed: int = 0,
-    specimen: str = "",
-    log_rate: float = 200.0,
-    zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
+    forceps: ForcepsParameters, motion: str | LoadTest, *, seed: int = 0, **how: Any
 ) -> Recording:
-    """Record a specimen on a motion of the paper, otherwise as `record_forceps` does.
+    """Record a specimen on a motion of the paper; `how` is as `record_forceps` takes it.
 
     That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), or the
     load test of IV-D. Raises TruejointError if it is unknown, or the plant refuses a value.
@@ -67,15 +60,8 @@ def record(
         known = ", ".join(_TRAJECTORIES)
         raise TruejointError(f"no motion {motion!r:.60}; choose one of {known}, or a load test")
     path = _TRAJECTORIES[motion]().positions[:, 0] if isinstance(motion, str) else motion
-    return record_forceps(
-        forceps,
-        path,
-        seed=seed,
-        log_rate=log_rate,
-        zero_shift=zero_shift,
-        specimen=specimen,
-        session=f"{motion if isinstance(motion, str) else 'load'} {seed}",
-    )
+    session = f"{motion if isinstance(motion, str) else 'load'} {seed}"
+    return record_forceps(forceps, path, seed=seed, session=session, **how)
 
 
 def changed(recording: Recording, name: str, values: ArrayLike) -> Recording:

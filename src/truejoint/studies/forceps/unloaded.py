@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -11,9 +11,8 @@ from truejoint.array_types import Array
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
-from truejoint.studies.paper import reported
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text, reported_text
+from truejoint.studies.table import Table, degrees_text, reported, reported_text
 
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
 _OURS: Final = (m.PAPERS_BEST, "ukf_friction", m.BEST)
@@ -64,12 +63,11 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     )
     title = f"yan2020 Table 2 and figure 6, specimen {name}"
     table = Table(title, _HEADER, tuple(rows), notes)
-    return Summary((table,), {"forceps-unloaded": _figure(result, name)}, _claims(verified))
+    return Summary((table,), {"forceps-unloaded": _figure(result, name)}, [*_claims(verified)])
 
 
-def _claims(errors: m.Errors) -> list[Claim]:
+def _claims(errors: m.Errors) -> Iterator[Claim]:
     """Judge what the paper states of its methods on (28)."""
-    found = []
     if m.PAPERS_BEST in errors:
         error = errors[m.PAPERS_BEST]
         there = reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST)
@@ -80,17 +78,16 @@ def _claims(errors: m.Errors) -> list[Claim]:
         ):
             text = f"the filter's {what} error on (28) stays below {limit} deg"
             numbers = f"{value:.3f} deg; in the paper {printed:.2f}"
-            found.append(Claim(text, "yan2020, IV-B", bool(value < limit), numbers))
+            yield Claim(text, "yan2020, IV-B", bool(value < limit), numbers)
     if set(m.PAPERS) <= set(errors):
         rms = [float(np.degrees(errors[key]["rms"])) for key in m.PAPERS]
         text = "least squares err more than compensated ones, and those more than the filter"
         numbers = ", ".join(f"{value:.3f}" for value in rms) + " deg RMS"
-        found.append(Claim(text, "yan2020, Table 2", rms[0] > rms[1] > rms[2], numbers))
+        yield Claim(text, "yan2020, Table 2", rms[0] > rms[1] > rms[2], numbers)
         saved = 1.0 - rms[2] / rms[1]
         text = "the filter's RMS error is about 54 % below that of compensated least squares"
         numbers = f"{100 * saved:.0f} % below; 44 to 64 % counts as about"
-        found.append(Claim(text, "yan2020, IV-C", 0.44 <= saved <= 0.64, numbers))
-    return found
+        yield Claim(text, "yan2020, IV-C", 0.44 <= saved <= 0.64, numbers)
 
 
 def _figure(result: PartResult, name: str) -> Figure:

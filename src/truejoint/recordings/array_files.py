@@ -1,7 +1,7 @@
-"""MATLAB files of numbers, and of structs of numbers, read by SciPy within bounds.
+"""Binary files of arrays, .npy and MATLAB's, read within bounds and without pickle.
 
-SciPy believes the sizes that a file announces. They are compared here, before it reads, with the
-bytes that stand for them (MathWorks, "MAT-File Format", R2023b, chapter 1).
+NumPy and SciPy believe the sizes that a file announces. They are compared here, before any memory
+is taken, with the bytes that stand for them (MathWorks, "MAT-File Format", R2023b, chapter 1).
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -19,9 +20,11 @@ from scipy.io import loadmat
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
+from truejoint.recordings.files import read_bounded
 
 MatValue = Array | dict[str, Array]
 
+NPY_MAGIC: Final = b"\x93NUMPY"
 VERSION5_MARK: Final = b"MATLAB 5.0 MAT-file"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
 
@@ -30,10 +33,40 @@ _HEADER_BYTES: Final = 128
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
 # Classes of array that are read; SciPy cannot list what is in a file with some of the others.
 _STRUCTS_AND_NUMBERS: Final = (2, *range(6, 16))
+_PLAIN: Final = range(4, 16)  # classes of array that hold no others
+_COMPLEX: Final = 8  # bit of the flags: a second part follows
+_DATA: Final = (*range(1, 8), 9, 12, 13, 16, 17, 18)  # types of element; others crash SciPy
 
 
 class _MatError(Exception):
     """A rule of the format that the file breaks."""
+
+
+def read_npy(path: Path) -> tuple[Array, str]:
+    """Array of a .npy file of real numbers as float64, and the file's SHA-256."""
+    data, digest = read_bounded(path)
+    file = io.BytesIO(data)
+    try:
+        version = np.lib.format.read_magic(file)
+        with warnings.catch_warnings(action="error"):
+            first, later = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
+            shape, fortran_order, dtype = (first if version == (1, 0) else later)(file)
+    except Exception as error:  # noqa: BLE001  # NumPy evaluates the header, which fails in many ways
+        reason = " ".join(str(error).split())[:80]
+        raise RecordingError(f"{path}: is not a .npy file ({reason}); was it cut short?") from None
+    flat = len(shape) <= 4 and min(shape, default=0) >= 0
+    if dtype.kind not in "fiu" or dtype.itemsize > 8 or not flat:
+        raise RecordingError(
+            f"{path}: its header does not announce an array of real numbers; save it as float64"
+        )
+    expected, left = math.prod(shape) * dtype.itemsize, len(data) - file.tell()
+    if expected != left or not expected:
+        raise RecordingError(
+            f"{path}: holds {left} bytes, its header announces {expected}; "
+            "the file is empty, cut short or damaged"
+        )
+    values = np.frombuffer(data, dtype, offset=file.tell()).astype(np.float64)
+    return values.reshape(shape, order="F" if fortran_order else "C"), digest
 
 
 def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
@@ -92,8 +125,8 @@ def _unpacked(data: bytes) -> bytes:
                 raise _MatError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))
         flags = next(_elements(body, order), (0, b""))[1] if kind == _MATRIX else b""
-        if len(flags) == 8 and struct.unpack(order + "2I", flags)[0] & 0xFF in _STRUCTS_AND_NUMBERS:
-            _check_sizes(body, order)
+        if len(flags) == 8 and _class_of(flags, order) in _STRUCTS_AND_NUMBERS:
+            _check(body, order)
             pieces += [struct.pack(order + "2I", _MATRIX, len(body)), body]
     return b"".join(pieces)
 
@@ -118,12 +151,24 @@ def _elements(
             at += -at % 8
 
 
-def _check_sizes(variable: memoryview, order: str) -> None:
-    """Refuse arrays of more elements than there are bytes, and more arrays than anyone keeps."""
+def _class_of(flags: bytes | memoryview, order: str) -> int:
+    """Class of array that its first element tells."""
+    return int(struct.unpack(order + "2I", flags)[0] & 0xFF)
+
+
+def _check(variable: memoryview, order: str) -> None:
+    """Refuse more arrays than anyone keeps, and what SciPy would read past the end of."""
     waiting, seen = [variable], 0
     while waiting:
         body = waiting.pop()
-        for place, (kind, part) in enumerate(_elements(body, order)):
+        parts = list(_elements(body, order))
+        flags = parts[0][1] if parts else b""
+        plain = len(flags) == 8 and _class_of(flags, order) in _PLAIN
+        if plain and len(parts) < 4 + bool(bytes(flags)[1 if order == "<" else 2] & _COMPLEX):
+            raise _MatError("an array is cut short")
+        for place, (kind, part) in enumerate(parts):
+            if kind not in (_DATA if plain else (*_DATA, _MATRIX)):
+                raise _MatError(f"a data element of type {kind}")
             # Second come the dimensions; an object without any has its name there.
             if place == 1 and kind == _INT32:
                 shape = struct.unpack(f"{order}{len(part) // 4}i", part)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from truejoint.estimators.registry import estimator_names
-from truejoint.studies import paper
+from truejoint.studies.table import _rows, reported
 
 
 @pytest.mark.parametrize(
@@ -19,12 +19,12 @@ from truejoint.studies import paper
     ],
 )
 def test_the_numbers_are_the_papers(table, condition, method, metric, value):
-    assert paper.reported("yan2020", table, condition, method)[metric] == value
+    assert reported("yan2020", table, condition, method)[metric] == value
 
 
 def test_what_is_not_printed_is_empty():
-    assert paper.reported("yan2020", "2", "trajectory 28", "play_gated") == {}
+    assert reported("yan2020", "2", "trajectory 28", "play_gated") == {}
 
 
 def test_methods_are_named_as_our_estimators():
-    assert {method for _, _, _, method in paper._rows()} <= set(estimator_names())
+    assert {method for _, _, _, method in _rows()} <= set(estimator_names())
