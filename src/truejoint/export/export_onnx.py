@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -43,51 +43,28 @@ def export_onnx(
     ``features`` (rows, n_features) and, where the model predicts the error of the measured
     position, ``measured`` (rows, n_joints). The metadata name what stands in each column.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    path : path-like
-    precision : {"double", "float"}
-        Of inputs, weights and output.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ExportError
-        If the package onnx is not installed, the estimator is no regressor of features, or the file
-        exists or cannot be written.
+    Inputs, weights and output have the `precision`. Raises ExportError if the package onnx is not
+    installed, the estimator is no regressor of features, or the file exists (without `overwrite`)
+    or cannot be written.
     """
     check_precision(precision)
-    onnx = _onnx()
     path = Path(path)
+    try:
+        onnx = import_module("onnx")
+    except ImportError:
+        raise ExportError(
+            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
+        ) from None
     model = _Graph(onnx, precision).build(calibration)
     write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
     return path
 
 
-def _onnx() -> ModuleType:
-    try:
-        import onnx  # noqa: PLC0415  # an optional extra
-        import onnx.checker  # noqa: PLC0415
-    except ImportError:
-        raise ExportError(
-            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
-        ) from None
-    module: ModuleType = onnx
-    return module
-
-
 class _Graph:
     """An ONNX graph under construction; names of values are the Python variables they replace."""
 
-    def __init__(self, onnx: ModuleType, precision: Precision) -> None:
-        self._onnx: Any = onnx
+    def __init__(self, onnx: Any, precision: Precision) -> None:
+        self._onnx = onnx
         self._dtype = np.float64 if precision == "double" else np.float32
         self._element = getattr(onnx.TensorProto, precision.upper())
         self._nodes: list[Any] = []
