@@ -93,7 +93,11 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         gravity=gravity_potential(robot, p.mass.instrument),
         creep=np.column_stack([p.creep.final, p.creep.travel]),
         truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
-        constants=_constants(p),
+        motor_friction=p.motor_friction,
+        aging=p.creep,
+        encoders=p.external_encoders,
+        truth_period=1.0 / p.external_encoders.rate,
+        counts=float(ENCODER_COUNTS_PER_REV),
     )
 
 
@@ -126,7 +130,6 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
     random = np.array([seed], dtype=np.uint64)
-    wander = plant.constants.wander
     return kernel.State(
         motor=motor,
         command=motor.copy(),
@@ -136,7 +139,9 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
         wave=np.zeros((POSITIONING + 2, 2)),
         slow=slow,
         ticks=np.zeros(2, dtype=np.int64),
-        walk=np.array([wander * kernel.normal(random) for _ in range(POSITIONING)]),
+        walk=np.array(
+            [plant.motor_friction.wander * kernel.normal(random) for _ in range(POSITIONING)]
+        ),
         random=random,
     )
 
@@ -183,10 +188,3 @@ def _stops(robot: Robot, registered: Array) -> Array:
     stops = np.column_stack([lower - margin, upper + margin])
     stops[0, 0], stops[1:, 1] = registered[0], registered[1:]
     return stops
-
-
-def _constants(p: Raven2Parameters) -> kernel.Constants:
-    encoders = p.external_encoders
-    values = {**vars(p.motor_friction), **vars(p.creep), **vars(encoders)}
-    values |= {"truth_period": 1.0 / encoders.rate, "counts": float(ENCODER_COUNTS_PER_REV)}
-    return kernel.Constants(**{name: values[name] for name in kernel.Constants._fields})

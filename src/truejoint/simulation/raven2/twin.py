@@ -139,7 +139,7 @@ class Raven2Twin:
         self._state.speed[:] = 0.0
         kernel.age(self._plant, self._state, float(duration))
         # The external encoders' clock ran on, with nobody reading.
-        period = self._plant.constants.truth_period
+        period = self._plant.truth_period
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
 
@@ -158,13 +158,14 @@ class Raven2Twin:
             saved = kernel.State._make(array.copy() for array in self._state)
             piece = self._ramp(start, found, steps)[done : done + _SEARCH_PIECE]
             output = self._advance(piece)
-            arrived = _first_above(output.effort, limits, found == steps)
-            if arrived is None:
+            above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (found == steps)
+            if above.any():
+                self._state = saved
+                row = int(np.argmax(above.any(axis=1)))
+                found[np.argmax(above[row])] = done + row
+            else:
                 outputs.append(output)
                 done += len(piece)
-            else:
-                self._state = saved
-                found[arrived[0]] = done + arrived[1]
         if (found == steps).any():
             names = [self.robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
             raise TruejointError(
@@ -197,7 +198,7 @@ class Raven2Twin:
         wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
             homing.registration_sd
         ) * self._rng.standard_normal(POSITIONING)
-        count = kernel.TURN / plant.constants.counts
+        count = kernel.TURN / plant.counts
         state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
         state.integral[:] = 0.0
         # The robot restarts its set point at the nominal stop.
@@ -205,7 +206,7 @@ class Raven2Twin:
 
     def _current_position(self) -> Array:
         """Joint positions (7,) [rad, m] that the motor encoders say now."""
-        count = kernel.TURN / self._plant.constants.counts
+        count = kernel.TURN / self._plant.counts
         angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
         return np.asarray(self._plant.joint_from_motor @ angle)
 
@@ -213,7 +214,7 @@ class Raven2Twin:
         """One compiled call over the rows of `goal` (n, 7)."""
         n, start = len(goal), int(self._state.ticks[kernel.CLOCK])
         # The shortest time between two readings is a tenth of their period (see the kernel).
-        shortest = 0.1 * self._plant.constants.truth_period
+        shortest = 0.1 * self._plant.truth_period
         most = int(n * kernel.DT / shortest) + 16
         rows = kernel.Rows(
             joint=np.empty((n, POSITIONING)),
@@ -230,14 +231,3 @@ class Raven2Twin:
             truth=truth,
             **{name: getattr(rows, name) for name in (*QUANTITIES, "joint")},
         )
-
-
-def _first_above(
-    effort: Array, limits: list[float], wanted: NDArray[np.bool_]
-) -> tuple[int, int] | None:
-    """Which of the `wanted` joints first reaches its limit, and in which row; None if none."""
-    above = (np.abs(effort[:, :POSITIONING]) >= limits) & wanted
-    if not above.any():
-        return None
-    row = int(np.argmax(above.any(axis=1)))
-    return int(np.argmax(above[row])), row
