@@ -79,10 +79,9 @@ class _Graph:
                 f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
         predicted = _BUILDERS[data.family](self, features, data, len(calibration.feature_set))
-        if calibration.target == "error":
-            self.node("Add", [measured, predicted], "position")
-        else:
-            self.node("Identity", [predicted], "position")
+        is_error = calibration.target == "error"
+        terms = [measured, predicted] if is_error else [predicted]
+        self.node("Add" if is_error else "Identity", terms, "position")
         helper = self._onnx.helper
         n_joints = len(calibration.joints)
         output = helper.make_tensor_value_info("position", self._element, ["rows", n_joints])
@@ -112,15 +111,13 @@ class _Graph:
             columns |= {"measured": measured}
         make = self._onnx.helper.make_tensor_value_info
         inputs = [make(name, self._element, ["rows", len(c)]) for name, c in columns.items()]
-        ranges = [[float(low), float(high)] for low, high in
-                  zip(calibration.lower, calibration.upper, strict=True)]  # fmt: skip
         described: Mapping[str, Any] = {
             "robot": calibration.robot,
             "arm": calibration.arm,
             "joints": calibration.joints,
             "units": dict(calibration.units),
             "features": feature_set.names,
-            "training_range": ranges,
+            "training_range": np.column_stack([calibration.lower, calibration.upper]).tolist(),
             "gap_limit": calibration.gap_limit,
             "data_sha256": calibration.metadata.get("data_sha256", ""),
             **{f"columns_of_{name}": names for name, names in columns.items()},
@@ -190,12 +187,7 @@ def _polynomial(graph: _Graph, features: str, data: EstimatorData, n_features: i
     return graph.affine(terms, arrays["coef"], arrays["intercept"])
 
 
-def _network(
-    graph: _Graph,
-    features: str,
-    data: EstimatorData,
-    n_features: int,  # noqa: ARG001  # its weights say
-) -> str:
+def _network(graph: _Graph, features: str, data: EstimatorData, _n_features: int) -> str:
     arrays = data.arrays
     units = graph.scaled(features, arrays)
     n_layers = sum(name.startswith("weight_") for name in arrays)

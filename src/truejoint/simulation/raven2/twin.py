@@ -124,7 +124,17 @@ class Raven2Twin:
         as on the robot.
         """
         search = self._search_stops()
-        self._register()
+        # The motor encoders' zeros are set, the arm standing at its hard stops.
+        homing, state, plant = self.parameters.homing, self._state, self._plant
+        wrong = self._nominal_stop.copy()
+        wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
+            homing.registration_sd
+        ) * self._rng.standard_normal(POSITIONING)
+        count = kernel.TURN / plant.counts
+        state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
+        state.integral[:] = 0.0
+        # The robot restarts its set point at the nominal stop.
+        state.command[:] = plant.motor_from_joint @ self._nominal_stop
         home = self.robot.home
         path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
         self.homing_count += 1
@@ -145,8 +155,11 @@ class Raven2Twin:
 
     def _search_stops(self) -> TwinOutput:
         """Move to the hard stops and settle there; the encoders are not touched."""
-        start = self._current_position()
-        # The robot takes up the position that it has, without a step in the set point's speed.
+        # The robot takes up the position that its motor encoders say now, without a step in the set
+        # point's speed.
+        count = kernel.TURN / self._plant.counts
+        angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
+        start = self._plant.joint_from_motor @ angle
         self._state.command[:] = self._plant.motor_from_joint @ start
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
         steps = round(_SEARCH_LIMIT / kernel.DT)
@@ -190,25 +203,6 @@ class Raven2Twin:
             way[found[k] :] = travelled[min(found[k], steps - 1)]
             path[:, k] += self._drives[k].homing_speed * way
         return path
-
-    def _register(self) -> None:
-        """Set the motor encoders' zeros, the arm standing at its hard stops."""
-        homing, state, plant = self.parameters.homing, self._state, self._plant
-        wrong = self._nominal_stop.copy()
-        wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
-            homing.registration_sd
-        ) * self._rng.standard_normal(POSITIONING)
-        count = kernel.TURN / plant.counts
-        state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
-        state.integral[:] = 0.0
-        # The robot restarts its set point at the nominal stop.
-        state.command[:] = plant.motor_from_joint @ self._nominal_stop
-
-    def _current_position(self) -> Array:
-        """Joint positions (7,) [rad, m] that the motor encoders say now."""
-        count = kernel.TURN / self._plant.counts
-        angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
-        return np.asarray(self._plant.joint_from_motor @ angle)
 
     def _advance(self, goal: Array) -> TwinOutput:
         """One compiled call over the rows of `goal` (n, 7)."""
