@@ -110,14 +110,15 @@ def borrow(_typing: Any, array: Any) -> Any:
 
 @compiled
 def copy(source: Array, target: Array, count: int) -> None:
-    """Copy numbers one by one; NumPy's `target[:] = source` compiles for seconds."""
+    """Copy the first `count` elements."""
+    # NumPy's `target[:] = source` makes numba compile for seconds.
     for i in range(count):
         target[i] = source[i]
 
 
 @compiled
 def fill(target: Array, count: int, value: float) -> None:
-    """Write one value into `count` elements."""
+    """Write one value into the first `count` elements."""
     for i in range(count):
         target[i] = value
 

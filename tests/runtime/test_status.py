@@ -153,7 +153,7 @@ def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(correct
     samples[FAULT:, 0] += 0.15
     bits, _, _ = run(corrector, T, samples)
     limits = limits_of(decode(*encode(calibration)))
-    needed = 0.15 / (limits.reach[0] / limits.dt)
+    needed = 0.15 / (limits.reach[0] / limits.training_dt)
     spikes = np.flatnonzero(bits & Status.SPIKE)
     assert spikes[0] == FAULT
     assert needed * 0.5 < T[spikes[-1]] - T[FAULT] < needed * 2.0
@@ -338,7 +338,7 @@ def test_streams_of_anything(shared, steps):
             assert np.isfinite(sample).all()
             assert (sample >= limits.signal_lower).all()
             assert (sample <= limits.signal_upper).all()
-            assert last is None or limits.shortest_dt <= t - last <= limits.longest_dt
+            assert last is None or limits.shortest <= t - last <= limits.longest
             assert np.isfinite(corrector.position).all()
             difference = corrector.position - raw
             assert (difference >= limits.correction_lower - 1e-12).all()
@@ -352,7 +352,7 @@ def test_streams_of_anything(shared, steps):
             last = t
     # A wild sample may have been believed: the next is where the joint can be by then.
     way_back = ((limits.signal_upper - limits.signal_lower) / limits.reach).max()
-    settled = way_back * limits.dt + 0.5
+    settled = way_back * limits.training_dt + 0.5
     clean = np.arange(0.0, settled + 1.0, 1e-2)
     bits, positions, _ = run(corrector, clean, stream(clean))
     assert not bits[clean > settled].any()

@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -17,7 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export.c_statements import Body, Statement, Variable
-from truejoint.export.c_structs import Constants, Handle, Struct, Unprintable, kind_of
+from truejoint.export.c_structs import Handle, Struct, Unprintable, kind_of
 from truejoint.export.c_syntax import definitions, tree_of
 from truejoint.export.c_values import (
     AND,
@@ -35,7 +35,6 @@ from truejoint.export.c_values import (
     Kind,
     Known,
     Scalar,
-    Style,
     View,
     add,
     either_origin,
@@ -43,23 +42,23 @@ from truejoint.export.c_values import (
     scale,
 )
 
+if TYPE_CHECKING:
+    from truejoint.export.c_printer import Printer
+
 FUNCTIONS: Final = frozenset(
     {"sqrt", "exp", "expm1", "log", "log1p", "sin", "cos", "tan", "atan", "atan2", "tanh", "ceil",
      "floor", "hypot"}
 )  # fmt: skip
-RESERVED: Final = FUNCTIONS | frozenset(
-    {
-        "auto", "break", "case", "char", "const", "continue", "default", "do", "double",
-        "else", "enum", "extern", "float", "for", "goto", "if", "inline", "int", "long",
-        "register", "restrict", "return", "short", "signed", "sizeof", "static", "struct",
-        "switch", "typedef", "union", "unsigned", "void", "volatile", "while", "and",
-        "bool", "catch", "class", "delete", "explicit", "export", "false", "friend",
-        "mutable", "namespace", "new", "not", "operator", "or", "private", "protected",
-        "public", "template", "this", "throw", "true", "try", "typename", "using",
-        "virtual", "xor", "real", "main", "NAN", "INFINITY", "div", "abs", "exit", "y0",
-        "y1", "yn", "j0", "j1", "jn", "gamma",
-    }
-)  # fmt: skip
+_C_AND_CPP: Final = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while and bool catch class delete explicit export false friend mutable namespace new not
+operator or private protected public template this throw true try typename using virtual xor real
+main NAN INFINITY div abs exit y0 y1 yn j0 j1 jn gamma
+"""
+RESERVED: Final = FUNCTIONS | frozenset(_C_AND_CPP.split())
+_TESTS: Final = frozenset({"isnan", "isfinite", "isinf"})
+_FOLDED: Final = FUNCTIONS | _TESTS | {"fabs", "abs"}
 _DOUBLE_EPSILON: Final = "2.220446049250313e-16"
 _COMPARE: Final[Mapping[type, tuple[str, int, Callable[[Any, Any], Any]]]] = {
     ast.Lt: ("<", ORDER, operator.lt), ast.LtE: ("<=", ORDER, operator.le),
@@ -73,50 +72,6 @@ ARITHMETIC: Final[Mapping[type, tuple[str, int, Callable[[Any, Any], Any]]]] = {
     ast.BitOr: ("|", BIT_OR, operator.or_), ast.BitAnd: ("&", BIT_AND, operator.and_),
     ast.LShift: ("<<", SHIFT, operator.lshift), ast.RShift: (">>", SHIFT, operator.rshift),
 }  # fmt: skip
-
-
-@dataclass(eq=False)
-class Printed:
-    """A function that is printed."""
-
-    name: str
-    result_type: str
-    declarations: tuple[str, ...]  # of the parameters that are used
-    parameters: list[tuple[str, str]]  # their names in Python and in C
-    pointers: dict[str, bool]  # those of them that are pointers: whether it writes through them
-    result: Any  # known result, kind of a result, or None
-    written: set[str]  # parameters through which it writes
-    about: str
-    body: str
-    globals_used: set[str]
-    has_effect: bool
-    is_wide: bool
-
-
-class Printer(Protocol):
-    """What expressions ask of the program of which their kernel is a part."""
-
-    @property
-    def style(self) -> Style:
-        """How numbers are written."""
-
-    @property
-    def constants(self) -> Constants:
-        """Named numbers and arrays."""
-
-    @property
-    def enums(self) -> Mapping[type, str]:
-        """Prefixes by which C knows the members of enumerations."""
-
-    @property
-    def calls(self) -> list[tuple[str, Expressions, dict[str, Any]]]:
-        """Each call: the function's name, its caller and what is passed by pointer."""
-
-    def function(self, kernel: Any, arguments: Sequence[Any]) -> Printed:
-        """Print a kernel for such arguments, unless that is done."""
-
-    def has_effect(self, text: str) -> bool:
-        """Whether evaluating this text changes anything."""
 
 
 @dataclass(eq=False)
@@ -210,18 +165,14 @@ class Expressions:
         if imported:
             module, name = imported
             return self.named(module, name, value)
-        if source is None or (isinstance(value, int) and _is_layout_index(source)):
+        call = getattr(source, "func", None)
+        is_index = isinstance(call, ast.Attribute)  # of a field, which a `Layout` gave
+        if source is None or isinstance(value, bool) or (isinstance(value, int) and is_index):
             return Known(value)
-        if isinstance(source, ast.Call) and getattr(source.func, "id", "") == "int":
+        if isinstance(source, ast.Call) and getattr(call, "id", "") == "int":
             return Known(value, self.members(module, source.args[0]))
-        if isinstance(value, bool):
-            return Known(value)
         shown = value
-        if (
-            self.style.single
-            and isinstance(value, float)
-            and _DOUBLE_EPSILON in ast.unparse(source)
-        ):
+        if self.style.single and _DOUBLE_EPSILON in ast.unparse(source):
             # What is said in roundings of a double is meant in roundings of the arithmetic.
             shown = value / float(_DOUBLE_EPSILON) * float(np.finfo(np.float32).eps)
         return Known(value, define(name, shown))
@@ -477,10 +428,8 @@ class Expressions:
         if function is marks.borrow or function is marks.unrolled:
             return arguments[0]
         if function in (layout.part_numbers, layout.part_memory):
-            base, name = (
-                arguments[0],
-                arguments[0].struct.fields["numbers", arguments[-1].value].name,
-            )
+            base, index = arguments[0], arguments[-1].value
+            name = base.struct.fields["numbers", index].name
             side: Any = "numbers" if function is layout.part_numbers else "memory"
             inner, text = base.struct.parts[name], base.field_text(name)
             return Handle(inner, side, text, is_pointer=False, owner=base.owner)
@@ -510,13 +459,7 @@ class Expressions:
                 texts = ", ".join(self.style.text(v, kind=kind) for v in (first, other))
                 first = Expr(f"{name}_{kind}({texts})", kind)
             return first
-        tests = ("isnan", "isfinite", "isinf")
-        if all(isinstance(a, Known) for a in arguments) and name in (
-            *FUNCTIONS,
-            *tests,
-            "fabs",
-            "abs",
-        ):
+        if all(isinstance(a, Known) for a in arguments) and name in _FOLDED:
             function = getattr(np, name, None) or getattr(np, f"arc{name[1:]}")
             with np.errstate(all="ignore"):
                 return Known(function(*(a.value for a in arguments)).item())
@@ -524,10 +467,9 @@ class Expressions:
         text = ", ".join(self.style.text(a, kind=kind) for a in arguments)
         suffix = "f" if self.style.single and kind != "time" else ""
         if name in ("abs", "fabs"):
-            return Expr(
-                f"abs({text})" if kind in ("int", "bool") else f"fabs{suffix}({text})", kind
-            )
-        if name in tests:
+            called = "abs" if kind in ("int", "bool") else f"fabs{suffix}"
+            return Expr(f"{called}({text})", kind)
+        if name in _TESTS:
             return Expr(f"{name}({text})", "bool")
         if name == "sign":
             return Expr(f"sign_{kind}({text})", kind)
@@ -560,8 +502,8 @@ class Expressions:
         texts: list[str] = []
         seen = set()
         passed: dict[str, Handle | View] = {}
-        for name, local in printed.parameters:
-            base, _, length = name.partition(".")
+        for p in printed.parameters:
+            base, _, length = p.name.partition(".")
             parameter, value = given[base]
             if length:
                 text = self.style.text(value.shape[0 if length in ("length", "rows") else 1])
@@ -581,8 +523,8 @@ class Expressions:
                 )
             texts.append(text)
             if isinstance(value, (Handle, View)) and not length:
-                passed[local] = value
-                if local in printed.written:
+                passed[p.local] = value
+                if p.local in printed.written:
                     if isinstance(value, View):
                         self.mark(value)
                     else:
@@ -610,11 +552,6 @@ class Expressions:
         finally:
             self.python, self.tree, self.comments, self.env = outer
         raise self.fail(node, "it gives no view at its end")
-
-
-def _is_layout_index(source: ast.expr) -> bool:
-    """Whether an integer is what a `Layout` gave."""
-    return isinstance(getattr(source, "func", None), ast.Attribute)
 
 
 def _is_of(value: Any, level: int) -> bool:

@@ -9,20 +9,10 @@ from typing import Any
 
 from truejoint import compiled as marks
 from truejoint.export.c_expressions import ARITHMETIC, RESERVED, Expressions
-from truejoint.export.c_statements import Block, Body, Statement, Variable, names_in
+from truejoint.export.c_statements import Block, Body, Statement, Variable, block_lines, names_in
 from truejoint.export.c_structs import Handle
 from truejoint.export.c_syntax import assigned, first_use
-from truejoint.export.c_values import (
-    ORDER,
-    UNARY,
-    Expr,
-    Kind,
-    Known,
-    Linear,
-    Scalar,
-    View,
-    join,
-)
+from truejoint.export.c_values import ORDER, UNARY, Expr, Kind, Known, Linear, Scalar, View, join
 
 
 @dataclass
@@ -44,6 +34,11 @@ class Function(Expressions):
         self.loops: list[ast.For] = []
         self.local_names: set[str] = set()
         self.declared: set[tuple[int, str]] = set()
+        # What is printed, once it is finished.
+        self.pointers: dict[str, bool] = {}  # whether it writes through them
+        self.head: tuple[str, tuple[str, ...]] = "void", ()  # type of the result, parameters
+        self.text = ""
+        self.has_effect = False
 
     # ------------------------------------------------------------------ head and result
 
@@ -102,20 +97,23 @@ class Function(Expressions):
         add(_Parameter(local, name, f"{self.style.type(kind)} {local}"))
         return Variable(local, kind, assigned=2)
 
-    def used_parameters(self, body: Body) -> list[_Parameter]:
-        """Parameters that are used, each once."""
+    def finish(self, body: Body) -> None:
+        """Make the text of these statements, and keep the parameters (each once) that they use."""
         used = names_in(body, targets=True)
         by_local = {p.local: p for p in reversed(self.parameters) if p.local in used}
-        return [p for p in self.parameters if by_local.get(p.local) is p]
-
-    def head(self, parameters: Sequence[_Parameter]) -> tuple[str, tuple[str, ...]]:
-        """Return type with declarations of parameters."""
+        self.parameters = [p for p in self.parameters if by_local.get(p.local) is p]
+        self.pointers = {p.local: p.local in self.written for p in self.parameters if p.is_pointer}
+        self.globals_used &= names_in(body)
         result = self.result
         kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
-        return kind, tuple(
-            f"{'const ' if p.is_pointer and p.local not in self.written else ''}{p.declaration}"
-            for p in parameters
+        self.head = (
+            kind,
+            tuple(
+                p.declaration if self.pointers.get(p.local, True) else f"const {p.declaration}"
+                for p in self.parameters
+            ),
         )
+        self.text = "\n".join(block_lines(body, self.style, 1))
 
     @property
     def result(self) -> Any:

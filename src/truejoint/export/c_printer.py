@@ -20,16 +20,10 @@ from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
-from truejoint.export.c_expressions import RESERVED, Expressions, Printed
+from truejoint.export.c_expressions import RESERVED, Expressions
 from truejoint.export.c_function import Function
-from truejoint.export.c_statements import (
-    block_lines,
-    names_in,
-    pruned,
-    wrapped,
-    wrapped_comment,
-)
-from truejoint.export.c_structs import Constants, Handle, Struct
+from truejoint.export.c_statements import pruned, wrapped, wrapped_comment
+from truejoint.export.c_structs import Constants, Handle, Side, Struct
 from truejoint.export.c_values import Expr, Kind, Known, Linear, Style, View
 from truejoint.layout import Memory
 
@@ -41,6 +35,13 @@ WIDE: Final = """\
 #else
 #define WIDE
 #endif"""
+_COMPARED: Final = "of two numbers; the first where they do not compare."
+_HELPERS: Final = (
+    ("min", "{0} a, {0} b", f"The smaller {_COMPARED}", "b < a ? b : a"),
+    ("max", "{0} a, {0} b", f"The larger {_COMPARED}", "b > a ? b : a"),
+    ("square", "{0} a", "Square of a number.", "a * a"),
+    ("sign", "{0} a", "Sign of a number: -1, 0 or 1.", "a > {0} ? {1} : a < {0} ? -{1} : a"),
+)
 
 
 @dataclass(frozen=True)
@@ -65,37 +66,16 @@ def print_kernels(
     enums: Mapping[type, str] | None = None,
     own: Mapping[str, str] | None = None,
 ) -> Program:
-    """Print kernels that take the numbers and the memory of one layout.
+    """Print kernels of arguments ``numbers, memory``, of a `memory` before the first step.
 
-    Parameters
-    ----------
-    kernels : sequence of numba dispatcher
-        Each of arguments ``numbers, memory``.
-    memory : Memory
-        As it stands before the first step.
-    name : str
-        Of pointers to it in C.
-    type_ : str
-        Of the struct, ``<prefix>_state``; those of its parts are ``<prefix>_<part>_state``.
-    single : bool
-        Whether the arithmetic is in float.
-    inputs : iterable of str
-        Fields that are written from outside.
-    enums : mapping of type to str, optional
-        Prefixes by which C knows the members of enumerations.
-    own : mapping of str to str, optional
-        Integers at the head of the struct that no kernel knows, with what they mean.
-
-    Raises
-    ------
-    Unprintable
-        If a kernel holds what has no C.
+    In C, pointers to it have the `name`, its struct the type ``<prefix>_state`` and those of its
+    parts ``<prefix>_<part>_state``. `single`: in float; `inputs`: fields that are written from
+    outside; `enums`: prefixes by which C knows their members; `own`: integers at the head of the
+    struct that no kernel knows, with what they mean. Raises Unprintable for what has no C.
     """
     struct = Struct(name, type_, memory, set(inputs))
-    arguments = [
-        Handle(struct, "numbers", name, is_pointer=True, owner=name),
-        Handle(struct, "memory", name, is_pointer=True, owner=name),
-    ]
+    sides: tuple[Side, Side] = ("numbers", "memory")
+    arguments = [Handle(struct, side, name, is_pointer=True, owner=name) for side in sides]
     while True:
         before = sum(len(part.written) for part in struct.walk())
         printer = Printer(Style(single), enums or {})
@@ -111,12 +91,12 @@ class Printer:
         self.style = style
         self.enums = enums
         self.constants = Constants(style)
-        self.functions: dict[str, Printed] = {}
+        self.functions: dict[str, Function] = {}
         self.calls: list[tuple[str, Expressions, dict[str, Any]]] = []
-        self._bodies: dict[tuple[Any, ...], Printed] = {}
-        self._done: dict[tuple[Any, ...], Printed] = {}
+        self._bodies: dict[tuple[Any, ...], Function] = {}
+        self._done: dict[tuple[Any, ...], Function] = {}
 
-    def function(self, kernel: Any, arguments: Sequence[Any]) -> Printed:
+    def function(self, kernel: Any, arguments: Sequence[Any]) -> Function:
         """Print a kernel for such arguments, unless that is done."""
         python = kernel.py_func if isinstance(kernel, Dispatcher) else kernel
         key = (python, *(_key(argument) for argument in arguments))
@@ -124,7 +104,7 @@ class Printer:
             self._done[key] = self._print(python, arguments)
         return self._done[key]
 
-    def _print(self, python: Any, arguments: Sequence[Any]) -> Printed:
+    def _print(self, python: Any, arguments: Sequence[Any]) -> Function:
         kinds: dict[str, Kind] = {}
         avoid: set[str] = set()
         while True:
@@ -133,11 +113,8 @@ class Printer:
             if not one.again:
                 break
             self.calls = [call for call in self.calls if call[1] is not one]
-        body = pruned(one.body, self.has_effect)
-        parameters = one.used_parameters(body)
-        head = one.head(parameters)
-        lines = "\n".join(block_lines(body, self.style, 1))
-        identity = (python, head, lines)
+        one.finish(pruned(one.body, self.has_effect))
+        identity = (python, one.head, one.text)
         if identity in self._bodies:
             one.name = self._bodies[identity].name
             return self._bodies[identity]
@@ -145,25 +122,11 @@ class Printer:
         longer = f"{python.__module__.rpartition('.')[2]}_{wanted}"
         if any(p is python for p, *_ in self._bodies):
             longer = wanted
-        one.name = name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
-        about = inspect.cleandoc(python.__doc__ or "").split("\n\n")[0].replace("\n", " ")
-        used = names_in(body)
-        printed = self.functions[name] = self._bodies[identity] = Printed(
-            name=name,
-            result_type=head[0],
-            declarations=head[1],
-            parameters=[(p.name, p.local) for p in parameters],
-            pointers={p.local: p.local in one.written for p in parameters if p.is_pointer},
-            result=one.result,
-            written=set(one.written),
-            about=about.replace("`", "").replace("*/", ""),
-            body=lines,
-            globals_used=one.globals_used & used,
-            has_effect=bool(one.written)
-            or any(self.functions[n].has_effect for n in used & set(self.functions)),
-            is_wide=getattr(python, "is_wide", False),
-        )
-        return printed
+        one.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
+        called = one.globals_used & set(self.functions)
+        one.has_effect = bool(one.written) or any(self.functions[n].has_effect for n in called)
+        self.functions[one.name] = self._bodies[identity] = one
+        return one
 
     def has_effect(self, text: str) -> bool:
         """Whether a text calls a function that changes something."""
@@ -174,13 +137,13 @@ class Printer:
         """Put the printed functions together, without those that nothing calls."""
         used, rest = set(names), list(names)
         while rest:
-            called = set(re.findall(r"(\w+)\(", self.functions[rest.pop()].body))
+            called = set(re.findall(r"(\w+)\(", self.functions[rest.pop()].text))
             fresh = called & set(self.functions) - used
             used |= fresh
             rest += fresh
         kept = [printed for name, printed in self.functions.items() if name in used]
         whole = "\n\n".join(self._text(printed) for printed in kept)
-        if any(printed.is_wide for printed in kept):
+        if any(_is_wide(printed) for printed in kept):
             whole = f"{WIDE}\n\n{whole}"
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
         lines = [
@@ -202,18 +165,18 @@ class Printer:
             names,
         )
 
-    def _text(self, printed: Printed) -> str:
+    def _text(self, printed: Function) -> str:
         """Definition of a function, its pointers restricted where no call lets them overlap."""
-        parameters = printed.declarations
+        result_type, parameters = printed.head
         written = printed.pointers.values()
         if len(written) > 1 and any(written) and self._apart(printed.name, ()):
             parameters = tuple(re.sub(r"\*(?=\w+$)", "*restrict ", p) for p in parameters)
-        head = f"static {printed.result_type} {printed.name}({', '.join(parameters) or 'void'})"
-        about = wrapped_comment(printed.about, "") if printed.about else []
-        wide = ["WIDE"] if printed.is_wide else []
-        return "\n".join(
-            [*about, *wide, *wrapped(head, ""), "{", *filter(None, [printed.body]), "}"]
-        )
+        head = f"static {result_type} {printed.name}({', '.join(parameters) or 'void'})"
+        doc = inspect.cleandoc(printed.python.__doc__ or "").split("\n\n")[0]
+        about = doc.replace("\n", " ").replace("`", "").replace("*/", "")
+        lines = wrapped_comment(about, "") if about else []
+        lines += ["WIDE"] if _is_wide(printed) else []
+        return "\n".join([*lines, *wrapped(head, ""), "{", *filter(None, [printed.text]), "}"])
 
     def _apart(self, name: str, seen: tuple[str, ...]) -> bool:
         """Whether no call of a function passes pointers to the same numbers."""
@@ -240,29 +203,22 @@ class Printer:
         return self._apart(caller.name, seen)
 
 
+def _is_wide(printed: Function) -> bool:
+    return getattr(printed.python, "is_wide", False)
+
+
 def _helpers(style: Style) -> dict[str, str]:
     """Small functions by name, for each kind of number."""
-    bodies = {
-        "min": ("The smaller of two numbers; the first where they do not compare.",
-                "b < a ? b : a"),
-        "max": ("The larger of two numbers; the first where they do not compare.",
-                "b > a ? b : a"),
-        "square": ("Square of a number.", "a * a"),
-        "sign": ("Sign of a number: -1, 0 or 1.", "a > {0} ? {1} : a < {0} ? -{1} : a"),
-    }  # fmt: skip
     kinds: tuple[Kind, ...] = ("real", "time", "int") if style.single else ("real", "int")
     texts = {}
-    for names in (("min", "max"), ("square", "sign")):
-        for kind in kinds:
-            for name in names:
-                about, body = bodies[name]
-                type_, suffix = style.type(kind), "f" if style.type(kind) == "float" else ""
-                given = f"{type_} a" + (f", {type_} b" if name in ("min", "max") else "")
-                body = body.format(f"0.0{suffix}", f"1.0{suffix}")
-                texts[f"{name}_{kind}"] = (
-                    f"/* {about} */\nstatic {type_} {name}_{kind}({given})\n"
-                    f"{{\n    return {body};\n}}"
-                )
+    for kind in kinds:
+        type_ = style.type(kind)
+        suffix = "f" if type_ == "float" else ""
+        for name, given, about, result in _HELPERS:
+            texts[f"{name}_{kind}"] = (
+                f"/* {about} */\nstatic {type_} {name}_{kind}({given.format(type_)})\n"
+                f"{{\n    return {result.format(f'0.0{suffix}', f'1.0{suffix}')};\n}}"
+            )
     return texts
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -40,15 +40,14 @@ class Struct:
             self.fields |= {(side, f.index + i): f for i in range(size)}
             if f.kind == "part":
                 name = f"{self.type.removesuffix('_state')}_{f.name}_state"
-                self.parts[f.name] = Struct(f.name, name, self._part(f))
-
-    def _part(self, f: Field) -> Memory:
-        """Memory of a part as it stands within this one."""
-        mine, part = self.memory, self.memory.parts[f.name]
-        start, memory_start, size, memory_size = mine.numbers[f.index : f.index + _PART].tolist()
-        numbers = mine.numbers[start : start + size]
-        memory = mine.memory[memory_start : memory_start + memory_size]
-        return Memory(part.layout, numbers, memory, part.shapes, part.parts, part.functions)
+                numbers, memory = self.memory.numbers, self.memory.memory
+                start, memory_start, n, m = numbers[f.index : f.index + _PART].tolist()
+                part = replace(
+                    self.memory.parts[f.name],
+                    numbers=numbers[start : start + n],
+                    memory=memory[memory_start : memory_start + m],
+                )
+                self.parts[f.name] = Struct(f.name, name, part)
 
     def array_at(self, side: Side, place: int) -> Field:
         """Array field that holds a place of the flat memory."""

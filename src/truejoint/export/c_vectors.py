@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -29,10 +29,6 @@ _FASTEST: Final = 0.3  # Hz
 _LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes without that fault
 
 
-def _nothing() -> Array:
-    return np.empty(0)
-
-
 @dataclass(frozen=True, eq=False)
 class Vector:
     """One sample and what comes of it."""
@@ -43,8 +39,8 @@ class Vector:
     is_homed: bool = False  # for `SET_HOMING`
     homing_id: int = HOMING_UNKNOWN
     status: int = 0  # bits of `Status`
-    position: Array = field(default_factory=_nothing)  # (n_joints,) [rad or m]
-    half_width: Array = field(default_factory=_nothing)
+    position: Array = field(default_factory=lambda: np.empty(0))  # (n_joints,) [rad or m]
+    half_width: Array = field(default_factory=lambda: np.empty(0))
 
 
 def make_vectors(
@@ -158,9 +154,10 @@ def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) 
     vectors = [replace(motion.next(), action=SET_HOMING, is_homed=True,
                        homing_id=HOMING_OF_CALIBRATION)]  # fmt: skip
     vectors += motion.run(_START)
-    for fault in _FAULTS:
-        vectors += fault(motion)
-        vectors += motion.run(_QUIET)
+    for fault in (_faulty_stamps, _faulty_signals, _standstill, _homings):
+        for one in fault(motion):
+            vectors += one
+            vectors += motion.run(_QUIET)
     return vectors
 
 
@@ -173,12 +170,12 @@ class _Motion:
         self.limits = limits
         self.lower, self.upper = training_domain.signal_lower, training_domain.signal_upper
         self.middle = (self.lower + self.upper) / 2
-        for feature, mean in zip(data.feature_set.features, limits.mean, strict=True):
+        for feature, mean in zip(data.feature_set.features, limits.domain_mean, strict=True):
             if feature.operation == "value":
                 self.middle[data.signals.index(feature.signal)] = mean
         room = np.minimum(self.middle - self.lower, self.upper - self.middle)
         self.amplitude = scale * room * (limits.moves > 0)
-        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.dt
+        reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.training_dt
         fastest = np.full(len(room), 2 * np.pi * _FASTEST)
         fastest *= 1 + 0.1 * np.arange(len(room)) / len(room)
         some = self.amplitude > 0
@@ -191,7 +188,7 @@ class _Motion:
         """Sample after a number of training time steps."""
         self.count += 1
         jitter = 1.0 + 0.1 * np.sin(self.count)
-        self.t += steps * jitter * self.limits.dt
+        self.t += steps * jitter * self.limits.training_dt
         phase = self.speed * self.t + np.arange(len(self.speed))
         return Vector(self.t, self.middle + self.amplitude * np.sin(phase))
 
@@ -206,77 +203,54 @@ class _Motion:
         return vector
 
 
-def _not_finite(motion: _Motion) -> list[Vector]:
+def _faulty_stamps(motion: _Motion) -> Iterator[list[Vector]]:
+    """Numbers that are not finite; stale stamps; a gap; a clock that was set back."""
     n = len(motion.middle)
-    return [
+    yield [
         motion.with_signal(0, np.nan), motion.with_signal(n - 1, np.inf),
         motion.with_signal(n // 2, -np.inf), replace(motion.next(), t=np.nan),
         replace(motion.next(), t=np.inf),
     ]  # fmt: skip
-
-
-def _stale(motion: _Motion) -> list[Vector]:
     first, second = motion.next(), motion.next()
-    return [first, first, second, replace(motion.next(), t=first.t)]
+    yield [first, first, second, replace(motion.next(), t=first.t)]
+    bridged, dt = motion.limits.longest, motion.limits.training_dt
+    yield [motion.next(3 * bridged / dt)]
+    yield [motion.next(-5 * bridged / dt)]
 
 
-def _gap(motion: _Motion) -> list[Vector]:
-    return [motion.next(3 * motion.limits.longest_dt / motion.limits.dt)]
-
-
-def _clock_set_back(motion: _Motion) -> list[Vector]:
-    return [motion.next(-5 * motion.limits.longest_dt / motion.limits.dt)]
-
-
-def _spikes(motion: _Motion) -> list[Vector]:
-    out = []
-    for i in np.flatnonzero(motion.limits.moves):
-        jump = 1.5 * motion.limits.reach[i]
-        vector = motion.next()
+def _faulty_signals(motion: _Motion) -> Iterator[list[Vector]]:
+    """Of every moving signal in turn: a spike; far out of range; slowly out of it and back."""
+    moving, span = np.flatnonzero(motion.limits.moves), motion.upper - motion.lower
+    spikes = []
+    for i in moving:
+        vector, jump = motion.next(), 1.5 * motion.limits.reach[i]
         vector.sample[i] += jump if vector.sample[i] < motion.middle[i] else -jump
-        out += [vector, motion.next()]
-    return out
-
-
-def _far_out(motion: _Motion) -> list[Vector]:
-    span = motion.upper - motion.lower
-    return [motion.with_signal(int(i), motion.upper[i] + 1.5 * span[i])
-            for i in np.flatnonzero(motion.limits.moves)]  # fmt: skip
-
-
-def _slightly_out(motion: _Motion) -> list[Vector]:
-    """Slowly out of the range of every moving signal in turn, and back."""
-    out = []
-    for i in np.flatnonzero(motion.limits.moves)[:8]:
+        spikes += [vector, motion.next()]
+    yield spikes
+    yield [motion.with_signal(int(i), motion.upper[i] + 1.5 * span[i]) for i in moving]
+    slowly = []
+    for i in moving[:8]:
+        way = 1.3 * motion.upper[i] - 0.3 * motion.lower[i] - motion.middle[i]
         for share in (*range(1, 9), *range(8, 0, -1)):
             vector = motion.next()
-            way = 1.3 * motion.upper[i] - 0.3 * motion.lower[i] - motion.middle[i]
             vector.sample[i] += way * share / 8
-            out.append(vector)
-    return out
+            slowly.append(vector)
+    yield slowly
 
 
-def _one_frozen(motion: _Motion) -> list[Vector]:
-    held = motion.next()
-    out = [held]
-    with_partner = np.flatnonzero(motion.limits.partner >= 0)
-    if len(with_partner):
-        index = int(with_partner[0])
-        out += [motion.with_signal(index, held.sample[index]) for _ in range(100)]
-    return out
-
-
-def _all_frozen(motion: _Motion) -> list[Vector]:
-    held = motion.next()
-    share = 0.5 * motion.limits.longest_dt
+def _standstill(motion: _Motion) -> Iterator[list[Vector]]:
+    """Hold a signal while its partner moves, then all of them for long."""
+    held, partner = motion.next(), np.flatnonzero(motion.limits.partner >= 0)[:1]
+    yield [held, *(motion.with_signal(i, held.sample[i]) for i in partner for _ in range(100))]
+    held, share = motion.next(), 0.5 * motion.limits.longest
     n = int(motion.limits.hold / share) + 3
     if n > _LONGEST_STANDSTILL:
-        return [held]
-    steps = share / motion.limits.dt
-    return [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
+        n = 0
+    steps = share / motion.limits.training_dt
+    yield [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
 
 
-def _homings(motion: _Motion) -> list[Vector]:
+def _homings(motion: _Motion) -> Iterator[list[Vector]]:
     """Not homed; homed again, unknown which; re-zeroed; another homing; that of the calibration."""
     actions = [
         (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, HOMING_UNKNOWN),
@@ -288,10 +262,4 @@ def _homings(motion: _Motion) -> list[Vector]:
     for action, is_homed, homing_id in actions:
         first = replace(motion.next(), action=action, is_homed=is_homed, homing_id=homing_id)
         out += [first, *motion.run(3)]
-    return out
-
-
-_FAULTS: Final = (
-    _not_finite, _stale, _gap, _clock_set_back, _spikes, _far_out, _slightly_out, _one_frozen,
-    _all_frozen, _homings,
-)  # fmt: skip
+    yield out

@@ -16,13 +16,7 @@ import numpy as np
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
-from truejoint.export.c_source import (
-    Precision,
-    check_precision,
-    check_prefix,
-    render,
-    write_files,
-)
+from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
 from truejoint.export.c_vectors import homing_ids, make_vectors
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
@@ -65,37 +59,14 @@ def export_c(
 ) -> tuple[Path, ...]:
     """Write a calibration as C99 source that does what `Corrector` does, and what checks it.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        Of a regressor, with the domain of its training rows.
-    folder : path-like
-        Receives ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``;
-        made if it does not exist.
-    prefix : str, optional
-        Beginning of every name in the source; `default_prefix` by default.
-    precision : {"double", "float"}
-        Of the arithmetic; time stamps are double in either.
-    level, range_margin : float
-        As `Corrector` takes them: probability of the half-width, where the model has an interval,
-        and how far outside its trained range a feature may lie.
-    overwrite : bool
-        Whether files that are there may be replaced.
+    `folder`, made if it does not exist, receives ``<prefix>.h``, ``<prefix>.c``,
+    ``<prefix>_vectors.h`` and ``<prefix>_check.c``, which are returned; `prefix`, by default
+    `default_prefix`, begins every name in the source. `precision` is that of the arithmetic (time
+    stamps are double in either), `level` and `range_margin` are as `Corrector` takes them.
 
-    Returns
-    -------
-    tuple of Path
-        The files.
-
-    Raises
-    ------
-    ExportError
-        If the estimator has no C source, the prefix is no name, a file exists, or a number does not
-        fit the precision.
-    ModelFileError
-        If the calibration lacks what the checks need.
-    CalibrationError
-        If the interval does not state that level.
+    Raises ExportError if the estimator has no C source, the interval does not state that level, the
+    prefix is no name, a file exists without `overwrite`, or a number does not fit the precision,
+    and ModelFileError if the calibration lacks what the checks need.
     """
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)

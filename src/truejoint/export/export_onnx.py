@@ -5,9 +5,9 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -43,51 +43,28 @@ def export_onnx(
     ``features`` (rows, n_features) and, where the model predicts the error of the measured
     position, ``measured`` (rows, n_joints). The metadata name what stands in each column.
 
-    Parameters
-    ----------
-    calibration : Calibration
-    path : path-like
-    precision : {"double", "float"}
-        Of inputs, weights and output.
-    overwrite : bool
-        Whether a file that is there may be replaced.
-
-    Returns
-    -------
-    Path
-        The file.
-
-    Raises
-    ------
-    ExportError
-        If the package onnx is not installed, the estimator is no regressor of features, or the file
-        exists or cannot be written.
+    Inputs, weights and output have the `precision`. Raises ExportError if the package onnx is not
+    installed, the estimator is no regressor of features, or the file exists (without `overwrite`)
+    or cannot be written.
     """
     check_precision(precision)
-    onnx = _onnx()
     path = Path(path)
+    try:
+        onnx = import_module("onnx")
+    except ImportError:
+        raise ExportError(
+            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
+        ) from None
     model = _Graph(onnx, precision).build(calibration)
     write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
     return path
 
 
-def _onnx() -> ModuleType:
-    try:
-        import onnx  # noqa: PLC0415  # an optional extra
-        import onnx.checker  # noqa: PLC0415
-    except ImportError:
-        raise ExportError(
-            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
-        ) from None
-    module: ModuleType = onnx
-    return module
-
-
 class _Graph:
     """An ONNX graph under construction; names of values are the Python variables they replace."""
 
-    def __init__(self, onnx: ModuleType, precision: Precision) -> None:
-        self._onnx: Any = onnx
+    def __init__(self, onnx: Any, precision: Precision) -> None:
+        self._onnx = onnx
         self._dtype = np.float64 if precision == "double" else np.float32
         self._element = getattr(onnx.TensorProto, precision.upper())
         self._nodes: list[Any] = []
@@ -102,10 +79,9 @@ class _Graph:
                 f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
         predicted = _BUILDERS[data.family](self, features, data, len(calibration.feature_set))
-        if calibration.target == "error":
-            self.node("Add", [measured, predicted], "position")
-        else:
-            self.node("Identity", [predicted], "position")
+        is_error = calibration.target == "error"
+        terms = [measured, predicted] if is_error else [predicted]
+        self.node("Add" if is_error else "Identity", terms, "position")
         helper = self._onnx.helper
         n_joints = len(calibration.joints)
         output = helper.make_tensor_value_info("position", self._element, ["rows", n_joints])
@@ -135,15 +111,13 @@ class _Graph:
             columns |= {"measured": measured}
         make = self._onnx.helper.make_tensor_value_info
         inputs = [make(name, self._element, ["rows", len(c)]) for name, c in columns.items()]
-        ranges = [[float(low), float(high)] for low, high in
-                  zip(calibration.lower, calibration.upper, strict=True)]  # fmt: skip
         described: Mapping[str, Any] = {
             "robot": calibration.robot,
             "arm": calibration.arm,
             "joints": calibration.joints,
             "units": dict(calibration.units),
             "features": feature_set.names,
-            "training_range": ranges,
+            "training_range": np.column_stack([calibration.lower, calibration.upper]).tolist(),
             "gap_limit": calibration.gap_limit,
             "data_sha256": calibration.metadata.get("data_sha256", ""),
             **{f"columns_of_{name}": names for name, names in columns.items()},
@@ -213,12 +187,7 @@ def _polynomial(graph: _Graph, features: str, data: EstimatorData, n_features: i
     return graph.affine(terms, arrays["coef"], arrays["intercept"])
 
 
-def _network(
-    graph: _Graph,
-    features: str,
-    data: EstimatorData,
-    n_features: int,  # noqa: ARG001  # its weights say
-) -> str:
+def _network(graph: _Graph, features: str, data: EstimatorData, _n_features: int) -> str:
     arrays = data.arrays
     units = graph.scaled(features, arrays)
     n_layers = sum(name.startswith("weight_") for name in arrays)

@@ -19,8 +19,8 @@ from truejoint.models.jaw import (
     NO_ERROR,
     RESET,
     rational_error,
-    weighted,
 )
+from truejoint.models.products import weighted
 
 OBSERVED: Final = 7
 """Columns of the observation matrix (29)."""

@@ -170,6 +170,7 @@ class ElasticJoint:
     def state_space(self, dt: float) -> StateSpaceModel:
         """Build the model of the filter for rows `dt` [s] apart."""
         elements = len(self.widths)
+        head = [elements, self.load_density, self.rest_deviation**2, self.rest_travel]
         return StateSpaceModel(
             transition=transition,
             measurement=measurement,
@@ -178,13 +179,7 @@ class ElasticJoint:
             states=(*(f"friction{i + 1}" for i in range(elements)), "load", "rest"),
             measurements=("torque",),
             inputs=("driver", "travel"),
-            parameters=np.concatenate(
-                [
-                    [elements, self.load_density, self.rest_deviation**2, self.rest_travel],
-                    self.widths,
-                    self.torque,
-                ]
-            ),
+            parameters=np.concatenate([head, self.widths, self.torque]),
         )
 
     def prior(self) -> tuple[Array, Array]:

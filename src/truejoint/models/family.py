@@ -163,7 +163,20 @@ class Family:
         """Raise CalibrationError when parameters or arrays are not those of the family."""
         self.check_params(data.params)
         self.check_size(data.params, n_features)
-        check_arrays(self.name, data.arrays, self.shapes(data.params, n_features, n_outputs))
+        shapes, arrays = self.shapes(data.params, n_features, n_outputs), data.arrays
+        if set(shapes) != set(arrays):
+            raise CalibrationError(
+                f"{self.name} has arrays {sorted(arrays)}; it needs {sorted(shapes)}"
+            )
+        for name, shape in shapes.items():
+            array = arrays[name]
+            if array.shape != shape or array.dtype != np.float64:
+                raise CalibrationError(
+                    f"{self.name} array {name!r} is {array.dtype} {array.shape}; "
+                    f"it must be float64 {shape}"
+                )
+            if not np.isfinite(array).all():
+                raise CalibrationError(f"{self.name} array {name!r} is not finite")
 
     def memory(self, data: EstimatorData, n_features: int, n_outputs: int) -> Memory:
         """Memory of the row of a fitted estimator; CalibrationError if its numbers make none."""
@@ -177,21 +190,6 @@ class Family:
     def row_address(self) -> int:
         """Address of the compiled row; compiles it, or takes it from disk."""
         return address(self.row, ROW)
-
-
-def check_arrays(family: str, arrays: Mapping[str, Array], shapes: Mapping[str, Shape]) -> None:
-    """Raise CalibrationError when an array is missing, left over, mis-shaped or not finite."""
-    if set(shapes) != set(arrays):
-        raise CalibrationError(f"{family} has arrays {sorted(arrays)}; it needs {sorted(shapes)}")
-    for name, shape in shapes.items():
-        array = arrays[name]
-        if array.shape != shape or array.dtype != np.float64:
-            raise CalibrationError(
-                f"{family} array {name!r} is {array.dtype} {array.shape}; "
-                f"it must be float64 {shape}"
-            )
-        if not np.isfinite(array).all():
-            raise CalibrationError(f"{family} array {name!r} is not finite")
 
 
 def only_joint(name: str, shapes: Mapping[str, Shape], n_outputs: int) -> dict[str, Shape]:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,11 +30,7 @@ MAX_RATE_RATIO: Final = 1.5
 """How far the time step may be from that of training where features count samples."""
 
 _CODES: Final[Mapping[Operation, int]] = {
-    "value": kernels.VALUE,
-    "lag": kernels.LAG,
-    "lowpass": kernels.LOWPASS,
-    "rate": kernels.RATE,
-    "play": kernels.PLAY,
+    name: getattr(kernels, name.upper()) for name in get_args(Operation)
 }
 _SIGNAL: Final = re.compile(r"[A-Za-z]\w*/\w+", re.ASCII)
 _CALL: Final = re.compile(r"(\w+)\(\s*([^\s,()]+)\s*,\s*([^\s,()]+)\s*\)", re.ASCII)
@@ -90,11 +86,12 @@ class Feature:
                 f"no feature operation {self.operation!r}; write one of {_FORMS}"
             )
         p = self.parameter
+        smooth = (0 < p <= MAX_TIME_CONSTANT, f"takes up to {MAX_TIME_CONSTANT:g} s")
         rules: dict[Operation, tuple[bool, str]] = {
             "value": (p == 0, "takes no parameter"),
             "lag": (1 <= p <= MAX_LAG and float(p).is_integer(), f"takes 1 to {MAX_LAG} samples"),
-            "lowpass": (0 < p <= MAX_TIME_CONSTANT, f"takes up to {MAX_TIME_CONSTANT:g} s"),
-            "rate": (0 < p <= MAX_TIME_CONSTANT, f"takes up to {MAX_TIME_CONSTANT:g} s"),
+            "lowpass": smooth,
+            "rate": smooth,
             "play": (0 < p < math.inf, "takes a half-width above 0 in the signal's unit"),
         }
         good, rule = rules[self.operation]

@@ -83,16 +83,9 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
             raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
     widths = params["widths"]
     n = len(widths)
-    parameters = np.concatenate(
-        [
-            [float(n)],
-            widths,
-            arrays["scale"],
-            arrays["drive"],
-            [-1.0 / (params["drive_stiffness"] * params["jaw_radius"])],
-            [params["friction_drift"] ** 2, params["load_drift"] ** 2],
-        ]
-    )
+    stretch = -1.0 / (params["drive_stiffness"] * params["jaw_radius"])
+    last = [stretch, params["friction_drift"] ** 2, params["load_drift"] ** 2]
+    parameters = np.concatenate([[float(n)], widths, arrays["scale"], arrays["drive"], last])
     # A misfit that lasts for a time tells in each row what it told in the row before.
     repeated = max(params["error_time"] / float(arrays["dt"][0]), 1.0)
     model = StateSpaceModel(
@@ -186,10 +179,8 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 FAMILY: Final = Family(
     "friction_filter",
     rules={
-        **dict.fromkeys(
-            ("drive_stiffness", "load_drift", "friction_drift", "error_time"), POSITIVE
-        ),
-        **dict.fromkeys(("gear_ratio", "wheel_radius", "jaw_radius"), POSITIVE),
+        **dict.fromkeys(("load_drift", "friction_drift", "error_time"), POSITIVE),
+        **dict.fromkeys(("drive_stiffness", "gear_ratio", "wheel_radius", "jaw_radius"), POSITIVE),
         "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
     },
     shapes=shapes,

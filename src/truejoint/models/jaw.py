@@ -44,12 +44,3 @@ def rational_errors(motor: Array, reset: Array, scale: Array, p: Array, out: Arr
     """Error (25) of every row, into `out` (n,)."""
     for i in range(out.shape[0]):
         out[i] = rational_error(motor[i], reset[i], scale, p)
-
-
-@compiled
-def weighted(row: Array, weights: Array) -> float:
-    """Sum of products, in the order of the columns."""
-    total = 0.0
-    for i in range(weights.shape[0]):
-        total += row[i] * weights[i]
-    return total

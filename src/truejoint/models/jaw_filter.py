@@ -134,6 +134,8 @@ def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
     """Build the filter's model: (13), with the noise of neglected friction."""
     frequencies, shapes = model.modes()
     torque = model.drive_stiffness * model.wheel_radius * model.jaw_radius / model.gear_ratio
+    masses = [model.jaw_inertia, model.slider_mass, torque]
+    friction = np.array([noise.jaw_friction, noise.slider_friction]) ** 2 * noise.correlation_time
     return StateSpaceModel(
         transition=transition,
         measurement=measurement,
@@ -142,14 +144,7 @@ def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
         states=("jaw", "jaw_speed", "reset", "reset_speed"),
         measurements=("reset", "reset_speed"),
         inputs=("motor", "compensation"),
-        parameters=np.concatenate(
-            [
-                frequencies,
-                shapes.ravel(),
-                [model.jaw_inertia, model.slider_mass, torque],
-                np.array([noise.jaw_friction, noise.slider_friction]) ** 2 * noise.correlation_time,
-            ]
-        ),
+        parameters=np.concatenate([frequencies, shapes.ravel(), masses, friction]),
     )
 
 

@@ -22,7 +22,7 @@ from truejoint.models.family import (
     number,
     random_state,
 )
-from truejoint.models.products import add_product, padded
+from truejoint.models.products import layer, padded, rescale, standardise
 
 MAX_LAYERS: Final = 8
 MAX_UNITS: Final = 2048
@@ -49,36 +49,24 @@ def network_row(
 ) -> None:
     """Predict by layers of logistic units and a linear output, between standardised values."""
     k, n, n_layers, widest = x.shape[0], out.shape[0], numbers[N_LAYERS], numbers[WIDEST]
-    mean = vector(memory, numbers[MEAN], k)
-    inverse_scale = vector(memory, numbers[INVERSE_SCALE], k)
-    scaled = vector(memory, numbers[ACTIVATIONS], k)
-    for i in range(k):
-        scaled[i] = (x[i] - mean[i]) * inverse_scale[i]
+    mean, inverse_scale = (
+        vector(memory, numbers[MEAN], k),
+        vector(memory, numbers[INVERSE_SCALE], k),
+    )
+    standardise(x, mean, inverse_scale, vector(memory, numbers[ACTIVATIONS], k))
     for i in range(unrolled(n_layers)):
         inputs = numbers[numbers[UNITS] + i]
         columns = numbers[numbers[COLUMNS] + i]
         source = vector(memory, numbers[ACTIVATIONS] + widest * (i % 2), inputs)
         target = vector(memory, numbers[ACTIVATIONS] + widest * ((i + 1) % 2), columns)
         weight = numbers[WEIGHTS] + numbers[numbers[FIRST_WEIGHT] + i]
-        bias = numbers[BIASES] + numbers[numbers[FIRST_BIAS] + i]
-        layer(
-            source, matrix(memory, weight, inputs, columns), vector(memory, bias, columns), target
-        )
+        bias = vector(memory, numbers[BIASES] + numbers[numbers[FIRST_BIAS] + i], columns)
+        layer(source, matrix(memory, weight, inputs, columns), bias, target)
         if i < n_layers - 1:
             logistic(target, numbers[numbers[UNITS] + i + 1])
     last = vector(memory, numbers[ACTIVATIONS] + widest * (n_layers % 2), n)
     target_mean = vector(memory, numbers[TARGET_MEAN], n)
-    target_scale = vector(memory, numbers[TARGET_SCALE], n)
-    for j in range(n):
-        out[j] = target_mean[j] + target_scale[j] * last[j]
-
-
-@compiled
-def layer(source: Array, weight: Array, bias: Array, target: Array) -> None:
-    """Weigh the inputs of a layer."""
-    for j in range(target.shape[0]):
-        target[j] = bias[j]
-    add_product(source, weight, target)
+    rescale(last, target_mean, vector(memory, numbers[TARGET_SCALE], n), out)
 
 
 @compiled

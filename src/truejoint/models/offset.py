@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled, copy, vector
 from truejoint.layout import Layout
 from truejoint.models.family import Family
 
@@ -18,9 +18,8 @@ def offset_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a fixed offset."""
-    offset = vector(memory, numbers[OFFSET], out.shape[0])
-    for j in range(out.shape[0]):
-        out[j] = offset[j]
+    n = out.shape[0]
+    copy(vector(memory, numbers[OFFSET], n), out, n)
 
 
 FAMILY: Final = Family(

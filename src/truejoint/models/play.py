@@ -22,7 +22,8 @@ from truejoint.models.family import (
     only_joint,
 )
 from truejoint.models.feature_kernels import play
-from truejoint.models.jaw import DRIVE, MOTOR, RESET, weighted
+from truejoint.models.jaw import DRIVE, MOTOR, RESET
+from truejoint.models.products import weighted
 
 POWERS: Final = 4
 """Highest power of a displacement, by default."""

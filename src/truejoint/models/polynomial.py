@@ -10,11 +10,11 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer
-from truejoint.models.products import add_product, padded
+from truejoint.models.products import layer, padded, standardise
 
 MAX_DEGREE: Final = 5
 MAX_TERMS: Final = 4000
@@ -40,24 +40,20 @@ def polynomial_row(
 ) -> None:
     """Predict a polynomial of the scaled features."""
     k, n_terms, columns = x.shape[0], numbers[N_TERMS], numbers[COLUMNS]
-    mean = vector(memory, numbers[MEAN], k)
-    inverse_scale = vector(memory, numbers[INVERSE_SCALE], k)
-    intercept = vector(memory, numbers[INTERCEPT], columns)
+    mean, inverse_scale = (
+        vector(memory, numbers[MEAN], k),
+        vector(memory, numbers[INVERSE_SCALE], k),
+    )
     scaled = vector(memory, numbers[SCALED], k + 1)
-    total = vector(memory, numbers[TOTAL], columns)
-    for i in range(k):
-        scaled[i] = (x[i] - mean[i]) * inverse_scale[i]
-    for j in range(columns):
-        total[j] = intercept[j]
-    coef = matrix(memory, numbers[COEF], n_terms, columns)
-    if numbers[DEGREE] == 1:
-        add_product(vector(memory, numbers[SCALED], k), coef, total)
-    else:
+    standardise(x, mean, inverse_scale, scaled)
+    terms = vector(memory, numbers[SCALED], k)
+    if numbers[DEGREE] > 1:
         terms = vector(memory, numbers[TERMS], n_terms)
         multiply(matrix(numbers, numbers[FACTORS], n_terms, numbers[DEGREE]), scaled, terms)
-        add_product(terms, coef, total)
-    for j in range(out.shape[0]):
-        out[j] = total[j]
+    coef = matrix(memory, numbers[COEF], n_terms, columns)
+    total = vector(memory, numbers[TOTAL], columns)
+    layer(terms, coef, vector(memory, numbers[INTERCEPT], columns), total)
+    copy(total, out, out.shape[0])
 
 
 @compiled

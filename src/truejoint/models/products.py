@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.compiled import compiled, wide
+from truejoint.compiled import compiled, copy, inlined, wide
 
 BLOCK = 4
 """Columns of a matrix are filled up with zeros to a multiple of this."""
@@ -15,6 +15,36 @@ def padded(matrix: Array, *, rows: bool = False) -> Array:
     """Matrix (n, m) with zero columns, and rows if asked for, up to a multiple of `BLOCK`."""
     n, m = matrix.shape
     return np.pad(matrix, ((0, -n % BLOCK if rows else 0), (0, -m % BLOCK)))
+
+
+@compiled
+def weighted(row: Array, weights: Array) -> float:
+    """Sum of products, column by column; numba's own would load SciPy's BLAS into the loop."""
+    total = 0.0
+    for i in range(weights.shape[0]):
+        total += row[i] * weights[i]
+    return total
+
+
+@inlined
+def standardise(x: Array, mean: Array, inverse_scale: Array, out: Array) -> None:
+    """Features `x` (k,) less their mean, times the inverse scale, into `out`."""
+    for i in range(x.shape[0]):
+        out[i] = (x[i] - mean[i]) * inverse_scale[i]
+
+
+@inlined
+def rescale(x: Array, mean: Array, scale: Array, out: Array) -> None:
+    """Undo `standardise` for outputs: times the scale, plus the mean."""
+    for j in range(out.shape[0]):
+        out[j] = mean[j] + scale[j] * x[j]
+
+
+@compiled
+def layer(source: Array, weight: Array, bias: Array, target: Array) -> None:
+    """Weigh inputs: ``source @ weight + bias`` into `target`, by `add_product`."""
+    copy(bias, target, target.shape[0])
+    add_product(source, weight, target)
 
 
 @compiled

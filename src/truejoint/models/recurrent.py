@@ -16,8 +16,8 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, fill, matrix, vector
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer, number, random_state
-from truejoint.models.network import layer, logistic, scaling_shapes
-from truejoint.models.products import BLOCK, padded
+from truejoint.models.network import logistic, scaling_shapes
+from truejoint.models.products import BLOCK, layer, padded, rescale, standardise
 
 LAYOUT: Final = Layout()
 UNITS: Final = LAYOUT.integer("units", "of the state")
@@ -56,10 +56,11 @@ def recurrent_row(
     state = vector(memory, numbers[STATE], units)
     new = vector(memory, numbers[SEEN], units)
     scaled = vector(memory, numbers[SEEN] + units, k)
-    mean = vector(memory, numbers[MEAN], k)
-    inverse_scale = vector(memory, numbers[INVERSE_SCALE], k)
-    for i in range(k):
-        scaled[i] = (x[i] - mean[i]) * inverse_scale[i]
+    mean, inverse_scale = (
+        vector(memory, numbers[MEAN], k),
+        vector(memory, numbers[INVERSE_SCALE], k),
+    )
+    standardise(x, mean, inverse_scale, scaled)
     if dt == 0.0:
         fill(state, units, 0.0)
     gates = vector(memory, numbers[GATES], 3 * width)
@@ -85,9 +86,7 @@ def recurrent_row(
     seen = vector(memory, numbers[SEEN], units + k)
     layer(seen, weights, vector(memory, numbers[OUTPUT_BIAS], columns), sums)
     target_mean = vector(memory, numbers[TARGET_MEAN], n)
-    target_scale = vector(memory, numbers[TARGET_SCALE], n)
-    for j in range(n):
-        out[j] = target_mean[j] + target_scale[j] * sums[j]
+    rescale(sums, target_mean, vector(memory, numbers[TARGET_SCALE], n), out)
 
 
 @compiled

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer
@@ -39,14 +39,11 @@ def trees_row(
 ) -> None:
     """Predict an offset and the sum of the leaves that the scaled features lead to."""
     k, n = x.shape[0], out.shape[0]
-    mean = vector(memory, numbers[MEAN], k)
-    scale = vector(memory, numbers[SCALE], k)
+    mean, scale = vector(memory, numbers[MEAN], k), vector(memory, numbers[SCALE], k)
     scaled = vector(memory, numbers[SCALED], k)
-    offset = vector(memory, numbers[OFFSET], n)
     for i in range(k):
         scaled[i] = (x[i] - mean[i]) / scale[i]
-    for j in range(n):
-        out[j] = offset[j]
+    copy(vector(memory, numbers[OFFSET], n), out, n)
     n_nodes = numbers[N_NODES]
     feature = vector(numbers, numbers[FEATURE], n_nodes)
     right = vector(numbers, numbers[RIGHT], n_nodes)

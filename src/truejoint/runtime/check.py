@@ -141,16 +141,12 @@ def check_calibration(
         )
         for k, joint in enumerate(calibration.joints)
     )
-    alarm, reasons = _watched(calibration, recording)
+    alarm, reasons = Alarm.NONE, Reason.NOTHING
+    if calibration.effort_baseline is not None:
+        trace = Monitor(calibration).run(recording)
+        alarm = Alarm(int(trace.alarm.max()))
+        reasons = Reason(int(np.bitwise_or.reduce(trace.reasons)))
     return CalibrationCheck(joints, len(t), float(t[-1] - t[0]), level, alarm, reasons)
-
-
-def _watched(calibration: Calibration, recording: Recording) -> tuple[Alarm, Reason]:
-    """Highest alarm along the recording, and the reasons of all alarms."""
-    if calibration.effort_baseline is None:
-        return Alarm.NONE, Reason.NOTHING
-    trace = Monitor(calibration).run(recording)
-    return Alarm(int(trace.alarm.max())), Reason(int(np.bitwise_or.reduce(trace.reasons)))
 
 
 def _known(value: str | float) -> str | float | None:

@@ -7,7 +7,7 @@ from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled, copy, fill, matrix, vector
 from truejoint.layout import part_memory, part_numbers
 from truejoint.models.family import call_row
 from truejoint.models.feature_kernels import feature_row
@@ -59,24 +59,18 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
 @compiled
 def pass_through(numbers: Integers, memory: Array) -> None:
     """Put out the measured position as it is, of unknown accuracy."""
-    n = numbers[at.N_JOINTS]
-    sample = vector(memory, numbers[at.SAMPLE], numbers[at.N_SIGNALS])
-    position = vector(memory, numbers[at.POSITION], n)
-    half_width = vector(memory, numbers[at.HALF_WIDTH], n)
-    correction = vector(memory, numbers[at.CORRECTION], n)
-    for j in range(n):
-        position[j] = sample[numbers[numbers[at.MEASURED] + j]]
-        half_width[j] = inf
-        correction[j] = nan
+    for j in range(numbers[at.N_JOINTS]):
+        measured = memory[numbers[at.SAMPLE] + numbers[numbers[at.MEASURED] + j]]
+        memory[numbers[at.POSITION] + j] = measured
+        memory[numbers[at.HALF_WIDTH] + j] = inf
+        memory[numbers[at.CORRECTION] + j] = nan
 
 
 @compiled
 def judge_finite(numbers: Integers, memory: Array) -> int:
     """Status bit if a signal is NaN or infinite."""
-    n = numbers[at.N_SIGNALS]
-    sample = vector(memory, numbers[at.SAMPLE], n)
-    for i in range(n):
-        if not isfinite(sample[i]):
+    for i in range(numbers[at.N_SIGNALS]):
+        if not isfinite(memory[numbers[at.SAMPLE] + i]):
             return _NOT_FINITE
     return 0
 
@@ -115,9 +109,7 @@ def forget(numbers: Integers, memory: Array) -> None:
 def restart_standstill(numbers: Integers, memory: Array) -> None:
     """Let every signal count as having changed at the next sample."""
     n = numbers[at.N_SIGNALS]
-    latest = vector(memory, numbers[at.LATEST], n)
-    for i in range(n):
-        latest[i] = nan  # equal to nothing
+    fill(vector(memory, numbers[at.LATEST], n), n, nan)  # equal to nothing
 
 
 @compiled
@@ -165,17 +157,15 @@ def judge_standstill(numbers: Integers, memory: Array) -> int:
     n = numbers[at.N_SIGNALS]
     sample = vector(memory, numbers[at.SAMPLE], n)
     latest = vector(memory, numbers[at.LATEST], n)
-    still, moves = numbers[at.STILL], numbers[at.MOVES]
     status = 0
     for i in range(n):
         if sample[i] != latest[i]:
-            numbers[still + i] = 0
-            if numbers[moves + i]:
+            numbers[numbers[at.STILL] + i] = 0
+            if numbers[numbers[at.MOVES] + i]:
                 memory[at.CHANGED_T] = memory[at.T]
         elif numbers[numbers[at.PARTNER] + i] >= 0:
             status |= watch_partner(numbers, memory, i)
-    for i in range(n):
-        latest[i] = sample[i]
+    copy(sample, latest, n)
     if memory[at.T] - memory[at.CHANGED_T] > memory[at.HOLD]:
         status = _FROZEN
     return status
@@ -184,11 +174,8 @@ def judge_standstill(numbers: Integers, memory: Array) -> int:
 @compiled
 def remember(numbers: Integers, memory: Array) -> None:
     """Make this sample the one that the next is compared with."""
-    n = numbers[at.N_SIGNALS]
-    sample = vector(memory, numbers[at.SAMPLE], n)
-    last = vector(memory, numbers[at.LAST], n)
-    for i in range(n):
-        last[i] = sample[i]
+    for i in range(numbers[at.N_SIGNALS]):
+        memory[numbers[at.LAST] + i] = memory[numbers[at.SAMPLE] + i]
     numbers[at.HAS_LAST] = 1
     memory[at.LAST_T] = memory[at.T]
 
@@ -237,8 +224,7 @@ def judge_features(numbers: Integers, memory: Array) -> int:
                 status = _OUT_OF_RANGE
     for i in range(k):
         centred[i] = features[i] - mean[i]
-    for i in range(n_white):
-        white[i] = 0.0
+    fill(white, n_white, 0.0)
     add_triangle(centred, matrix(memory, numbers[at.WHITENING], n_white, n_white), white)
     square = 0.0
     for i in range(0, n_white, 4):
@@ -253,18 +239,17 @@ def judge_features(numbers: Integers, memory: Array) -> int:
 @compiled
 def predict(numbers: Integers, memory: Array, dt: float) -> None:
     """Predict error or position, and how far off it may be."""
-    n, k = numbers[at.N_JOINTS], numbers[at.N_FEATURES]
-    features = vector(memory, numbers[at.FEATURES], k)
+    n = numbers[at.N_JOINTS]
     half_width = vector(memory, numbers[at.PREDICTED_WIDTH], n)
-    base = vector(memory, numbers[at.BASE_WIDTH], n)
     for j in range(n):
-        half_width[j] = base[j] * (1.0 + memory[at.GROWTH] * memory[at.EXCESS])
+        grown = 1.0 + memory[at.GROWTH] * memory[at.EXCESS]
+        half_width[j] = memory[numbers[at.BASE_WIDTH] + j] * grown
     call_row(
         numbers[at.ROW],
         part_numbers(numbers, at.MODEL),
         part_memory(numbers, memory, at.MODEL),
         dt,
-        features,
+        vector(memory, numbers[at.FEATURES], numbers[at.N_FEATURES]),
         vector(memory, numbers[at.PREDICTED], n),
         half_width,
     )
@@ -273,18 +258,14 @@ def predict(numbers: Integers, memory: Array, dt: float) -> None:
 @compiled
 def judge_correction(numbers: Integers, memory: Array) -> int:
     """Status bit of a correction larger than any error in training."""
-    n = numbers[at.N_JOINTS]
-    position = vector(memory, numbers[at.POSITION], n)
-    predicted = vector(memory, numbers[at.PREDICTED], n)
-    correction = vector(memory, numbers[at.CORRECTION], n)
-    lower = vector(memory, numbers[at.CORRECTION_LOWER], n)
-    upper = vector(memory, numbers[at.CORRECTION_UPPER], n)
     status = 0
-    for j in range(n):
-        correction[j] = predicted[j]
+    for j in range(numbers[at.N_JOINTS]):
+        correction = memory[numbers[at.PREDICTED] + j]
         if numbers[at.IS_POSITION]:
-            correction[j] -= position[j]
-        if not (correction[j] >= lower[j] and correction[j] <= upper[j]):
+            correction -= memory[numbers[at.POSITION] + j]
+        memory[numbers[at.CORRECTION] + j] = correction
+        lower = memory[numbers[at.CORRECTION_LOWER] + j]
+        if not (correction >= lower and correction <= memory[numbers[at.CORRECTION_UPPER] + j]):
             status = _IMPLAUSIBLE
     return status
 
@@ -292,13 +273,8 @@ def judge_correction(numbers: Integers, memory: Array) -> int:
 @compiled
 def put_out(numbers: Integers, memory: Array) -> None:
     """Put out the corrected position and its half-width."""
-    n = numbers[at.N_JOINTS]
-    position = vector(memory, numbers[at.POSITION], n)
-    half_width = vector(memory, numbers[at.HALF_WIDTH], n)
-    predicted = vector(memory, numbers[at.PREDICTED], n)
-    predicted_width = vector(memory, numbers[at.PREDICTED_WIDTH], n)
-    offset = vector(memory, numbers[at.OFFSET], n)
-    for j in range(n):
-        base = 0.0 if numbers[at.IS_POSITION] else position[j]
-        position[j] = (base + predicted[j]) + offset[j]
-        half_width[j] = predicted_width[j]
+    for j in range(numbers[at.N_JOINTS]):
+        base = 0.0 if numbers[at.IS_POSITION] else memory[numbers[at.POSITION] + j]
+        predicted = base + memory[numbers[at.PREDICTED] + j]
+        memory[numbers[at.POSITION] + j] = predicted + memory[numbers[at.OFFSET] + j]
+        memory[numbers[at.HALF_WIDTH] + j] = memory[numbers[at.PREDICTED_WIDTH] + j]

@@ -113,19 +113,10 @@ class Corrector:
         self.warm_up()
 
     def step(self, t: float, sample: ArrayLike) -> Status:
-        """Correct one sample, into `position` and `half_width`.
+        """Correct one `sample` (n_signals,), taken at `t` [s], into `position` and `half_width`.
 
-        Parameters
-        ----------
-        t : float
-            Time stamp of the sample [s].
-        sample : array_like, shape (n_signals,)
-            Values of `signals`, in their order and units; fastest as an array of float64.
-
-        Returns
-        -------
-        Status
-            OK (0), or why the measured position passed through.
+        It holds the values of `signals`, in their order and units; fastest as an array of float64.
+        Returns OK (0), or why the measured position passed through.
         """
         memory = self._memory
         try:
@@ -141,20 +132,11 @@ class Corrector:
         """Say whether the robot is homed, and which homing its positions refer to.
 
         Call it before the first sample, and whenever it changes: then an offset of `rezero` ends
-        and the history of the signals starts anew.
+        and the history of the signals starts anew. A `homing_id` is compared with those of the
+        training recordings or, where these have none, with the first one told; without it, a robot
+        that is homed after it was said not to be counts as homed again.
 
-        Parameters
-        ----------
-        is_homed : bool
-        homing_id : str, optional
-            Compared with those of the training recordings or, where these have none, with the
-            first one told. Without it, a robot that is homed after it was said not to be counts
-            as homed again.
-
-        Returns
-        -------
-        Status
-            OK, NOT_HOMED or HOMED_AGAIN: what every sample from now on is flagged with.
+        Returns OK, NOT_HOMED or HOMED_AGAIN: what every sample from now on is flagged with.
         """
         if self._homing.tell(is_homed, homing_id):
             self.offset[:] = 0.0
@@ -164,20 +146,9 @@ class Corrector:
     def rezero(self, offset: ArrayLike) -> Status:
         """Add an offset to every corrected position: the calibration is valid for this homing.
 
-        Parameters
-        ----------
-        offset : array_like, shape (n_joints,)
-            True minus corrected position [rad or m], for instance from a touched stop.
-
-        Returns
-        -------
-        Status
-            As `set_homing`: no longer HOMED_AGAIN.
-
-        Raises
-        ------
-        CalibrationError
-            If the offset is not one finite number for each joint.
+        The `offset` (n_joints,) [rad or m] is true minus corrected position, for instance from a
+        touched stop. Returns as `set_homing`, no longer HOMED_AGAIN; raises CalibrationError unless
+        it is one finite number for each joint.
         """
         values = np.asarray(offset, dtype=np.float64)
         if values.shape != self.offset.shape or not np.isfinite(values).all():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from statistics import NormalDist
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import inverse_span
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import EstimatorData, find_family
-from truejoint.models.products import padded
 from truejoint.runtime.limits import Limits
 
 LAYOUT: Final = Layout()
@@ -80,10 +79,6 @@ SOURCE: Final = LAYOUT.integers("source", "signal of each feature")
 SLOT: Final = LAYOUT.integers("slot", "of each feature in the features' memory")
 MEASURED: Final = LAYOUT.integers("measured", "signal that is the joint's measured position")
 MODEL: Final = LAYOUT.part("model", "the estimator")
-_OF_LIMITS: Final = (
-    "hold", "reach", "signal_lower", "signal_upper", "travel", "feature_lower",
-    "feature_upper", "correction_lower", "correction_upper", "partner", "moves",
-)  # fmt: skip
 
 
 def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> Memory:
@@ -94,7 +89,6 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
     """
     operation, source, parameter, slot = data.feature_set.program
     n_signals, k, n_joints = len(data.signals), len(data.feature_set), len(data.joints)
-    per_signal, per_joint = np.zeros(n_signals), np.zeros(n_joints)
     base, growth = np.full(n_joints, np.inf), 0.0
     if data.interval is not None:
         base, growth = data.interval.half_width(level), data.interval.growth
@@ -104,27 +98,18 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
     if data.interval is None and states is not None and states(data.model.params):
         own = model.layout.fields["deviations"].index
         model.memory[own] = NormalDist().inv_cdf(0.5 + 0.5 * level)
-    # The length of a whitened row is all that counts, so a triangular factor does as well.
-    factor = np.asarray(np.linalg.qr(limits.whitening.T, mode="r")).T
-    whitening = padded(factor, rows=True)
-    values: dict[str, Any] = {
-        "n_signals": n_signals, "n_features": k, "n_joints": n_joints, "n_white": len(whitening),
-        "is_position": data.target == "position", "row": family.row_address(),
-        "shortest": limits.shortest_dt, "longest": limits.longest_dt,
-        "training_dt": limits.dt, "growth": growth, "square": limits.distance * limits.distance,
-        **{name: getattr(limits, name) for name in _OF_LIMITS},
-        **dict.fromkeys(("sample", "last", "latest", "partner_low", "partner_high"), per_signal),
-        "features": np.zeros(k), "centred": np.zeros(len(whitening)),
-        "white": np.zeros(len(whitening)),
-        "position": np.full(n_joints, np.nan), "half_width": np.full(n_joints, np.inf),
-        "correction": np.full(n_joints, np.nan), "offset": per_joint, "predicted": per_joint,
-        "predicted_width": per_joint, "base_width": base,
-        "feature_memory": data.feature_set.start().memory, "clock": np.zeros(2),
-        "parameter": parameter, "domain_mean": limits.mean, "trained_lower": data.lower,
-        "trained_upper": data.upper, "per_span": inverse_span(data.lower, data.upper),
-        "whitening": whitening, "still": np.zeros(n_signals), "operation": operation,
-        "source": source, "slot": slot,
-        "measured": [data.signals.index(f"measured/{joint}") for joint in data.joints],
-        "model": model,
-    }  # fmt: skip
-    return LAYOUT.pack({"row": family.row}, **values)
+    n_white = len(limits.whitening)
+    per_signal = ("sample", "last", "latest", "partner_low", "partner_high", "still")
+    return LAYOUT.pack(
+        {"row": family.row}, **vars(limits), n_signals=n_signals, n_features=k, n_joints=n_joints,
+        n_white=n_white, is_position=data.target == "position", row=family.row_address(),
+        growth=growth, **dict.fromkeys(per_signal, np.zeros(n_signals)),
+        **dict.fromkeys(("centred", "white"), np.zeros(n_white)), features=np.zeros(k),
+        **dict.fromkeys(("position", "correction"), np.full(n_joints, np.nan)),
+        half_width=np.full(n_joints, np.inf), base_width=base,
+        **dict.fromkeys(("offset", "predicted", "predicted_width"), np.zeros(n_joints)),
+        feature_memory=data.feature_set.start().memory, clock=np.zeros(2), operation=operation,
+        source=source, parameter=parameter, slot=slot, trained_lower=data.lower,
+        trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
+        measured=[data.signals.index(f"measured/{joint}") for joint in data.joints],
+    )  # fmt: skip

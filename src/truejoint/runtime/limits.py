@@ -13,6 +13,7 @@ from truejoint.calibration.training_domain import partners
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import MAX_RATE_RATIO
+from truejoint.models.products import padded
 
 RANGE_MARGIN: Final = 0.5
 """Share of its trained range by which a feature may lie outside before it is out of range.
@@ -46,28 +47,24 @@ _ROUNDING: Final = 1e-9
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Thresholds of the corrector, in SI units."""
+    """Thresholds of the corrector in SI units, each a field of its memory (`runtime.fields`)."""
 
-    shortest_dt: float  # time steps that follow one another [s]
-    longest_dt: float
-    dt: float  # time [s] in which a signal may change by `reach`; in a longer one, by more
-    reach: Array  # (n_signals,)
-    # (n_signals,): beyond these a sample enters no history; infinite for signals that never changed
-    signal_lower: Array
+    shortest: float
+    longest: float
+    training_dt: float
+    hold: float
+    square: float
+    reach: Array  # (n_signals,), as what follows
+    signal_lower: Array  # infinite for signals that never changed
     signal_upper: Array
-    # (n_signals,): see `partners`; -1 also where a signal or its partner never changed
-    partner: Integers
-    travel: (
-        Array  # (n_signals,): how far the partner may move while the signal stands exactly still
-    )
-    moves: Integers  # (n_signals,): 1 for signals that changed in training
-    hold: float  # time for which all of those may stand exactly still [s]
+    partner: Integers  # see `partners`; -1 also where a signal or its partner never changed
+    travel: Array
+    moves: Integers
+    domain_mean: Array  # (k,)
+    whitening: Array  # lower triangle (n_white, n_white)
     feature_lower: Array  # (k,), infinite for features that never changed
     feature_upper: Array
-    mean: Array  # (k,)
-    whitening: Array  # (k, k): row j is what feature j adds to each whitened direction
-    distance: float  # largest length of the whitened features
-    correction_lower: Array  # (n_joints,), plausible corrections [rad or m]
+    correction_lower: Array  # (n_joints,)
     correction_upper: Array
 
 
@@ -98,23 +95,25 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     lower, upper = _widened(low, high, REJECT_MARGIN)
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
+    distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
     return Limits(
-        shortest_dt=shortest * seen.dt,
-        longest_dt=data.gap_limit,
-        dt=seen.dt,
+        shortest=shortest * seen.dt,
+        longest=data.gap_limit,
+        training_dt=seen.dt,
+        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt),
+        square=distance * distance,
         reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
         signal_lower=np.where(moves, lower, -np.inf),
         signal_upper=np.where(moves, upper, np.inf),
         partner=partner,
         travel=allowed * (high - low)[partner],
         moves=moves.astype(np.int64),
-        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt),
+        domain_mean=seen.feature_mean,
+        # The length of a whitened row is all that counts, so a triangular factor does as well.
+        whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
         feature_lower=np.where(used, feature_lower, -np.inf),
         feature_upper=np.where(used, feature_upper, np.inf),
-        mean=seen.feature_mean,
-        whitening=np.ascontiguousarray(seen.whitening.T),
-        distance=DISTANCE_MARGIN * seen.distance,
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )

@@ -34,6 +34,7 @@ from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.layout import Layout
 from truejoint.models.features import FeatureState
+from truejoint.models.products import weighted
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -121,33 +122,17 @@ class Reason(IntFlag):
 
 @dataclass(frozen=True, eq=False)
 class MonitorTrace:
-    """What a monitor said along a recording.
+    """What a monitor said along a recording."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Time stamps [s].
-    alarm : ndarray of int, shape (n,)
-        `Alarm` after each sample.
-    reasons : ndarray of int, shape (n,)
-        `Reason` bits of the measures that are above their threshold.
-    measures : ndarray, shape (n, 5)
-        As in `Monitor.measures`.
-    """
-
-    t: Array
-    alarm: Integers
-    reasons: Integers
-    measures: Array
+    t: Array  # (n,) time stamps [s]
+    alarm: Integers  # (n,) `Alarm` after each sample
+    reasons: Integers  # (n,) `Reason` bits of the measures that are above their threshold
+    measures: Array  # (n, 5) as in `Monitor.measures`
 
     def first(self, alarm: Alarm = Alarm.CHECK, reasons: Reason | None = None) -> float:
         """Time since the first sample [s] at which `alarm` was first reached; NaN if never.
 
-        Parameters
-        ----------
-        alarm : Alarm
-        reasons : Reason, optional
-            Look only at alarms with one of these among their reasons.
+        With `reasons`, only alarms with one of these among their own count.
         """
         at = self.alarm >= alarm
         if reasons is not None:
@@ -231,9 +216,11 @@ class Monitor:
         self._levels: Integers = self._packed.view("levels")
         self._per_span = inverse_span(calibration.lower, calibration.upper)
         self._row = np.zeros(len(calibration.feature_set))
-        self._features = calibration.feature_set.start()
         self.reset()
-        self._warm_up()
+        # Compile, then forget.
+        self._advance(1.0, np.zeros(len(signals)))
+        self.innovation(1.0, 1)
+        self.reset()
 
     @property
     def watched(self) -> tuple[str, ...]:
@@ -262,9 +249,7 @@ class Monitor:
         self._packed.view("travel")[ANCHOR] = np.nan
         self._memory[[OUTSIDE, RATIO, RATIO_WEIGHT, WORKED, LAST, LAST_STEP]] = 0.0
         self._numbers[HAS_LAST] = 0
-        state: FeatureState = self._calibration.feature_set.start()
-        self._features.memory[:] = state.memory
-        self._features.clock[:] = state.clock
+        self._features: FeatureState = self._calibration.feature_set.start()
 
     def compared_with_truth(self) -> None:
         """Start the working time anew: the arm was checked or re-zeroed."""
@@ -273,59 +258,39 @@ class Monitor:
         self._levels[WORK] = 0
 
     def step(self, t: float, sample: ArrayLike) -> int:
-        """Take one sample.
+        """Take one `sample` (n_signals,), taken at `t` [s]; returns the `Alarm`.
 
-        Parameters
-        ----------
-        t : float
-            Time stamp [s]. A sample that does not advance it, or is not finite, is passed over.
-        sample : array_like, shape (n_signals,)
-            Values of the calibration's `signals`, in their order and units.
-
-        Returns
-        -------
-        int
-            The `Alarm`.
+        It holds the values of the calibration's `signals`, in their order and units. One that does
+        not advance the time, or is not finite, is passed over; CalibrationError for a wrong size.
         """
-        values = np.asarray(sample, dtype=np.float64)
-        if values.shape != (len(self._calibration.signals),):
+        values, signals = np.asarray(sample, dtype=np.float64), self._calibration.signals
+        if values.shape != (len(signals),):
             raise CalibrationError(
-                f"sample has shape {values.shape}; it must hold the "
-                f"{len(self._calibration.signals)} signals {', '.join(self._calibration.signals)}"
+                f"sample has shape {values.shape}; it must hold the {len(signals)} signals "
+                f"{', '.join(signals)}"
             )
         return int(self._advance(float(t), values))
 
     def innovation(self, squared: float, degrees: int) -> int:
         """Take the normalised innovation squared of a filter's update; returns the `Alarm`.
 
-        Parameters
-        ----------
-        squared : float
-            ``v.T @ inv(S) @ v``, on average equal to `degrees` while the filter is right.
-        degrees : int
-            How many measurements it is of, above 0.
+        It is ``v.T @ inv(S) @ v``, on average equal to `degrees` while the filter is right: how
+        many measurements it is of, above 0.
         """
         return int(take_innovation(self._numbers, self._memory, squared / degrees))
 
     def run(self, recording: Recording) -> MonitorTrace:
-        """Watch a whole recording, from a fresh start.
-
-        Raises
-        ------
-        RecordingError
-            If the recording lacks a signal of the calibration.
-        """
+        """Watch a whole recording, from a fresh start; RecordingError if it lacks a signal."""
         self.reset()
         t = np.array(recording.t)
         signals = self._calibration.signals
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in signals]))
-        alarm, reasons = np.empty(len(t), dtype=np.int64), np.empty(len(t), dtype=np.int64)
-        measures = np.empty((len(t), N_MEASURES))
+        levels = np.empty((len(t), N_MEASURES), dtype=np.int64)
+        measures = np.empty(levels.shape)
         for i in range(len(t)):
-            alarm[i] = self._advance(t[i], samples[i])
-            reasons[i] = _bits(self._levels)
-            measures[i] = self.measures
-        return MonitorTrace(t, alarm, reasons, measures)
+            self._advance(t[i], samples[i])
+            levels[i], measures[i] = self._levels, self.measures
+        return MonitorTrace(t, levels.max(axis=1), _bits(levels), measures)
 
     def _advance(self, t: float, values: Array) -> int:
         calibration = self._calibration
@@ -335,11 +300,10 @@ class Monitor:
         excess = range_excess(self._row, calibration.lower, calibration.upper, self._per_span)
         return int(watch(self._numbers, self._memory, t, values, excess))
 
-    def _warm_up(self) -> None:
-        """Compile, then forget."""
-        self._advance(1.0, np.zeros(len(self._calibration.signals)))
-        self.innovation(1.0, 1)
-        self.reset()
+
+def _bits(levels: Integers) -> Integers:
+    """`Reason` bits of the measures above their threshold, of their levels (..., 5)."""
+    return np.asarray((levels > 0) @ (1 << np.arange(N_MEASURES)))
 
 
 @compiled
@@ -383,7 +347,7 @@ def watch(numbers: Integers, memory: Array, t: float, values: Array, excess: flo
         if speed == 0.0 or numbers[numbers[MONITORED] + j] == 0:
             continue
         effort_terms(position, speed, lower, upper, terms)
-        deviation = values[numbers[numbers[EFFORT] + j]] - dot(coef[j], terms)
+        deviation = values[numbers[numbers[EFFORT] + j]] - weighted(terms, coef[j])
         deviation /= memory[numbers[SCALE] + j]
         average_effort(deviation, speed, travel[MOVED, j], j, mean, weight)
         if min(weight[0, j], weight[1, j]) > WINDOW_FILLED:
@@ -402,15 +366,6 @@ def watch(numbers: Integers, memory: Array, t: float, values: Array, excess: flo
     measures[RANGE] = memory[OUTSIDE]
     measures[WORK] = memory[WORKED] / memory[WORKING_TIME]
     return grade(measures, vector(numbers, numbers[LEVELS], N_MEASURES))
-
-
-@compiled
-def dot(a: Array, b: Array) -> float:
-    """Inner product; numba's own would load SciPy's BLAS into the control loop."""
-    total = 0.0
-    for k in range(a.shape[0]):
-        total += a[k] * b[k]
-    return total
 
 
 @compiled
@@ -451,13 +406,3 @@ def grade(measures: Array, levels: Integers) -> int:
         levels[i] = held
         highest = max(highest, held)
     return highest
-
-
-@compiled
-def _bits(levels: Integers) -> int:
-    """`Reason` bits of the measures that are above their threshold."""
-    bits = 0
-    for i in range(levels.shape[0]):
-        if levels[i] > 0:
-            bits |= 1 << i
-    return bits

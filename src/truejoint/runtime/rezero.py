@@ -71,11 +71,7 @@ class ReZero:
     """
 
     def __init__(
-        self,
-        calibration: CalibrationData[Any],
-        *,
-        truth_sd: ArrayLike = 0.0,
-        drift: float = DRIFT,
+        self, calibration: CalibrationData[Any], *, truth_sd: ArrayLike = 0.0, drift: float = DRIFT
     ) -> None:
         if calibration.effort_baseline is None:
             raise CalibrationError(
@@ -91,17 +87,18 @@ class ReZero:
             )
         if not 0.0 <= drift < math.inf:
             raise CalibrationError(f"drift {drift!r}: give a finite number of 0 or more")
-        self._residual = calibration.effort_baseline.residual
-        self._correlation = CORRELATION_MARGIN * calibration.effort_baseline.correlation
+        self._residual = residual = calibration.effort_baseline.residual
         # Truth without any noise would make the two states one.
-        self._noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * self._residual)
-        self._drift = (drift * self._residual) ** 2 / 3600.0
+        noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * residual)
+        correlation = CORRELATION_MARGIN * calibration.effort_baseline.correlation
+        self._noise = np.stack([residual, correlation, noise, (drift * residual) ** 2 / 3600.0])
         self._state = np.zeros((N_STATE, n_joints))
         self.offset = np.zeros(n_joints)
         self.sd = np.full(n_joints, math.inf)
         self.rejected = self._state[REJECTED]
         self.reset()
-        self._warm_up(n_joints)
+        self.update(0.0, np.zeros(n_joints), np.zeros(n_joints))  # compiles
+        self.reset()
 
     def reset(self) -> None:
         """Forget all truth: after a homing, for instance."""
@@ -113,21 +110,11 @@ class ReZero:
         self.sd[:] = np.inf
 
     def update(self, t: float, corrected: ArrayLike, truth: ArrayLike) -> None:
-        """Take a reading of the truth; changes `offset` and `sd` in place.
+        """Take a reading of the truth at `t` [s]; changes `offset` and `sd` in place.
 
-        Parameters
-        ----------
-        t : float
-            Time stamp [s]; readings that go back in time are left out.
-        corrected : array_like, shape (n_joints,)
-            What the calibration gave there, without any offset of this class [rad or m].
-        truth : array_like, shape (n_joints,)
-            True position [rad or m]; NaN for joints whose truth is not known.
-
-        Raises
-        ------
-        CalibrationError
-            If a shape is wrong.
+        `corrected` (n_joints,) is what the calibration gave there, without any offset of this class
+        [rad or m], `truth` (n_joints,) the true position, NaN for joints where it is not known.
+        Readings that go back in time are left out. Raises CalibrationError if a shape is wrong.
         """
         here = np.asarray(corrected, dtype=np.float64)
         true = np.asarray(truth, dtype=np.float64)
@@ -135,56 +122,40 @@ class ReZero:
             raise CalibrationError(
                 f"corrected {here.shape} and truth {true.shape} must hold {len(self.offset)} joints"
             )
-        take_truth(
-            float(t), here, true, self._residual, self._correlation, self._noise, self._drift,
-            self._state, self.offset, self.sd,
-        )  # fmt: skip
+        take_truth(float(t), here, true, self._noise, self._state, self.offset, self.sd)
 
     def advance(self, t: float) -> None:
         """Let time pass without truth: `sd` grows by the drift; `offset` stays."""
         no_truth = np.full(len(self.offset), np.nan)
         self.update(t, no_truth, no_truth)
 
-    def _warm_up(self, n_joints: int) -> None:
-        self.update(0.0, np.zeros(n_joints), np.zeros(n_joints))
-        self.reset()
-
 
 @compiled
 def take_truth(
-    t: float,
-    corrected: Array,
-    truth: Array,
-    residual: Array,
-    correlation: Array,
-    noise: Array,
-    drift: Array,
-    state: Array,
-    offset: Array,
-    sd: Array,
+    t: float, corrected: Array, truth: Array, noise: Array, state: Array, offset: Array, sd: Array
 ) -> None:
     """Advance every joint's filter to `t` and take its reading, if there is one.
 
-    At `t` [s], of each joint (n_joints,): `corrected` and `truth` [rad or m], NaN where not known;
-    `residual` [rad or m] and `correlation` [s] of the local error, `noise` of the truth [rad or m],
-    `drift`, by which the offset's variance grows per second. `state` (8, n_joints) is changed in
-    place; `offset` and `sd` [rad or m] receive the estimate.
+    At `t` [s], of each joint (n_joints,): `corrected` and `truth` [rad or m], NaN where not known.
+    `noise` (4, n_joints): size [rad or m] and correlation [s] of the local error, deviation of the
+    truth [rad or m], and by what the offset's variance grows per second. `state` (8, n_joints) is
+    changed in place; `offset` and `sd` [rad or m] receive the estimate.
     """
     for j in range(offset.shape[0]):
-        s = state[:, j]
+        s, residual, correlation = state[:, j], noise[0, j], noise[1, j]
         elapsed = t - s[LAST]
         if not np.isfinite(t) or elapsed < 0.0:  # false for the first: NaN
             continue
         if elapsed > 0.0:
-            keep = np.exp(-elapsed / correlation[j])
+            keep = np.exp(-elapsed / correlation)
             s[LOCAL] *= keep
-            s[VAR_OFFSET] += drift[j] * elapsed
+            s[VAR_OFFSET] += noise[3, j] * elapsed
             s[COVARIANCE] *= keep
-            s[VAR_LOCAL] = keep * keep * s[VAR_LOCAL] + (1.0 - keep * keep) * residual[j] ** 2
+            s[VAR_LOCAL] = keep * keep * s[VAR_LOCAL] + (1.0 - keep * keep) * residual**2
         s[LAST] = t
         innovation = truth[j] - corrected[j] - s[OFFSET] - s[LOCAL]
         if np.isfinite(innovation):
-            _take_reading(innovation, noise[j] ** 2, s)
+            _take_reading(innovation, noise[2, j] ** 2, s)
         if not np.isinf(sd[j]) or np.isfinite(innovation):
             offset[j] = s[OFFSET]
             sd[j] = np.sqrt(s[VAR_OFFSET])

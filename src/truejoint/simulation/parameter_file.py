@@ -27,17 +27,6 @@ class Bounds:
     whole: bool = False
 
 
-def read_sections(path: Path) -> Sections:
-    """Sections of the TOML file at `path`; raises TruejointError if it holds anything else."""
-    table = read_toml(path, TruejointError)
-    for name, values in table.items():
-        if not isinstance(values, dict):
-            raise TruejointError(
-                f"{path}: {_shown(name)} stands outside a section; put it under [section]"
-            )
-    return table
-
-
 def shipped_sections(name: str) -> Sections:
     """Sections of the TOML file `name` that comes with the package."""
     return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
@@ -45,7 +34,7 @@ def shipped_sections(name: str) -> Sections:
 
 @dataclass(frozen=True)
 class Parameters:
-    """What a twin is made of, in SI units; one frozen dataclass per section of its TOML file.
+    """What a twin is made of, in SI units; one value of named fields per section of its TOML file.
 
     The comments of the shipped files give the meaning, unit and source of every number.
 
@@ -70,7 +59,13 @@ class Parameters:
         """
         if path is None:
             return cls.shipped(cls.NOMINAL)
-        return cls._laid_over(shipped_sections(cls.NOMINAL), read_sections(Path(path)), str(path))
+        table = read_toml(Path(path), TruejointError)
+        for name, values in table.items():
+            if not isinstance(values, dict):
+                raise TruejointError(
+                    f"{path}: {_shown(name)} stands outside a section; put it under [section]"
+                )
+        return cls._laid_over(shipped_sections(cls.NOMINAL), table, str(path))
 
     @classmethod
     def shipped(cls, name: str) -> Self:
@@ -87,7 +82,10 @@ class Parameters:
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain nested values, as in the file."""
-        return asdict(self)
+        return {
+            name: section._asdict() if hasattr(section, "_asdict") else asdict(section)
+            for name, section in vars(self).items()
+        }
 
     def to_toml(self) -> str:
         """Text that `read` turns into these parameters again, without the comments."""

@@ -329,9 +329,10 @@ def test_cable_hysteresis_loses_energy_over_a_cycle():
 )
 def test_steady_sliding_has_coulomb_stribeck_and_viscous_friction(speed, ratio, direction):
     parameters = NOMINAL.with_values({"jaw_friction.stribeck_ratio": ratio})
-    f = plant_constants(parameters).jaw_friction
+    f = parameters.jaw_friction
     peak = 1 + (ratio - 1) * math.exp(-((speed / 0.3) ** 2))
-    force, rate = friction_force(direction * speed, direction * f.presliding * peak, 2e-3, f, 1e4)
+    bristle = direction * f.presliding * peak
+    force, rate = friction_force(direction * speed, bristle, 2e-3, f, 1e-5, 1e4)
     assert rate == pytest.approx(0.0, abs=1e-9 * speed)
     assert force == pytest.approx(direction * (2e-3 * peak + 1e-5 * speed), rel=1e-9)
 
@@ -339,10 +340,10 @@ def test_steady_sliding_has_coulomb_stribeck_and_viscous_friction(speed, ratio, 
 @settings(max_examples=50)
 @given(speeds=st.lists(st.floats(-50.0, 50.0), min_size=1, max_size=200))
 def test_bristles_and_yielding_stay_bounded_under_any_motion(speeds):
-    f = plant_constants(NOMINAL.with_values({"jaw_friction.stribeck_ratio": 1.05})).jaw_friction
+    f = NOMINAL.with_values({"jaw_friction.stribeck_ratio": 1.05}).jaw_friction
     bristle, yielded = 0.0, 0.0
     for speed in speeds:
-        bristle += DT * friction_force(speed, bristle, 2e-3, f, 1 / DT)[1]
+        bristle += DT * friction_force(speed, bristle, 2e-3, f, 1e-5, 1 / DT)[1]
         yielded += 1e-5 * bouc_wen_rate(speed * 1e-2, yielded, 60e-6)
         assert abs(bristle) <= f.presliding * 1.05 * (1 + 1e-9)
         assert abs(yielded) <= 1.0 + 1e-9

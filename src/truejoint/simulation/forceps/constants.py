@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from truejoint.simulation.forceps.parameters import (
+    Assembly,
     Cable,
     ForcepsParameters,
+    Friction,
+    Jaw,
     JawFriction,
+    MotorLoop,
     SliderFriction,
     friction_at_pretension,
 )
@@ -26,74 +30,49 @@ class CableConstants(NamedTuple):
     hysteresis_distance: float  # [m]
 
 
-class FrictionConstants(NamedTuple):
-    """One sliding contact, in N and m or in Nm and rad."""
-
-    constant: float
-    tension_share: float
-    viscous: float
-    presliding: float
-    stribeck_excess: float
-    stribeck_velocity: float
-    bristle_damping: float  # [N s/m or Nm s/rad]
-
-
 class PlantConstants(NamedTuple):
     """The whole forceps."""
 
     drive: CableConstants
     reset: CableConstants
-    jaw_friction: FrictionConstants
-    slider_friction: FrictionConstants
-    pretension: float
+    jaw_friction: JawFriction
+    slider_friction: SliderFriction
+    jaw_damping: float  # [Nm s/rad] of the bristle
+    slider_damping: float  # [N s/m]
+    assembly: Assembly
+    jaw: Jaw
+    motor: MotorLoop
+    motor_frequency: float  # [rad/s]
     gear_compliance: float  # [m/N] of the gear's torsion, seen at the drive cable
-    wheel_eccentricity: float
-    wheel_phase: float
     wheel_per_motor: float  # [rad/rad]
     wheel_radius: float
     jaw_radius: float
-    jaw_eccentricity: float
-    jaw_phase: float
-    load_arm: float
-    inertia: float
     slider_mass: float
     spring_stiffness: float
-    stop_lower: float
-    stop_upper: float
-    stop_stiffness: float
-    stop_damping: float
-    motor_frequency: float  # [rad/s]
-    motor_damping: float
-    motor_max_speed: float
-    motor_max_acceleration: float
 
 
 def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
     """Flatten `parameters` into what the compiled dynamics read."""
-    p = parameters
+    p, mechanism = parameters, parameters.mechanism
     jaw_level, slider_level = friction_at_pretension(p)
     return PlantConstants(
         drive=_cable(p.drive_cable, p.assembly.pretension),
         reset=_cable(p.reset_cable, p.assembly.pretension),
-        jaw_friction=_friction(p.jaw_friction, jaw_level, p.jaw.inertia),
-        slider_friction=_friction(p.slider_friction, slider_level, p.slider.mass),
-        gear_compliance=p.mechanism.wheel_radius**2 / p.assembly.gear_stiffness,
-        wheel_per_motor=1.0 / p.mechanism.gear_ratio,
-        jaw_eccentricity=p.jaw.eccentricity,
-        jaw_phase=p.jaw.eccentricity_phase,
-        slider_mass=p.slider.mass,
+        jaw_friction=p.jaw_friction,
+        slider_friction=p.slider_friction,
+        jaw_damping=_bristle_damping(p.jaw_friction, jaw_level, p.jaw.inertia),
+        slider_damping=_bristle_damping(p.slider_friction, slider_level, p.slider.mass),
+        assembly=p.assembly,
+        jaw=p.jaw,
+        motor=p.motor_loop,
         motor_frequency=2.0 * math.pi * p.motor_loop.bandwidth,
-        motor_damping=p.motor_loop.damping_ratio,
-        motor_max_speed=p.motor_loop.max_speed,
-        motor_max_acceleration=p.motor_loop.max_acceleration,
-        **_alike(PlantConstants, p.assembly, p.mechanism, p.jaw),
+        gear_compliance=mechanism.wheel_radius**2 / p.assembly.gear_stiffness,
+        wheel_per_motor=1.0 / mechanism.gear_ratio,
+        wheel_radius=mechanism.wheel_radius,
+        jaw_radius=mechanism.jaw_radius,
+        slider_mass=p.slider.mass,
+        spring_stiffness=mechanism.spring_stiffness,
     )
-
-
-def _alike(kind: type[Any], *sections: object) -> dict[str, float]:
-    """Values that the sections and the dynamics call by the same name."""
-    values = {name: value for section in sections for name, value in vars(section).items()}
-    return {name: values[name] for name in kind._fields if name in values}
 
 
 def _cable(cable: Cable, pretension: float) -> CableConstants:
@@ -101,19 +80,15 @@ def _cable(cable: Cable, pretension: float) -> CableConstants:
     # of a stretch at the pretension keeps the same formula and is linear to 1e-6.
     stiffening = max(cable.stiffening, 1e-6)
     return CableConstants(
+        stiffness=cable.stiffness,
+        damping=cable.damping,
+        mass=cable.mass,
         elastic=cable.elastic_share * pretension / stiffening,
         growth=stiffening * cable.stiffness / pretension,
         hysteretic=(1.0 - cable.elastic_share) * cable.stiffness * cable.hysteresis_distance,
-        **_alike(CableConstants, cable),
+        hysteresis_distance=cable.hysteresis_distance,
     )
 
 
-def _friction(
-    friction: JawFriction | SliderFriction, level: float, inertia: float
-) -> FrictionConstants:
-    stuck = math.sqrt(level / friction.presliding * inertia)
-    changed = {
-        "stribeck_excess": friction.stribeck_ratio - 1.0,
-        "bristle_damping": 2.0 * friction.bristle_damping * stuck,
-    }
-    return FrictionConstants(**(_alike(FrictionConstants, friction) | changed))
+def _bristle_damping(friction: Friction, level: float, inertia: float) -> float:
+    return 2.0 * friction.bristle_damping * math.sqrt(level / friction.presliding * inertia)

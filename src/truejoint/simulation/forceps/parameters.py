@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,7 @@ from truejoint.simulation.parameter_file import Bounds, Parameters
 DT: Final = 1e-4  # [s] of the integrator
 
 
-@dataclass(frozen=True)
-class _MechanismSection:
+class _MechanismSection(NamedTuple):
     """Range of Table 1's values; the mechanism itself belongs to the robot."""
 
     gear_ratio: Annotated[float, Bounds(1.0, 1000.0)]
@@ -27,8 +26,7 @@ class _MechanismSection:
     jaw_radius: Annotated[float, Bounds(1e-3, 0.02)]
 
 
-@dataclass(frozen=True)
-class Assembly:
+class Assembly(NamedTuple):
     """Pretension ``F_pre`` [N], gear torsion [Nm/rad] and run-out of the winding wheel [m, rad]."""
 
     pretension: Annotated[float, Bounds(0.5, 100.0)]
@@ -37,8 +35,7 @@ class Assembly:
     wheel_phase: Annotated[float, Bounds(-math.pi, math.pi)]
 
 
-@dataclass(frozen=True)
-class Cable:
+class Cable(NamedTuple):
     """One cable of (4) or (5): ``K`` [N/m], ``B`` [N s/m], ``m`` [kg], and what is not linear.
 
     `stiffening` is the relative growth of the stiffness per relative growth of the tension;
@@ -53,8 +50,7 @@ class Cable:
     hysteresis_distance: Annotated[float, Bounds(5e-6, 1e-3)]
 
 
-@dataclass(frozen=True)
-class Jaw:
+class Jaw(NamedTuple):
     """Jaw: ``J_e`` [kg m2], arm of the load [m], pulley eccentricity [m, rad], stops [rad]."""
 
     inertia: Annotated[float, Bounds(1e-7, 1e-4)]
@@ -67,15 +63,13 @@ class Jaw:
     stop_damping: Annotated[float, Bounds(0.0, 1e-3)]
 
 
-@dataclass(frozen=True)
-class Slider:
+class Slider(NamedTuple):
     """Slide block on the reset cable; `mass` is ``m_g2`` [kg]."""
 
     mass: Annotated[float, Bounds(5e-3, 1.0)]
 
 
-@dataclass(frozen=True)
-class JawFriction:
+class JawFriction(NamedTuple):
     """Friction of the jaw in Nm and rad; `tension_share` multiplies both tensions times ``r``."""
 
     constant: Annotated[float, Bounds(0.0, 0.05)]
@@ -87,8 +81,7 @@ class JawFriction:
     bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
 
 
-@dataclass(frozen=True)
-class SliderFriction:
+class SliderFriction(NamedTuple):
     """Friction of slide rail and guide pulleys in N and m; `tension_share` multiplies ``F_wr``."""
 
     constant: Annotated[float, Bounds(0.0, 5.0)]
@@ -100,8 +93,10 @@ class SliderFriction:
     bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
 
 
-@dataclass(frozen=True)
-class MotorLoop:
+Friction = JawFriction | SliderFriction
+
+
+class MotorLoop(NamedTuple):
     """Position loop of the motor: second order [Hz] with limits [rad/s, rad/s2] at the shaft."""
 
     bandwidth: Annotated[float, Bounds(1.0, 200.0)]
@@ -110,16 +105,14 @@ class MotorLoop:
     max_acceleration: Annotated[float, Bounds(10.0, 1e6)]
 
 
-@dataclass(frozen=True)
-class MotorEncoder:
+class MotorEncoder(NamedTuple):
     """Encoder on the motor shaft: `counts` a turn, `noise` [rad] before quantisation."""
 
     counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
     noise: Annotated[float, Bounds(0.0, 1.0)]
 
 
-@dataclass(frozen=True)
-class LinearEncoder:
+class LinearEncoder(NamedTuple):
     """Optical encoder on a cable: `resolution` and `noise` [m]; left out if not `installed`."""
 
     installed: Annotated[bool, None]
@@ -127,8 +120,7 @@ class LinearEncoder:
     noise: Annotated[float, Bounds(0.0, 1e-3)]
 
 
-@dataclass(frozen=True)
-class ReferenceEncoder:
+class ReferenceEncoder(NamedTuple):
     """Absolute encoder at the jaw: `counts` a turn, `noise` and harmonic errors [rad]."""
 
     counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
@@ -139,8 +131,7 @@ class ReferenceEncoder:
     second_phase: Annotated[float, Bounds(-math.pi, math.pi)]
 
 
-@dataclass(frozen=True)
-class Homing:
+class Homing(NamedTuple):
     """How far the zeros of both cable encoders vary from homing to homing [m]."""
 
     registration_sd: Annotated[float, Bounds(0.0, 1e-3)]

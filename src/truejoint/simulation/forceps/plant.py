@@ -15,11 +15,8 @@ from numba import njit
 
 from truejoint.array_types import Array
 from truejoint.robots.joint_rows import SETPOINT_DT
-from truejoint.simulation.forceps.constants import (
-    CableConstants,
-    FrictionConstants,
-    PlantConstants,
-)
+from truejoint.simulation.forceps.constants import CableConstants, PlantConstants
+from truejoint.simulation.forceps.parameters import Friction, Jaw
 
 N_STATES = 8
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
@@ -64,37 +61,37 @@ def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def friction_force(
-    speed: float, bristle: float, level: float, f: FrictionConstants, max_rate: float
+    speed: float, bristle: float, level: float, f: Friction, damping: float, max_rate: float
 ) -> tuple[float, float]:
     """LuGre friction [N or Nm] at Coulomb level `level`, and the rate of its bristle.
 
-    The bristle relaxes at most at `max_rate` [1/s], which only binds in a fast run-away where the
-    fixed step could not follow it.
+    `damping` [N s/m or Nm s/rad] is that of the bristle. It relaxes at most at `max_rate` [1/s],
+    which only binds in a fast run-away where the fixed step could not follow it.
     """
     ratio = speed / f.stribeck_velocity
     peak = 1.0
     if abs(ratio) < 6.0:
-        peak += f.stribeck_excess * math.exp(-ratio * ratio)
+        peak += (f.stribeck_ratio - 1.0) * math.exp(-ratio * ratio)
     limit = f.presliding * peak
     rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
-    force = level / f.presliding * bristle + f.bristle_damping * rate + f.viscous * speed
+    force = level / f.presliding * bristle + damping * rate + f.viscous * speed
     return force, rate
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def stop_torque(angle: float, speed: float, c: PlantConstants) -> float:
+def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     """Torque [Nm] of the mechanical stops, which push and never pull."""
-    if angle > c.stop_upper:
-        return min(0.0, -c.stop_stiffness * (angle - c.stop_upper) - c.stop_damping * speed)
-    if angle < c.stop_lower:
-        return max(0.0, -c.stop_stiffness * (angle - c.stop_lower) - c.stop_damping * speed)
+    if angle > jaw.stop_upper:
+        return min(0.0, -jaw.stop_stiffness * (angle - jaw.stop_upper) - jaw.stop_damping * speed)
+    if angle < jaw.stop_lower:
+        return max(0.0, -jaw.stop_stiffness * (angle - jaw.stop_lower) - jaw.stop_damping * speed)
     return 0.0
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
     """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
-    return force * c.load_arm * math.cos(angle - line_angle)
+    return force * c.jaw.load_arm * math.cos(angle - line_angle)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -128,7 +125,9 @@ def accelerations(
         reset_mass = c.reset.mass if reset_pull > 0.0 else 0.0
         drive_free = drive_pull + drive_mass * (wheel_acceleration - bend)
         reset_free = reset_pull - reset_mass * bend
-        m11 = c.inertia + arm_drive * arm_drive * drive_mass + arm_reset * arm_reset * reset_mass
+        m11 = (
+            c.jaw.inertia + arm_drive * arm_drive * drive_mass + arm_reset * arm_reset * reset_mass
+        )
         m12 = -arm_reset * reset_mass
         m22 = c.slider_mass + reset_mass
         b1 = arm_drive * drive_free - arm_reset * reset_free + torque
@@ -165,21 +164,22 @@ def plant_rates(
     """
     angle, speed, slider, slider_speed = state[0], state[1], state[2], state[3]
     # (7), with an eccentric pulley: y1 = r theta + D, y2 = r theta - D, and D' lengthens an arm.
-    centre = c.jaw_eccentricity * math.cos(angle + c.jaw_phase)
-    slope = -c.jaw_eccentricity * math.sin(angle + c.jaw_phase)
-    offset = centre - c.jaw_eccentricity * math.cos(c.jaw_phase)
+    eccentricity, phase = c.jaw.eccentricity, c.jaw.eccentricity_phase
+    centre = eccentricity * math.cos(angle + phase)
+    slope = -eccentricity * math.sin(angle + phase)
+    offset = centre - eccentricity * math.cos(phase)
     arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
     bend = -centre * speed * speed  # what of the second derivative of D is no angular acceleration
 
     # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
     distance = wheel[0] - c.jaw_radius * angle - offset
     stretch, drive_pull, share = drive_stretch(
-        distance, state[6], c.drive, c.gear_compliance, c.pretension
+        distance, state[6], c.drive, c.gear_compliance, c.assembly.pretension
     )
     drive_rate = share * (wheel[1] - arm_drive * speed)
     reset_stretch = c.jaw_radius * angle - offset - slider
     reset_rate = arm_reset * speed - slider_speed
-    reset_pull = c.pretension + cable_force(reset_stretch, state[7], c.reset)[0]
+    reset_pull = c.assembly.pretension + cable_force(reset_stretch, state[7], c.reset)[0]
     if drive_pull > 0.0:
         drive_pull = max(drive_pull + c.drive.damping * drive_rate, 0.0)
     if reset_pull > 0.0:
@@ -189,12 +189,16 @@ def plant_rates(
     level = c.jaw_friction.constant + c.jaw_friction.tension_share * c.jaw_radius * (
         drive_pull + reset_pull
     )
-    jaw_drag, rates[4] = friction_force(speed, state[4], level, c.jaw_friction, max_rate)
+    jaw_drag, rates[4] = friction_force(
+        speed, state[4], level, c.jaw_friction, c.jaw_damping, max_rate
+    )
     level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
-    drag, rates[5] = friction_force(slider_speed, state[5], level, c.slider_friction, max_rate)
+    drag, rates[5] = friction_force(
+        slider_speed, state[5], level, c.slider_friction, c.slider_damping, max_rate
+    )
     free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
-    free_torque += stop_torque(angle, speed, c)
-    free_force = -c.spring_stiffness * slider - drag - c.pretension
+    free_torque += stop_torque(angle, speed, c.jaw)
+    free_force = -c.spring_stiffness * slider - drag - c.assembly.pretension
 
     rates[1], rates[3], drive_tension, reset_tension = accelerations(
         drive_pull, reset_pull, share, wheel[2], bend, slope, free_torque, free_force, c
@@ -210,10 +214,10 @@ def plant_rates(
 def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstants) -> float:
     """Acceleration [rad/s2] of the motor's position loop, within its limits."""
     wanted = c.motor_frequency * (
-        c.motor_frequency * (goal - angle) - 2.0 * c.motor_damping * speed
+        c.motor_frequency * (goal - angle) - 2.0 * c.motor.damping_ratio * speed
     )
-    limited = min(max(wanted, -c.motor_max_acceleration), c.motor_max_acceleration)
-    if abs(speed) >= c.motor_max_speed and limited * speed > 0.0:
+    limited = min(max(wanted, -c.motor.max_acceleration), c.motor.max_acceleration)
+    if abs(speed) >= c.motor.max_speed and limited * speed > 0.0:
         return 0.0
     return limited
 
@@ -232,7 +236,7 @@ def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> No
     a4 = motor_acceleration(angle + dt * s3, s4, goal[2], c)
     motor[0] += dt / 6.0 * (speed + 2.0 * s2 + 2.0 * s3 + s4)
     motor[1] += dt / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    motor[1] = min(max(motor[1], -c.motor_max_speed), c.motor_max_speed)
+    motor[1] = min(max(motor[1], -c.motor.max_speed), c.motor.max_speed)
 
 
 @njit(cache=True, error_model="numpy")
@@ -241,9 +245,10 @@ def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> 
     angle = motor[0] * c.wheel_per_motor
     speed = motor[1] * c.wheel_per_motor
     acceleration = motor_acceleration(motor[0], motor[1], goal, c) * c.wheel_per_motor
-    sine = c.wheel_eccentricity * math.sin(angle + c.wheel_phase)
-    radius = c.wheel_radius + c.wheel_eccentricity * math.cos(angle + c.wheel_phase)
-    wheel[0] = c.wheel_radius * angle + sine - c.wheel_eccentricity * math.sin(c.wheel_phase)
+    eccentricity, phase = c.assembly.wheel_eccentricity, c.assembly.wheel_phase
+    sine = eccentricity * math.sin(angle + phase)
+    radius = c.wheel_radius + eccentricity * math.cos(angle + phase)
+    wheel[0] = c.wheel_radius * angle + sine - eccentricity * math.sin(phase)
     wheel[1] = radius * speed
     wheel[2] = radius * acceleration - sine * speed * speed
 

@@ -137,18 +137,9 @@ class ForcepsTwin:
 
     def _advance(self, angles: Array, force: Array, log_every: int) -> Array:
         """Rows (m, 7) of the plant along jaw angles (n,) [rad], the first one before it moves."""
-        return np.asarray(
-            advance(
-                self._state,
-                self._motor,
-                self.parameters.mechanism.motor_from_jaw(angles),
-                force,
-                float(self.line_angle),
-                self._constants,
-                _PER_SETPOINT,
-                log_every,
-            )
-        )
+        goal, line = self.parameters.mechanism.motor_from_jaw(angles), float(self.line_angle)
+        plant = self._state, self._motor, goal, force, line, self._constants
+        return np.asarray(advance(*plant, _PER_SETPOINT, log_every))
 
     def _output(self, log: Array, t: Array, setpoint: Array, dt: float) -> TwinOutput:
         """Read the sensors at the plant's rows, `dt` [s] apart."""

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
 from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.simulation.raven2.parameters import Creep, ExternalEncoders, MotorFriction
 
 Words = NDArray[np.uint64]
 
@@ -33,25 +34,6 @@ STILL: Final = 1e-8  # share of the creep's travel within one update that counts
 WARMTH, NEXT_TRUTH, LOAD = 0, 1, 2
 N_SLOW: Final = 3
 CLOCK, TRUTH_ROWS = 0, 1
-
-
-class Constants(NamedTuple):
-    """Numbers of the whole arm, named as in its parameters."""
-
-    gear_loss: float
-    capstan_ripple: float
-    gear_ripple: float
-    gear_ripple_cycles: float
-    wander: float
-    wander_time: float
-    warm_up: float
-    warm_up_time: float
-    load_gain: float
-    idle_time: float
-    truth_period: float  # s, of the external encoders
-    jitter: float
-    stamp_delay: float
-    counts: float  # of a motor encoder, per turn
 
 
 class Plant(NamedTuple):
@@ -83,7 +65,11 @@ class Plant(NamedTuple):
     gravity: Array  # (2, 12) potential of the links, and of 1 kg at the tool: see `_gravity`
     creep: Array  # (3, 2) final, travel
     truth_step: Array  # (3,) resolution of the external encoders
-    constants: Constants
+    motor_friction: MotorFriction
+    aging: Creep
+    encoders: ExternalEncoders
+    truth_period: float  # s, of the external encoders
+    counts: float  # of a motor encoder, per turn
 
 
 class State(NamedTuple):
@@ -209,7 +195,7 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
     for k in range(3):
         cable[k] = _path(plant, state, k)
     _couple(plant.coupling, cable, free)
-    grease = 1.0 + plant.constants.warm_up * (1.0 - state.slow[WARMTH])
+    grease = 1.0 + plant.motor_friction.warm_up * (1.0 - state.slow[WARMTH])
     for k in range(3):
         limit = plant.friction[k, 0] * grease * (1.0 + state.walk[k])
         limit += plant.friction[k, 1] * abs(gravity[k])
@@ -260,19 +246,19 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
             rows.truth[row, k] = plant.stops[k, 0] + step * np.floor(
                 (q - plant.stops[k, 0]) / step + 0.5
             )
-        rows.truth_t[row] = state.slow[NEXT_TRUTH] + plant.constants.stamp_delay
+        rows.truth_t[row] = state.slow[NEXT_TRUTH] + plant.encoders.stamp_delay
         state.ticks[TRUTH_ROWS] = row + 1
         # Never shorter than a tenth of the period, so that stamps keep their order.
-        wait = plant.constants.truth_period + plant.constants.jitter * normal(state.random)
-        state.slow[NEXT_TRUTH] += max(0.1 * plant.constants.truth_period, wait)
+        wait = plant.truth_period + plant.encoders.jitter * normal(state.random)
+        state.slow[NEXT_TRUTH] += max(0.1 * plant.truth_period, wait)
 
 
 @njit(cache=True, error_model="numpy")
 def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
     """Motor encoders, and the joint positions and velocities that the robot makes of them."""
-    count = TURN / plant.constants.counts
+    count = TURN / plant.counts
     for k in range(7):
-        counts = np.floor(state.motor[k] * (plant.constants.counts / TURN))
+        counts = np.floor(state.motor[k] * (plant.counts / TURN))
         rows.motor[i, plant.channel[k]] = counts * count - state.encoder_zero[k]
         rows.motor_velocity[i, plant.channel[k]] = (counts - state.counts[k]) * count / DT
         state.counts[k] = counts
@@ -316,7 +302,7 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
 @njit(cache=True, error_model="numpy")
 def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
     """Motor angles one step later: rotor, Dahl friction and the load of the cables."""
-    c = plant.constants
+    c = plant.motor_friction
     grease = 1.0 + c.warm_up * (1.0 - state.slow[WARMTH])
     for k in range(7):
         torque = effort[plant.channel[k]] * plant.per_gear[k]
@@ -339,16 +325,16 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
 @njit(cache=True, error_model="numpy")
 def age(plant: Plant, state: State, duration: float) -> None:
     """Age cables and grease by `duration` seconds and by the travel in the odometer."""
-    c = plant.constants
+    c = plant.motor_friction
     still = True
     for k in range(3):
-        final = plant.creep[k, 0] * (1.0 + c.load_gain * state.slow[LOAD])
+        final = plant.creep[k, 0] * (1.0 + plant.aging.load_gain * state.slow[LOAD])
         worked = state.odometer[k] / plant.creep[k, 1]
         still = still and worked < STILL
         missing = final - state.creep[k]
         # A cable does not shorten again when its load is taken off.
         if missing * final > 0.0:
-            state.creep[k] -= missing * np.expm1(-worked - duration / c.idle_time)
+            state.creep[k] -= missing * np.expm1(-worked - duration / plant.aging.idle_time)
         keep = np.exp(-duration / c.wander_time)
         noise = c.wander * np.sqrt(1.0 - keep * keep) * normal(state.random)
         state.walk[k] = max(-0.9, keep * state.walk[k] + noise)

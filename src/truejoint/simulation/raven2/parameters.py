@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, NamedTuple
 
 from truejoint.simulation.parameter_file import Bounds, Parameters
 
@@ -11,15 +11,13 @@ Numbers = tuple[float, ...]
 """One value per positioning joint (shoulder, elbow, insertion) or per tool joint."""
 
 
-@dataclass(frozen=True)
-class Motor:
+class Motor(NamedTuple):
     """Inertia (3,) [kg m^2] at the motor shafts of the positioning joints."""
 
     inertia: Annotated[Numbers, Bounds(1e-6, 1e-2, 3)]
 
 
-@dataclass(frozen=True)
-class MotorFriction:
+class MotorFriction(NamedTuple):
     """Friction of motors and gearboxes, as torque at the capstan."""
 
     coulomb: Annotated[Numbers, Bounds(0.0, 0.3, 3)]
@@ -35,8 +33,7 @@ class MotorFriction:
     warm_up_time: Annotated[float, Bounds(10.0, 1e5)]
 
 
-@dataclass(frozen=True)
-class JointFriction:
+class JointFriction(NamedTuple):
     """Friction behind the capstan, at the joint; this is what makes hysteresis."""
 
     coulomb: Annotated[Numbers, Bounds(0.0, 50.0, 3)]
@@ -44,15 +41,13 @@ class JointFriction:
     presliding: Annotated[Numbers, Bounds(1e-5, 0.05, 3)]
 
 
-@dataclass(frozen=True)
-class Cable:
+class Cable(NamedTuple):
     """Stiffness (3,) [Nm/rad, Nm/rad, N/m] between capstan and joint, at the joint."""
 
     stiffness: Annotated[Numbers, Bounds(20.0, 1e7, 3)]
 
 
-@dataclass(frozen=True)
-class Pulleys:
+class Pulleys(NamedTuple):
     """Real against nominal transmission: scale, coupling and run-out."""
 
     scale: Annotated[Numbers, Bounds(-0.2, 0.2, 3)]
@@ -65,8 +60,7 @@ class Pulleys:
     joint_phase: Annotated[Numbers, Bounds(-7.0, 7.0, 3)]
 
 
-@dataclass(frozen=True)
-class Wrap:
+class Wrap(NamedTuple):
     """Change of cable length where runs leave their pulleys at an angle."""
 
     free_run: Annotated[Numbers, Bounds(0.01, 2.0, 3)]
@@ -76,8 +70,7 @@ class Wrap:
     aligned: Annotated[Numbers, Bounds(-3.2, 3.2, 3)]
 
 
-@dataclass(frozen=True)
-class Creep:
+class Creep(NamedTuple):
     """Lengthening of the cables over hours of work."""
 
     final: Annotated[Numbers, Bounds(-0.1, 0.1, 3)]
@@ -86,23 +79,20 @@ class Creep:
     idle_time: Annotated[float, Bounds(1e3, 1e12)]
 
 
-@dataclass(frozen=True)
-class Mass:
+class Mass(NamedTuple):
     """Mass [kg] that the robot's own link masses leave out."""
 
     instrument: Annotated[float, Bounds(0.0, 2.0)]
 
 
-@dataclass(frozen=True)
-class Homing:
+class Homing(NamedTuple):
     """How registration at the hard stops errs."""
 
     registration_sd: Annotated[Numbers, Bounds(0.0, 0.1, 3)]
     registration_bias: Annotated[Numbers, Bounds(-0.1, 0.1, 3)]
 
 
-@dataclass(frozen=True)
-class ExternalEncoders:
+class ExternalEncoders(NamedTuple):
     """Clock of the temporary joint encoders."""
 
     rate: Annotated[float, Bounds(1.0, 1000.0)]
@@ -110,8 +100,7 @@ class ExternalEncoders:
     stamp_delay: Annotated[float, Bounds(0.0, 0.1)]
 
 
-@dataclass(frozen=True)
-class Tool:
+class Tool(NamedTuple):
     """Motors of roll, wrist and jaws."""
 
     inertia: Annotated[Numbers, Bounds(1e-7, 1e-3, 4)]

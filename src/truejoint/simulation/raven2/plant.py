@@ -52,8 +52,16 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     keep = 1.0 / (1.0 + kernel.DT * viscous / inertia)
     _check_step(p, arm_drives, inertia)
     truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
+    # One stop is where homing looks for it, the other 5 % beyond the soft limit.
+    margin = 0.05 * (robot.upper - robot.lower)
+    stops = np.column_stack([robot.lower - margin, robot.upper + margin])[:POSITIONING]
+    stops[0, 0], stops[1:, 1] = truth_stop[0], truth_stop[1:]
     sideways = np.column_stack(
         [p.wrap.sideways_shoulder, p.wrap.sideways_elbow, p.wrap.sideways_insertion]
+    )
+    run_out = (
+        (np.array(p.pulleys.capstan_run_out), p.pulleys.capstan_phase),
+        (np.array(p.pulleys.joint_run_out), p.pulleys.joint_phase),
     )
     return kernel.Plant(
         motor_from_joint=np.ascontiguousarray(matrix),
@@ -77,23 +85,20 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         coupling=coupling,
         per_arm=(gear / (radius * ratio))[:POSITIONING],
         run_out=np.column_stack(
-            [
-                radius * wave(phase)
-                for radius, phase in (
-                    (np.array(p.pulleys.capstan_run_out), p.pulleys.capstan_phase),
-                    (np.array(p.pulleys.joint_run_out), p.pulleys.joint_phase),
-                )
-                for wave in (np.sin, np.cos)
-            ]
+            [size * wave(phase) for size, phase in run_out for wave in (np.sin, np.cos)]
         ),
         sideways=sideways,
         sideways_zero=np.asarray(sideways @ np.array(p.wrap.aligned)),
         per_run=0.5 / np.array(p.wrap.free_run),
-        stops=_stops(robot, truth_stop),
+        stops=stops,
         gravity=gravity_potential(robot, p.mass.instrument),
         creep=np.column_stack([p.creep.final, p.creep.travel]),
         truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
-        constants=_constants(p),
+        motor_friction=p.motor_friction,
+        aging=p.creep,
+        encoders=p.external_encoders,
+        truth_period=1.0 / p.external_encoders.rate,
+        counts=float(ENCODER_COUNTS_PER_REV),
     )
 
 
@@ -126,7 +131,6 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
     random = np.array([seed], dtype=np.uint64)
-    wander = plant.constants.wander
     return kernel.State(
         motor=motor,
         command=motor.copy(),
@@ -136,7 +140,9 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
         wave=np.zeros((POSITIONING + 2, 2)),
         slow=slow,
         ticks=np.zeros(2, dtype=np.int64),
-        walk=np.array([wander * kernel.normal(random) for _ in range(POSITIONING)]),
+        walk=np.array(
+            [plant.motor_friction.wander * kernel.normal(random) for _ in range(POSITIONING)]
+        ),
         random=random,
     )
 
@@ -174,19 +180,3 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
     )
     coefficients: Array = np.linalg.lstsq(basis, height, rcond=None)[0].T
     return np.ascontiguousarray(coefficients).reshape(2, 12)
-
-
-def _stops(robot: Robot, registered: Array) -> Array:
-    """Hard stops (3, 2): one where homing looks for it, the other 5 % beyond the soft limit."""
-    lower, upper = robot.lower[:POSITIONING], robot.upper[:POSITIONING]
-    margin = 0.05 * (robot.upper - robot.lower)[:POSITIONING]
-    stops = np.column_stack([lower - margin, upper + margin])
-    stops[0, 0], stops[1:, 1] = registered[0], registered[1:]
-    return stops
-
-
-def _constants(p: Raven2Parameters) -> kernel.Constants:
-    encoders = p.external_encoders
-    values = {**vars(p.motor_friction), **vars(p.creep), **vars(encoders)}
-    values |= {"truth_period": 1.0 / encoders.rate, "counts": float(ENCODER_COUNTS_PER_REV)}
-    return kernel.Constants(**{name: values[name] for name in kernel.Constants._fields})

@@ -124,7 +124,17 @@ class Raven2Twin:
         as on the robot.
         """
         search = self._search_stops()
-        self._register()
+        # The motor encoders' zeros are set, the arm standing at its hard stops.
+        homing, state, plant = self.parameters.homing, self._state, self._plant
+        wrong = self._nominal_stop.copy()
+        wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
+            homing.registration_sd
+        ) * self._rng.standard_normal(POSITIONING)
+        count = kernel.TURN / plant.counts
+        state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
+        state.integral[:] = 0.0
+        # The robot restarts its set point at the nominal stop.
+        state.command[:] = plant.motor_from_joint @ self._nominal_stop
         home = self.robot.home
         path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
         self.homing_count += 1
@@ -139,14 +149,17 @@ class Raven2Twin:
         self._state.speed[:] = 0.0
         kernel.age(self._plant, self._state, float(duration))
         # The external encoders' clock ran on, with nobody reading.
-        period = self._plant.constants.truth_period
+        period = self._plant.truth_period
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
 
     def _search_stops(self) -> TwinOutput:
         """Move to the hard stops and settle there; the encoders are not touched."""
-        start = self._current_position()
-        # The robot takes up the position that it has, without a step in the set point's speed.
+        # The robot takes up the position that its motor encoders say now, without a step in the set
+        # point's speed.
+        count = kernel.TURN / self._plant.counts
+        angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
+        start = self._plant.joint_from_motor @ angle
         self._state.command[:] = self._plant.motor_from_joint @ start
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
         steps = round(_SEARCH_LIMIT / kernel.DT)
@@ -158,13 +171,14 @@ class Raven2Twin:
             saved = kernel.State._make(array.copy() for array in self._state)
             piece = self._ramp(start, found, steps)[done : done + _SEARCH_PIECE]
             output = self._advance(piece)
-            arrived = _first_above(output.effort, limits, found == steps)
-            if arrived is None:
+            above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (found == steps)
+            if above.any():
+                self._state = saved
+                row = int(np.argmax(above.any(axis=1)))
+                found[np.argmax(above[row])] = done + row
+            else:
                 outputs.append(output)
                 done += len(piece)
-            else:
-                self._state = saved
-                found[arrived[0]] = done + arrived[1]
         if (found == steps).any():
             names = [self.robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
             raise TruejointError(
@@ -190,30 +204,11 @@ class Raven2Twin:
             path[:, k] += self._drives[k].homing_speed * way
         return path
 
-    def _register(self) -> None:
-        """Set the motor encoders' zeros, the arm standing at its hard stops."""
-        homing, state, plant = self.parameters.homing, self._state, self._plant
-        wrong = self._nominal_stop.copy()
-        wrong[:POSITIONING] += np.array(homing.registration_bias) + np.array(
-            homing.registration_sd
-        ) * self._rng.standard_normal(POSITIONING)
-        count = kernel.TURN / plant.constants.counts
-        state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
-        state.integral[:] = 0.0
-        # The robot restarts its set point at the nominal stop.
-        state.command[:] = plant.motor_from_joint @ self._nominal_stop
-
-    def _current_position(self) -> Array:
-        """Joint positions (7,) [rad, m] that the motor encoders say now."""
-        count = kernel.TURN / self._plant.constants.counts
-        angle = np.floor(self._state.motor / count) * count - self._state.encoder_zero
-        return np.asarray(self._plant.joint_from_motor @ angle)
-
     def _advance(self, goal: Array) -> TwinOutput:
         """One compiled call over the rows of `goal` (n, 7)."""
         n, start = len(goal), int(self._state.ticks[kernel.CLOCK])
         # The shortest time between two readings is a tenth of their period (see the kernel).
-        shortest = 0.1 * self._plant.constants.truth_period
+        shortest = 0.1 * self._plant.truth_period
         most = int(n * kernel.DT / shortest) + 16
         rows = kernel.Rows(
             joint=np.empty((n, POSITIONING)),
@@ -230,14 +225,3 @@ class Raven2Twin:
             truth=truth,
             **{name: getattr(rows, name) for name in (*QUANTITIES, "joint")},
         )
-
-
-def _first_above(
-    effort: Array, limits: list[float], wanted: NDArray[np.bool_]
-) -> tuple[int, int] | None:
-    """Which of the `wanted` joints first reaches its limit, and in which row; None if none."""
-    above = (np.abs(effort[:, :POSITIONING]) >= limits) & wanted
-    if not above.any():
-        return None
-    row = int(np.argmax(above.any(axis=1)))
-    return int(np.argmax(above[row])), row
