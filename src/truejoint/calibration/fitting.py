@@ -22,9 +22,8 @@ from truejoint.calibration.effort_baseline import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
-from truejoint.estimators.lookup import get_estimator
 from truejoint.estimators.registry import BASELINES, DEFAULT
-from truejoint.estimators.wrapped import Regressor, joint_regressor
+from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,

@@ -133,14 +133,11 @@ def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
     assert factor is not None  # noqa: S101  # fit is never given zero rows
     centred = factor[1 : m + 1, 1 : m + 1]
     length = np.linalg.norm(centred, axis=0)
-    inverse = np.zeros(m)
     varies = length > _RANK_TOLERANCE * math.sqrt(n_rows)  # of terms of order one
-    inverse[varies] = 1.0 / length[varies]
-    coef = np.zeros((m, factor.shape[1] - m - 1))
+    inverse = np.divide(1.0, length, out=np.zeros(m), where=varies)
+    coef, right = np.zeros((m, factor.shape[1] - m - 1)), factor[1 : m + 1, m + 1 :]
     if varies.any():
-        solution = scipy.linalg.lstsq(
-            centred * inverse, factor[1 : m + 1, m + 1 :], cond=_RANK_TOLERANCE
-        )
-        coef = np.asarray(solution[0]) * inverse[:, None]
+        solution = scipy.linalg.lstsq(centred * inverse, right, cond=_RANK_TOLERANCE)[0]
+        coef = np.asarray(solution) * inverse[:, None]
     intercept = (factor[0, m + 1 :] - factor[0, 1 : m + 1] @ coef) / factor[0, 0]
     return np.ascontiguousarray(coef), intercept

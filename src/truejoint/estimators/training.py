@@ -33,14 +33,12 @@ class Layers:
     def zeros(cls, sizes: tuple[int, ...], dtype: DTypeLike = np.float32) -> Self:
         """Layers between `sizes` = (inputs, hidden units..., outputs), all zero."""
         pairs = list(pairwise(sizes))
-        flat = np.zeros(sum((inputs + 1) * units for inputs, units in pairs), dtype)
-        weights, biases, start = [], [], 0
-        for inputs, units in pairs:
-            middle, end = start + inputs * units, start + (inputs + 1) * units
-            weights.append(flat[start:middle].reshape(inputs, units))
-            biases.append(flat[middle:end])
-            start = end
-        return cls(flat, tuple(weights), tuple(biases))
+        ends = np.cumsum([n for inputs, units in pairs for n in (inputs * units, units)])
+        flat = np.zeros(ends[-1], dtype)
+        parts = np.split(flat, ends[:-1])
+        biases = tuple(parts[1::2])
+        weights = (w.reshape(-1, len(b)) for w, b in zip(parts[::2], biases, strict=True))
+        return cls(flat, tuple(weights), biases)
 
     @classmethod
     def glorot(
