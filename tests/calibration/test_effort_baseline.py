@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.effort_baseline import (
     MAX_JOINTS,
     count_effort_terms,
@@ -20,6 +19,7 @@ from truejoint.calibration.effort_baseline import (
     fit_effort_baseline,
     residual_statistics,
 )
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot

@@ -89,16 +89,16 @@ def with_interval(
             "a homing of its own if it is to hold after any homing"
         )
     scores = [_scores(calibration, recording, rezero, growth) for recording in recordings]
+    joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
     widths = [
-        np.array([_thresholds([[scores[i][k] for i in unit] for unit in units], level)
-                  for level in possible])
-        for k in range(3)
-    ]  # fmt: skip
+        [[conformal_threshold(own, level) for own in zip(*kind, strict=True)] for level in possible]
+        for kind in zip(*joined, strict=True)
+    ]
     interval = Interval(
         levels=np.array(possible),
-        half_widths=widths[0],
-        offset_half_widths=widths[1],
-        raw_half_widths=widths[2],
+        half_widths=np.array(widths[0]),
+        offset_half_widths=np.array(widths[1]),
+        raw_half_widths=np.array(widths[2]),
         growth=float(growth),
         rezero=float(rezero),
         trajectories=len(units),
@@ -349,26 +349,15 @@ def known_error(
     return recording.t[known], error[known], known
 
 
-def _scores(
-    calibration: Calibration, recording: Recording, rezero: float, growth: float
-) -> tuple[Array, Array, Array]:
-    """Scores (m, n_joints) of the model, the fixed offset and the measured position."""
+def _scores(calibration: Calibration, recording: Recording, rezero: float, growth: float) -> Array:
+    """Scores (3, n_joints, m) of the model, the fixed offset and the measured position."""
     if "offset" not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
     error, rows = scored_error(calibration, recording, rezero)
     offset_error, _ = scored_error(calibration.baselines["offset"], recording, rezero)
     widening = 1.0 + growth * calibration.range_excess(recording)[rows]
     raw_error = recording.error(calibration.joints)[rows]
-    return np.abs(error) / widening[:, None], np.abs(offset_error), np.abs(raw_error)
-
-
-def _thresholds(units: Sequence[Sequence[Array]], level: float) -> list[float]:
-    """Threshold of each joint, of the scores (m, n_joints) of each recording of each unit."""
-    joined = [np.concatenate(unit) for unit in units]
-    return [
-        conformal_threshold([scores[:, joint] for scores in joined], level)
-        for joint in range(joined[0].shape[1])
-    ]
+    return np.abs([error.T / widening, offset_error.T, raw_error.T])
 
 
 def scored_error(

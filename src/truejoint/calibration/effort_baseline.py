@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.arrays import decode_arrays
+from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 
@@ -22,24 +22,18 @@ if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
-STEPS_PER_RANGE: Final = 200
-"""A joint's effort is looked at whenever it has moved by this part of its trained range."""
-SETTLE_STEPS: Final = 4
-"""Steps after a reversal until friction has built up."""
-RANGE_MARGIN: Final = 0.1
-"""Efforts are compared up to this share of a joint's range outside it."""
-RANGES_EACH_WAY: Final = 5.0
-"""Travel in either direction, in ranges of a joint, that its reference takes at least."""
+STEPS_PER_RANGE: Final = 200  # of a joint's trained range, at which its effort is looked at
+SETTLE_STEPS: Final = 4  # steps after a reversal until friction has built up
+RANGE_MARGIN: Final = 0.1  # efforts are compared up to this share of a joint's range outside it
+RANGES_EACH_WAY: Final = 5.0  # that a joint travels at least for a reference
 STEPS_PER_TERM: Final = 20
-MAX_JOINTS: Final = 12
-"""With more joints than this no reference is made: its terms grow with the square."""
+MAX_JOINTS: Final = 12  # of a reference, whose terms grow with the square
 SMALLEST_SHIFT: Final = 1.3
 SMALLEST_FRICTION_SHIFT: Final = 3.0
 HELD_OUT_MARGIN: Final = 2.0
 """Limits are at least the two above, in standard deviations of single efforts (most of which is
 ripple that averages out), and this many times what a held-out training recording shows."""
-WINDOW_FILLED: Final = 0.6
-"""Share of the averaging window that must have been travelled each way before judging."""
+WINDOW_FILLED: Final = 0.6  # share of the averaging window to be travelled each way before judging
 
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
 N_TRAVEL: Final = 5

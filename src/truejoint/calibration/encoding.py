@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.effort_baseline import EffortBaseline, decode_effort_baseline
 from truejoint.calibration.interval import Interval, decode_interval
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
 from truejoint.errors import CalibrationError, ModelFileError, RobotError
 from truejoint.models.family import EstimatorData, Target, is_number

@@ -37,8 +37,7 @@ from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
-LONGEST_WITHOUT_TRUTH: Final = 1 / 3
-"""Share of a recording's time that may pass without truth before it is refused."""
+LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond which it is refused
 
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 
@@ -80,10 +79,6 @@ def calibrate(
         Seed, where the estimator has one; its own by default.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
-
-    Returns
-    -------
-    Calibration
 
     Raises
     ------

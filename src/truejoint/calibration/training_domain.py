@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.arrays import decode_arrays
+from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
 
-SMALLEST_VARIANCE: Final = 1e-4
-"""Directions in which the standardised features vary less than this count as varying so much."""
+SMALLEST_VARIANCE: Final = 1e-4  # of standardised features in any direction; less counts as this
 
 
 @dataclass(frozen=True, eq=False)

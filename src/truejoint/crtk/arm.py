@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.crtk.limits import check_range, check_steps, shown
-from truejoint.crtk.messages import JointState, OperatingState
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
-from truejoint.crtk.states import check_ready, next_state
+from truejoint.crtk.states import JointState, OperatingState, check_ready, next_state
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -136,8 +135,7 @@ class Arm:
         kinematics = self.robot.kinematics
         if kinematics is None:
             raise RobotError(f"measured_cp: the kinematics of {self.robot.title} are not known")
-        pose = kinematics.forward(self.measured_js().position)
-        return np.asarray(kinematics.crtk_from_base @ pose)
+        return kinematics.crtk_from_base @ kinematics.forward(self.measured_js().position)
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
@@ -163,22 +161,12 @@ class Arm:
         self._stream(rows, "servo_jp_stream")
 
     def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> None:
-        """Go to `goal` along a straight line in joint space; blocks until there.
+        """Go to `goal` (n_joints,) [rad or m] along a straight line; blocks until there.
 
-        Speed and acceleration are bounded, all joints arrive together (`planning.TimeLaw`).
-
-        Parameters
-        ----------
-        goal : array_like, shape (n_joints,)
-            [rad or m].
-        speed : array_like, shape (n_joints,), optional
-            Speed caps [rad/s or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s
-            for a prismatic one and 10 deg/s for the others.
-
-        Raises
-        ------
-        CommandRefused
-            As `servo_jp`, or if a speed is not positive or above the joint's top speed.
+        All joints arrive together (`planning.TimeLaw`), none faster than `speed` (n_joints,) [rad/s
+        or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s for a prismatic one and 10
+        deg/s for the others. Raises CommandRefused as `servo_jp`, or if a speed is not positive or
+        above the joint's top speed.
         """
         target = checked_vector(self.robot, goal, "move_jp")
         caps = self._move_speed(speed)
@@ -193,10 +181,9 @@ class Arm:
             self._moving = False
 
     def wait(self, duration: float) -> None:
-        """Let `duration` [s] pass.
+        """Let `duration` [s] pass; enabled and homed, the arm holds its set-point and reports.
 
-        An arm that is enabled and homed servoes on its set-point and reports; otherwise it
-        stands on its brakes and reports nothing.
+        Otherwise it stands on its brakes and reports nothing.
         """
         if not (np.isfinite(duration) and duration >= 0.0):
             raise CommandRefused(f"wait refused: {duration} s; give a duration of 0 s or more")

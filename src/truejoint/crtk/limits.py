@@ -20,15 +20,14 @@ _ROUNDING: Final = 1e-9
 def check_range(robot: Robot, rows: Array, command: str) -> None:
     """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range."""
     outside = (rows < robot.lower - _ROUNDING) | (rows > robot.upper + _ROUNDING)
-    if not outside.any():
-        return
-    row, column = np.argwhere(outside)[0]
-    joint = robot.joints[column]
-    raise CommandRefused(
-        f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
-        f"{at_sample(row, rows)} is outside its range "
-        f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
-    )
+    if outside.any():
+        row, column = np.argwhere(outside)[0]
+        joint = robot.joints[column]
+        raise CommandRefused(
+            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
+            f"{at_sample(row, rows)} is outside its range "
+            f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
+        )
 
 
 def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
@@ -40,15 +39,14 @@ def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
     limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
     step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
     excess = step > limit + _ROUNDING
-    if not excess.any():
-        return
-    row, column = np.argwhere(excess)[0]
-    joint = robot.joints[column]
-    taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
-    raise CommandRefused(
-        f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
-        f"more than {most}; send smaller steps or move_jp"
-    )
+    if excess.any():
+        row, column = np.argwhere(excess)[0]
+        joint = robot.joints[column]
+        taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
+        raise CommandRefused(
+            f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
+            f"more than {most}; send smaller steps or move_jp"
+        )
 
 
 def shown(value: float, unit: str) -> str:

@@ -15,8 +15,7 @@ from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
 
-_INSTANT: Final = 1e-9
-"""Shorter lines than this are no lines [s]: a picometre on the way."""
+_INSTANT: Final = 1e-9  # shorter lines than this are no lines [s]: a picometre on the way
 
 
 @dataclass(frozen=True, eq=False)

@@ -35,10 +35,8 @@ from truejoint.models.family import Family
 from truejoint.models.filtered import histories, run_histories
 from truejoint.models.play import bank_columns
 
-LEAST_LOAD_SPREAD: Final = 0.1
-"""Least range of the loads calibrated with, in standard deviations of the driver's torque."""
-SETTLED: Final = 0.5
-"""Travel after which friction is taken to have forgotten how it began, in half ranges."""
+LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque
+SETTLED: Final = 0.5  # travel after which friction has forgotten how it began, in half ranges
 _FILTER_DT: Final = 0.02  # [s] between the rows that the fit filters
 _PENALTY: Final = 1e-7  # on standardised terms
 _WIDTHS: Final = (0.003, 1.0)  # of a friction element, least and largest, in half ranges

@@ -13,8 +13,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
 
-MIN_ROWS: Final = 400
-"""Rows that a fit needs at least: two seconds at 200 Hz."""
+MIN_ROWS: Final = 400  # rows that a fit needs at least: two seconds at 200 Hz
 _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
 
 

@@ -21,8 +21,7 @@ from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 GRAVITY: Final = 9.81  # [m/s2]
 SMALLEST_RATIO: Final = 0.3
 """Identified over assumed stiffness below which, or beyond whose inverse, something is wrong."""
-LARGEST_SHIFT: Final = 3e-4
-"""Shift [m] beyond which the instrument was not homed but taken apart."""
+LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
 _SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
 
 

@@ -16,8 +16,7 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress, standard
 from truejoint.models import offset, polynomial
 from truejoint.models.family import Family
 
-ROWS_PER_COEFFICIENT: Final = 10
-"""Rows that a fit must have for each coefficient per joint; fewer, and it fits the noise."""
+ROWS_PER_COEFFICIENT: Final = 10  # for each joint; with fewer rows, a fit fits the noise
 
 _BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
 _RANK_TOLERANCE: Final = 1e-10

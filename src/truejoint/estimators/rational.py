@@ -12,8 +12,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST, rational_errors
 
-SMALLEST_DENOMINATOR: Final = 0.3
-"""Least denominator that fitting allows on the tube; 1 in the middle of the range."""
+SMALLEST_DENOMINATOR: Final = 0.3  # that fitting allows on the tube; 1 in the middle of the range
 
 _TUBE: Final = 0.15  # half-width round the curve that the data follow, of the scaled range
 _REACH: Final = 1.3  # how far the tube goes on beyond the data
@@ -68,14 +67,17 @@ def fit_rational(
     scale = 1.0 / np.array([np.abs(motor).max(), np.abs(reset).max()])
     if method == "quasi_newton":
         return RationalModel(scale, _quasi_newton(motor, reset, error, scale))
-    problem = _Projection.of(motor * scale[0], reset * scale[1], error)
-    starts = _global_search(problem) if method == "global" else _STARTS
+    u, v = motor * scale[0], reset * scale[1]
+    problem = _Projection.of(u, v, error)
     found = [
         least_squares(problem.residuals, start, problem.jacobian, x_scale="jac", max_nfev=200)
-        for start in starts
+        for start in (_global_search(problem) if method == "global" else _STARTS)
     ]
     best = min(found, key=lambda solution: float(solution.cost))
-    return RationalModel(scale, problem.coefficients(best.x, motor, reset, error, scale))
+    design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ best.x)[:, None]
+    p = np.empty(COEFFICIENTS)
+    p[0::2], p[1::2] = np.linalg.lstsq(design, error, rcond=None)[0], best.x
+    return RationalModel(scale, p)
 
 
 def _global_search(problem: _Projection) -> Array:
@@ -134,15 +136,6 @@ class _Projection:
     def _below(self, d: Array) -> Array:
         below = 1.0 + self.below @ d
         return np.where(np.abs(below) < NEAREST, NEAREST, below)
-
-    def coefficients(self, d: Array, motor: Array, reset: Array, error: Array, s: Array) -> Array:
-        """All eleven, the numerator's from every row."""
-        u, v = motor * s[0], reset * s[1]
-        design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ d)[:, None]
-        p = np.empty(COEFFICIENTS)
-        p[0::2] = np.linalg.lstsq(design, error, rcond=None)[0]
-        p[1::2] = d
-        return p
 
 
 def _quasi_newton(motor: Array, reset: Array, error: Array, scale: Array) -> Array:

@@ -15,13 +15,18 @@ from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
-from truejoint.estimators.network import BATCHES_PER_EPOCH, MINIMUM_ROWS, ROWS_PER_FEATURE
-from truejoint.estimators.training import Adam, Floats, check_loss
+from truejoint.estimators.network import (
+    BATCHES_PER_EPOCH,
+    MINIMUM_ROWS,
+    ROWS_PER_FEATURE,
+    Adam,
+    Floats,
+    check_loss,
+)
 from truejoint.models import recurrent
 from truejoint.models.family import Family, Shape
 
-FLOOR: Final = 1e-6
-"""Added to the mean squared error, of targets of variance 1: what needs no closer fit."""
+FLOOR: Final = 1e-6  # added to the mean squared error of targets of variance 1: close enough
 
 
 @dataclass(eq=False, repr=False)

@@ -13,8 +13,7 @@ from truejoint.plugins import plugins
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
-DEFAULT: Final = "dnn"
-"""What is fitted where none is named."""
+DEFAULT: Final = "dnn"  # what is fitted where none is named
 
 _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "offset": ("polynomial", "FixedOffset", {}),
@@ -37,8 +36,7 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "ukf_elastic": ("elastic_joint", "ElasticJointFilter", {}),
 }
 """Module of this package, class, and parameters that are not its defaults, by name."""
-OWN: Final = tuple(_ESTIMATORS)
-"""Names of truejoint's own."""
+OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
 
 TITLES: Final = {
     "offset": ("Fixed offset", "the fixed offset"),
@@ -63,7 +61,7 @@ def estimator_names() -> tuple[str, ...]:
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
     module, cls, own = _ESTIMATORS[name]
-    return imported(module, cls)(**own)
+    return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
 
 
 def plugged_in() -> dict[str, EntryPoint]:
@@ -86,8 +84,3 @@ def name_of(estimator: Any) -> str:
                 return name
     family: str = estimator.family.name
     return family
-
-
-def imported(module: str, name: str) -> Any:
-    """Import what a module of this package holds only now: names are listed without it."""
-    return getattr(import_module(f"truejoint.estimators.{module}"), name)

@@ -21,8 +21,7 @@ from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
 from truejoint.plugins import load_plugin
 
-_TRIED: Final = 1000
-"""Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
+_TRIED: Final = 1000  # most rows on which a regressor is tried before a long fit, and compared
 
 
 class Regressor(Protocol):

@@ -17,8 +17,7 @@ from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 
-_SPEED_WINDOW: Final = 0.1
-"""A measured speed is the mean over this time [s], long enough to hide encoder counts."""
+_SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +105,6 @@ def follow(
         A trajectory with times needs none.
     progress : callable, optional
         Called with the share done, from 0 to 1.
-
-    Returns
-    -------
-    TrackingReport
 
     Raises
     ------

@@ -45,11 +45,6 @@ class SerialChain:
         poses[..., :3, :3] = poses[..., :3, :3] @ self.tool_rotation
         return poses
 
-    def forward_crtk(self, joint: ArrayLike) -> Array:
-        """Tool poses (..., 4, 4) [m] in the CRTK frame, of joint positions (..., n_joints)."""
-        poses: Array = self.crtk_from_base @ self.forward(joint)
-        return poses
-
     def link_frames(self, joint: ArrayLike) -> Array:
         """Frames of all axes (..., n_axes, 4, 4) [m] in the base frame."""
         return self._frames(joint, len(self.axes))

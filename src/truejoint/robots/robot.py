@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
-from truejoint.robots.workspace import Workspace
 from truejoint.toml_file import read_toml
 
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
@@ -134,6 +133,57 @@ class Transmission:
         return np.linalg.inv(self.matrix).astype(np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Box of joint positions that a calibration covers; all arrays are (n_joints,).
+
+    Attributes
+    ----------
+    joints : tuple of str
+        In the order of every array.
+    lower, upper : ndarray
+        Range of each joint [rad or m].
+    speed : ndarray
+        Speed caps while following a path [rad/s or m/s].
+    margin : ndarray, optional
+        A random motion turns within this distance of either end [rad or m]; by default a tenth
+        of the range.
+    slowest, fastest : ndarray, optional
+        Range of a random motion's peak speeds [rad/s or m/s]; by default from half of `speed`
+        up to it.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").workspace.joints
+    ('shoulder', 'elbow', 'insertion')
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    speed: Array
+    margin: Array | None = None
+    slowest: Array | None = None
+    fastest: Array | None = None
+
+    @property
+    def centre(self) -> Array:
+        """Middle of each range [rad or m] (peng2024 eq. 4)."""
+        return np.asarray((self.lower + self.upper) / 2)
+
+    @property
+    def extent(self) -> Array:
+        """Width of each range [rad or m] (peng2024 eq. 5)."""
+        return np.asarray(self.upper - self.lower)
+
+    @property
+    def swings(self) -> Array:
+        """Margin, slowest and fastest peak speed of a random motion (3, n_joints)."""
+        margin = 0.1 * self.extent if self.margin is None else self.margin
+        slowest = 0.5 * self.speed if self.slowest is None else self.slowest
+        return np.stack([margin, slowest, self.speed if self.fastest is None else self.fastest])
+
+
 class Kinematics(Protocol):
     """Geometry of an arm; joint vectors are in the robot's own joint order."""
 
@@ -226,27 +276,10 @@ class Robot:
     def from_dict(
         cls, values: Mapping[str, Any], source: str = "robot", *, folder: Path | None = None
     ) -> Robot:
-        """Robot of plain data, each value checked.
+        """Robot of plain data, as `to_dict` gives or a robot file has (docs/robots.md).
 
-        Parameters
-        ----------
-        values : mapping
-            As `to_dict` gives, or as a robot file has: docs/robots.md lists the keys.
-        source : str
-            What errors name.
-        folder : Path, optional
-            Where a URDF is searched that the kinematics name; none may be named without it.
-
-        Raises
-        ------
-        RobotError
-            Naming source, key and the rule that it breaks.
-
-        Examples
-        --------
-        >>> tool = {"name": "tool", "joints": [{"name": "jaw", "unit": "deg", "upper": 90}]}
-        >>> Robot.from_dict(tool).joint_names
-        ('jaw',)
+        The kinematics may name a URDF in `folder`. Raises RobotError, naming `source`, key and the
+        rule that it breaks.
         """
         _check_keys(values, _KEYS, ("name", "joints"), source)
         joints = _tables(values["joints"], f"{source}: joints")

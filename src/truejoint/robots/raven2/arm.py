@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.kinematics import kinematics
-from truejoint.robots.robot import Joint, Robot, Transmission
-from truejoint.robots.workspace import Workspace
+from truejoint.robots.robot import Joint, Robot, Transmission, Workspace
 
 # Arm by every name it goes by; without a name it is the left, the one that peng2024 used.
 ARMS: Final[Mapping[str, Literal["left", "right"]]] = {

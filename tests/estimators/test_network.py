@@ -11,8 +11,7 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.network import effective_batch
-from truejoint.estimators.training import EPSILON, Layers, loss_and_gradient, train
+from truejoint.estimators.network import EPSILON, Layers, effective_batch, loss_and_gradient, train
 
 SIZES = (4, 6, 5, 3)
 
