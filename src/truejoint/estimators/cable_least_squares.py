@@ -58,6 +58,5 @@ class CableLeastSquares(JawEstimator):
         arrays = {"coef": solution[: rows.shape[1]].copy(), "constant": solution[7:8].copy()}
         if self.compensated:
             error = rows @ arrays["coef"] + arrays["constant"] - y[known]
-            model = fit_rational(X[known, 0], reset[known], error, self.fit_method)
-            arrays |= {"scale": model.scale, "error_coef": model.coefficients}
+            arrays |= fit_rational(X[known, 0], reset[known], error, self.fit_method)
         return arrays

@@ -104,8 +104,5 @@ class JawFilter(JawEstimator):
         progress(0.3)
         if self.compensation == "constant":
             return {"constant": np.array([-float(np.mean(error))])}
-        model = fit_rational(X[known, 0], X[known, 1], error, self.fit_method)
-        gain = self.loop_gain(median_dt(dt))
-        return {
-            "scale": model.scale, "error_coef": model.coefficients, "loop_gain": np.array([gain])
-        }  # fmt: skip
+        arrays = fit_rational(X[known, 0], X[known, 1], error, self.fit_method)
+        return arrays | {"loop_gain": np.array([self.loop_gain(median_dt(dt))])}

@@ -10,7 +10,8 @@ from scipy.optimize import Bounds, differential_evolution, least_squares, minimi
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
-from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST, rational_errors
+from truejoint.estimators.base import Arrays
+from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST
 
 SMALLEST_DENOMINATOR: Final = 0.3  # that fitting allows on the tube; 1 in the middle of the range
 
@@ -22,29 +23,11 @@ _BOUND: Final = 3.0  # on the five denominator coefficients in the global search
 _STARTS: Final = np.vstack([np.zeros(5), np.random.default_rng(0).uniform(-1.0, 1.0, (4, 5))])
 
 
-@dataclass(frozen=True, eq=False)
-class RationalModel:
-    """Fitted (25): an error [rad] as a function of motor angle and slider displacement."""
-
-    scale: Array  # (2,), inverse largest motor angle [1/rad] and displacement [1/m] of the data
-    coefficients: Array  # (11,), p_1 to p_11, for the two variables times these
-
-    def __call__(self, motor: Array, reset: Array) -> Array:
-        """Error (n,) [rad] at motor angles (n,) [rad] and displacements (n,) [m]."""
-        out = np.empty(len(motor))
-        rational_errors(motor, reset, self.scale, self.coefficients, out)
-        return out
-
-    def denominator(self, motor: Array, reset: Array) -> Array:
-        """Denominator (n,); 1 at zero, and a pole where it vanishes."""
-        design = _denominator_terms(motor * self.scale[0], reset * self.scale[1])
-        return np.asarray(1.0 + design @ self.coefficients[1:10:2])
-
-
-def fit_rational(
-    motor: Array, reset: Array, error: Array, method: str = "projection"
-) -> RationalModel:
+def fit_rational(motor: Array, reset: Array, error: Array, method: str = "projection") -> Arrays:
     """Fit (25) to the error (n,) [rad] of an estimate at motor angles [rad] and displacements [m].
+
+    Gives ``scale`` (2,), the inverse largest motor angle [1/rad] and displacement [1/m], and
+    ``error_coef`` (11,), p_1 to p_11 for the two variables times these.
 
     ``projection``: given the denominator the numerator is a linear least-squares problem, so only
     five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps the
@@ -66,7 +49,7 @@ def fit_rational(
         )
     scale = 1.0 / np.array([np.abs(motor).max(), np.abs(reset).max()])
     if method == "quasi_newton":
-        return RationalModel(scale, _quasi_newton(motor, reset, error, scale))
+        return {"scale": scale, "error_coef": _quasi_newton(motor, reset, error, scale)}
     u, v = motor * scale[0], reset * scale[1]
     problem = _Projection.of(u, v, error)
     found = [
@@ -77,7 +60,7 @@ def fit_rational(
     design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ best.x)[:, None]
     p = np.empty(COEFFICIENTS)
     p[0::2], p[1::2] = np.linalg.lstsq(design, error, rcond=None)[0], best.x
-    return RationalModel(scale, p)
+    return {"scale": scale, "error_coef": p}
 
 
 def _global_search(problem: _Projection) -> Array:

@@ -14,7 +14,7 @@ from sklearn.neural_network import MLPRegressor
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators import archive
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.conversion import convert, is_convertible_step
 from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered
 from truejoint.models import scikit_learn
@@ -136,8 +136,8 @@ class WrappedRegressor(JointRegressor):
         return estimator
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        mean, inverse = standardisation(y)
-        scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+        scales = scaling(X, y)
+        mean, scale = scales["target_mean"], scales["target_scale"]
         scaled = (y - mean) / scale
         every = -(-len(X) // _TRIED)
         tried = np.ascontiguousarray(X[::every])

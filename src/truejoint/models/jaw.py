@@ -40,13 +40,6 @@ def rational_error(motor: float, reset: float, scale: Array, p: Array) -> float:
 
 
 @compiled
-def rational_errors(motor: Array, reset: Array, scale: Array, p: Array, out: Array) -> None:
-    """Error (25) of every row, into `out` (n,)."""
-    for i in range(out.shape[0]):
-        out[i] = rational_error(motor[i], reset[i], scale, p)
-
-
-@compiled
 def weighted(row: Array, weights: Array) -> float:
     """Sum of products, in the order of the columns."""
     total = 0.0
