@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.calibration.conformal import source_of
+from truejoint.calibration.conformal import check_arm, check_columns, check_unit
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
@@ -138,10 +138,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         return recording.columns("measured", self.joints) + predicted
 
     def correct_table(self, recording: Recording, level: float = 0.9) -> pd.DataFrame:
-        """Correct a recording into a labelled table; raises as `correct`.
+        """Correct a recording into a table; raises as `correct`.
 
-        Columns ``t`` [s] and ``corrected/<joint>`` [rad or m], and where the calibration has an
-        interval ``half_width/<joint>`` at that `level`.
+        Columns ``t`` [s] and ``corrected/<joint>``, and with an interval ``half_width/<joint>`` at
+        that `level` [rad or m].
         """
         columns = {"t": recording.t}
         values = {"corrected": self.correct(recording)}
@@ -242,25 +242,11 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def _check(self, recording: Recording) -> None:
         as_recording(recording)
-        source = source_of(recording)
-        robot = recording.robot
-        if (robot.name, robot.arm) != (self.robot, self.arm):
-            raise CalibrationError(
-                f"{source} is of {robot.title}, the calibration of {self.title}; calibrate each "
-                "arm on its own recordings"
-            )
-        missing = [s for s in self.signals if s not in recording.table.columns]
-        if missing:
-            raise CalibrationError(
-                f"{source} lacks {', '.join(missing)}, which the calibration needs; it has "
-                f"{', '.join(recording.units)}"
-            )
+        arm = self.robot, self.arm
+        check_arm(recording, arm, f"the calibration of {self.title}")
+        check_columns(recording, self.signals, "calibration needs")
         for signal in self.signals:
-            if recording.units[signal] != self.units[signal]:
-                raise CalibrationError(
-                    f"{source}: {signal!r} is in {recording.units[signal]}, the calibration was "
-                    f"made with {self.units[signal]}; convert it where the file is read"
-                )
+            check_unit(recording, signal, self.units[signal], "the calibration was made with")
         if self.feature_set.counts_samples or self.model.family.counts_samples:
             check_sample_dt(recording, float(self.metadata["sample_dt"]))
 

@@ -252,8 +252,7 @@ def exchangeable_units(
 ) -> list[list[int]]:
     """Group the indices of recordings that count as one trajectory: see `with_interval`.
 
-    With `per_homing`, recordings after one homing belong together where there are several homings:
-    positions after one homing share its offset, so they are not independent.
+    With `per_homing`, those after one homing, as they share its offset, where there are several.
     """
     names = [recording.provenance.homing_id for recording in recordings]
     if not per_homing or len(set(names) - {""}) < 2:
@@ -267,11 +266,9 @@ def exchangeable_units(
 def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     """Score that a sample of one more trajectory stays below with probability `level` or more.
 
-    Each of n trajectories has the weight 1/(n + 1), spread evenly over its scores; what is left
-    stands at infinity for the trajectory to come.
-
-    `scores` holds those (n_i,) of each trajectory; raises CalibrationError if these are fewer than
-    `needed_trajectories`.
+    Each of the n trajectories has the weight 1/(n + 1), spread evenly over its `scores` (n_i,);
+    what is left stands at infinity for the one to come. Raises CalibrationError if they are too
+    few.
     """
     if len(scores) < needed_trajectories(level):
         raise CalibrationError(
@@ -290,8 +287,8 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
 def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray[np.bool_]]:
     """Offset (n_joints,) that re-zeroes a recording, and the rows (n,) that it was taken from.
 
-    The median of the `error` (n, n_joints), truth minus corrected [rad or m], at the first
-    `duration` [s] of the stamps `t` (n,) of rows with truth: a few wrong readings do not move it.
+    The median of the `error` (n, n_joints) in the first `duration` [s] of the stamps `t` (n,): a
+    few wrong readings do not move it.
     """
     used = t - t[0] < duration
     return np.median(error[used], axis=0), used
@@ -328,10 +325,9 @@ def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
 def known_error(
     calibration: Calibration, recording: Recording
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Stamps (m,), errors (m, n_joints) and places (n,) of the rows that have truth.
+    """Stamps (m,), truth minus corrected (m, n_joints), and places (n,) of the rows with truth.
 
-    Errors are truth minus corrected position [rad or m]. Raises CalibrationError if the recording
-    does not fit, or no row has the truth of all joints.
+    Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
     """
     without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
     if without:
@@ -389,6 +385,35 @@ def session_of(recording: Recording) -> dict[str, Any]:
         "first": float(recording.t[0]),
         "last": float(recording.t[-1]),
     }
+
+
+def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> None:
+    """Raise CalibrationError, naming them, when columns are missing that something needs."""
+    missing = [column for column in columns if column not in recording.table.columns]
+    if missing:
+        raise CalibrationError(
+            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose}; it has "
+            f"{', '.join(recording.units)}"
+        )
+
+
+def check_unit(recording: Recording, column: str, unit: str, where: str) -> None:
+    """Raise CalibrationError unless a column is in the unit that it has elsewhere."""
+    if recording.units[column] != unit:
+        raise CalibrationError(
+            f"{source_of(recording)}: {column!r} is in {recording.units[column]}, {where} {unit}; "
+            "convert it where the file is read"
+        )
+
+
+def check_arm(recording: Recording, arm: tuple[str, str], other: str) -> None:
+    """Raise CalibrationError unless a recording is of the robot and arm that another is of."""
+    robot = recording.robot
+    if (robot.name, robot.arm) != arm:
+        raise CalibrationError(
+            f"{source_of(recording)} is of {robot.title}, {other}; calibrate each arm on its own "
+            "recordings"
+        )
 
 
 def source_of(recording: Recording) -> str:

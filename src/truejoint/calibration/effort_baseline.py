@@ -66,11 +66,10 @@ def count_effort_terms(n_joints: int) -> int:
 
 @compiled
 def effort_terms(position: Array, speed: float, lower: Array, upper: Array, out: Array) -> None:
-    """Terms that a joint's effort is linear in.
+    """Terms (n_terms,), into `out`, that a joint's effort is linear in.
 
     Gravity as a quadratic in all positions, Coulomb friction that varies with them, and viscous
-    friction of the joint's own `speed` [ranges/s, not 0]. `position`, `lower` and `upper`
-    (n_joints,) [rad or m], `out` (n_terms,).
+    friction of the joint's own `speed` [ranges/s, not 0]; others (n_joints,) [rad or m].
     """
     n = position.shape[0]
     direction = 1.0 if speed > 0.0 else -1.0
@@ -92,13 +91,13 @@ def effort_terms(position: Array, speed: float, lower: Array, upper: Array, out:
 def travelled(
     j: int, t: float, position: Array, lower: Array, upper: Array, travel: Array
 ) -> float:
-    """Speed of joint `j` when it has moved one more step the same way, in range; 0 otherwise.
+    """Speed [ranges/s] of joint `j` once it has moved one more step the same way, in range; else 0.
 
-    Counting travel and not time makes it the same at 30 Hz and at 1 kHz, and blind to standstill,
-    where static friction may hold any effort. The speed is in ranges per second, signed; `t` [s],
-    `position`, `lower` and `upper` (n_joints,) [rad or m]. `travel` (5, n_joints) is changed in
-    place: position and time of the last step, its direction, travel since the reversal, travel of
-    the last step (in ranges); NaN in the first row to start with.
+    Counting travel and not time makes it the same at any rate, and blind to standstill, where
+    static friction may hold any effort. `travel` (5, n_joints) is changed in place: position and
+    time of the last step, its direction, travel since the reversal, travel of the last step (in
+    ranges); NaN in the first row to start with. `position`, `lower` and `upper` (n_joints,) [rad or
+    m].
     """
     if not np.isfinite(travel[ANCHOR, j]):
         travel[ANCHOR, j] = position[j]
@@ -225,8 +224,7 @@ def residual_statistics(
 ) -> tuple[Array, Array]:
     """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
 
-    About the mean error of each recording. The correlation time is that after which the
-    autocorrelation has fallen to 1/e.
+    About each recording's mean; in that time the autocorrelation falls to 1/e.
     """
     errors = []
     for recording in recordings:

@@ -17,7 +17,13 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.conformal import session_of, source_of
+from truejoint.calibration.conformal import (
+    check_arm,
+    check_columns,
+    check_unit,
+    session_of,
+    source_of,
+)
 from truejoint.calibration.effort_baseline import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
@@ -180,12 +186,8 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
         raise CalibrationError("no recordings to calibrate on; give at least one")
     robot = recordings[0].robot
     for recording in recordings:
-        other = recording.robot
-        if (other.name, other.arm) != (robot.name, robot.arm):
-            raise CalibrationError(
-                f"{source_of(recording)} is of {other.title}, {source_of(recordings[0])} of "
-                f"{robot.title}; calibrate each arm on its own recordings"
-            )
+        other = f"{source_of(recordings[0])} of {robot.title}"
+        check_arm(recording, (robot.name, robot.arm), other)
     return robot
 
 
@@ -254,12 +256,7 @@ def _chosen_features(
     if features is not None:
         model.family.check_size(params, len(chosen))
     for recording in recordings:
-        missing = [s for s in chosen.signals if s not in recording.table.columns]
-        if missing:
-            raise CalibrationError(
-                f"{source_of(recording)} lacks {', '.join(missing)}, which the features need; it "
-                f"has {', '.join(recording.units)}"
-            )
+        check_columns(recording, chosen.signals, "features need")
     return chosen
 
 
@@ -272,18 +269,10 @@ def _common_units(
     units = {column: first.units[column] for column in columns}
     for recording in recordings:
         for column, unit in units.items():
-            if recording.units[column] != unit:
-                raise CalibrationError(
-                    f"{source_of(recording)}: {column!r} is in {recording.units[column]}, in "
-                    f"{source_of(first)} in {unit}; convert it where the file is read"
-                )
+            check_unit(recording, column, unit, f"in {source_of(first)} in")
         for joint in joints:
-            truth, measured = recording.units[f"truth/{joint}"], units[f"measured/{joint}"]
-            if truth != measured:
-                raise CalibrationError(
-                    f"{source_of(recording)}: 'truth/{joint}' is in {truth}, 'measured/{joint}' in "
-                    f"{measured}; convert it where the file is read"
-                )
+            measured = f"measured/{joint}"
+            check_unit(recording, f"truth/{joint}", units[measured], f"{measured!r} in")
     return units
 
 

@@ -54,11 +54,10 @@ def write_model_file(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write a model file, whole or not at all.
+    """Write JSON values and float64 arrays of one or two dimensions, whole or not at all.
 
-    The description holds JSON values, the arrays are float64 of one or two dimensions. Raises
-    ModelFileError if the file exists, is named like another format, cannot be written, or would
-    break a bound that reading enforces.
+    Raises ModelFileError if the file exists, is named like another format, cannot be written, or
+    would break a bound that reading enforces.
     """
     path = check_name(path)
     data = to_bytes(description, arrays)

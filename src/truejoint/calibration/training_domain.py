@@ -49,11 +49,10 @@ def fit_training_domain(
     features: Array,
     error: Array,
 ) -> TrainingDomain:
-    """Training domain of recordings.
+    """Training domain of recordings: of the columns `signals`, and of the rows with truth.
 
-    `signals` are the columns that the calibration needs, `gap_limit` [s] is the time without a row
-    across which no change is looked at, `features` (n, k) and `error` (n, n_joints) [rad or m],
-    truth minus measured, are those of the rows with truth.
+    Those have the features (n, k) and the `error` (n, n_joints) [rad or m], truth minus measured;
+    no change is looked at across `gap_limit` [s] without a row.
     """
     tables = [
         np.ascontiguousarray(np.column_stack([r.column(signal) for signal in signals]))
@@ -85,8 +84,7 @@ def fit_training_domain(
 def partners(signals: Sequence[str]) -> Integers:
     """Index (n_signals,) of the next signal of the same channel, round and round; -1 if alone.
 
-    Position and effort of one joint are partners: neither stands still for long while the other
-    moves far.
+    Position and effort of a joint are partners: neither rests for long while the other moves far.
     """
     channels = [signal.partition("/")[2] for signal in signals]
     partner = np.full(len(signals), -1, dtype=np.int64)

@@ -140,8 +140,8 @@ class Arm:
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
 
-        Raises CommandRefused if the arm is not ready, or on NaN, wrong shape, a joint limit or too
-        large a step.
+        Raises CommandRefused if not ready, or on NaN, wrong shape, a joint limit or too large a
+        step.
         """
         target = checked_vector(self.robot, position, "servo_jp")
         self._stream(target[None], "servo_jp")

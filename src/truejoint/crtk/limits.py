@@ -33,8 +33,7 @@ def check_range(robot: Robot, rows: Array, command: str) -> None:
 def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
     """Raise CommandRefused if a joint would step faster than its top speed.
 
-    `rows` (n, n_joints) are set-points [rad or m] at `SERVO_RATE`, `start` (n_joints,) is the one
-    before.
+    `rows` (n, n_joints) follow each other at `SERVO_RATE`, the first `start` (n_joints,).
     """
     limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
     step = np.abs(np.diff(rows, axis=0, prepend=start[None]))

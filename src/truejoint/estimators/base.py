@@ -123,8 +123,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def step(self, state: RowState, dt: float, row: Array) -> Array:
         """Predict one finite row (k,), `dt` [s] after the one before; 0 starts a history.
 
-        `state` is from `start` and changed in place. The same bits as `evaluate` gives for all
-        rows.
+        `state`, of `start`, is changed in place; the same bits as `evaluate` gives for all rows.
         """
         numbers, memory = state.memory.numbers, state.memory.memory
         self.family.row(numbers, memory, dt, row, state.out, state.half_width)

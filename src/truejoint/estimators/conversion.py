@@ -46,10 +46,9 @@ def convert(
 ) -> EstimatorData | None:
     """Give data of a family of ours that computes what regressors do; None if there is none.
 
-    `parts` are one for all outputs, or one for each, and predict targets less `target_mean`, over
-    `target_scale` (n_outputs,). Whoever calls compares what both predict: a class that inherits
-    from one of scikit-learn's may predict in a way of its own. Raises CalibrationError for too
-    large trees.
+    `parts`, one for all outputs or one for each, predict targets less `target_mean` over
+    `target_scale` (n_outputs,). Whoever calls compares what both predict: a class may inherit from
+    one of scikit-learn's and predict otherwise. Raises CalibrationError for too large trees.
     """
     separate = [
         p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts

@@ -20,8 +20,7 @@ _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as 
 class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
-    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward motion
-    differ by friction, and one alone cannot show it.
+    Calibrated as the paper does, on an unloaded motion with reversals, which show friction.
     """
 
     least_rows: ClassVar[int] = MIN_ROWS
@@ -118,10 +117,9 @@ def reversals(y: Array) -> int:
 
 
 def longest_standstill(column: Array, X: Array, own: int | None) -> float:
-    """Longest stretch in which `column` (n,) repeats one value while the others move, of the rows.
+    """Longest stretch, of the rows, in which `column` (n,) repeats a value while others move.
 
-    It counts if another signal of `X` (n, k) than its `own` moves by a fifth of its range within
-    it.
+    Another signal of `X` (n, k) than its `own` must move by a fifth of its range within it.
     """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
     others = X if own is None else np.delete(X, own, axis=1)

@@ -86,21 +86,35 @@ class NeuralNetwork(JointRegressor):
         rng = check_random_state(self.random_state)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
         layers = Layers.glorot(sizes, rng)
-        self.loss_curve_ = train(
-            layers,
-            ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32),
-            ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32),
-            weight_decay=float(self.weight_decay),
-            learning_rate=float(self.learning_rate),
-            batch_size=self.batch_size_,
-            epochs=int(self.epochs),
-            rng=rng,
-            progress=progress,
-        )
+        rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
+        targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
+        self.train(layers, rows, targets, rng, progress)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
-            arrays[f"weight_{i}"] = weight.astype(np.float64)
-            arrays[f"bias_{i}"] = bias.astype(np.float64)
+            arrays |= {f"weight_{i}": weight.astype(float), f"bias_{i}": bias.astype(float)}
         return arrays
+
+    def train(
+        self, layers: Layers, X: Floats, y: Floats, rng: np.random.RandomState, progress: Progress
+    ) -> None:
+        """Train layers in place on standardised rows, in a fresh order in each epoch."""
+        sizes = len(layers.weights[0]), *map(len, layers.biases)
+        gradient = Layers.zeros(sizes, layers.flat.dtype)
+        decay, rate, epochs = float(self.weight_decay), float(self.learning_rate), int(self.epochs)
+        adam = Adam(layers.flat, rate)
+        self.loss_curve_: list[float] = []
+        for epoch in range(epochs):
+            order = rng.permutation(len(X))
+            X_epoch, y_epoch = X[order], y[order]
+            losses = []
+            for start in range(0, len(X), self.batch_size_):
+                rows = slice(start, start + self.batch_size_)
+                losses.append(
+                    loss_and_gradient(layers, X_epoch[rows], y_epoch[rows], decay, gradient)
+                )
+                adam.step(gradient.flat)
+            self.loss_curve_.append(float(np.mean(losses)))
+            check_loss(self.loss_curve_, epochs, rate)
+            progress((epoch + 1) / epochs)
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -220,43 +234,6 @@ class Adam:
         np.divide(self._first, self._room, out=self._room)
         self._room *= self.learning_rate * root / (1.0 - FIRST_DECAY**self._steps)
         self._values -= self._room
-
-
-def train(
-    layers: Layers,
-    X: Floats,
-    y: Floats,
-    *,
-    weight_decay: float,
-    learning_rate: float,
-    batch_size: int,
-    epochs: int,
-    rng: np.random.RandomState,
-    progress: Progress,
-) -> list[float]:
-    """Train in place, rows in a fresh order in each epoch; mean loss over the batches of each.
-
-    `X` (n, n_inputs) and `y` (n, n_outputs) are standardised, and of the type of `layers`. Raises
-    CalibrationError if the loss grows out of bounds.
-    """
-    sizes = len(layers.weights[0]), *map(len, layers.biases)
-    gradient = Layers.zeros(sizes, layers.flat.dtype)
-    adam = Adam(layers.flat, learning_rate)
-    history = []
-    for epoch in range(epochs):
-        order = rng.permutation(len(X))
-        X_epoch, y_epoch = X[order], y[order]
-        losses = []
-        for start in range(0, len(X), batch_size):
-            rows = slice(start, start + batch_size)
-            losses.append(
-                loss_and_gradient(layers, X_epoch[rows], y_epoch[rows], weight_decay, gradient)
-            )
-            adam.step(gradient.flat)
-        history.append(float(np.mean(losses)))
-        check_loss(history, epochs, learning_rate)
-        progress((epoch + 1) / epochs)
-    return history
 
 
 def check_loss(history: list[float], epochs: int, learning_rate: float) -> None:

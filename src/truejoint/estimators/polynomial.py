@@ -115,10 +115,10 @@ def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
 def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Coefficients (m, n_outputs) and intercept (n_outputs,) of least squares over blocks of rows.
 
-    Each block is of terms (n, m) and targets (n, n_outputs). They are folded into one triangular
-    factor one by one, so memory does not grow with their number. With a column of ones in front,
-    the factor below its first row is that of the centred columns. Columns are scaled to unit
-    length, and directions below 1e-10 of the strongest are left out (minimum norm).
+    Terms (n, m) and targets (n, n_outputs) of each block are folded into one triangular factor, so
+    memory does not grow with their number; with a column of ones in front, the factor below its
+    first row is that of the centred columns. Directions below 1e-10 of the strongest, columns of
+    unit length, are left out (minimum norm).
     """
     factor: Array | None = None
     n_rows, m = 0, 0

@@ -136,8 +136,7 @@ def random_motion(
 def zigzag_box(direction: str) -> Array:
     """Edges (3, 3) of the box that a zig-zag covers, as shares of the joints' ranges.
 
-    One edge a column, one joint a row: the first edge is the stroke, the strokes of a layer lie
-    along the second, the layers along the third.
+    A column each: along the strokes, along the strokes of a layer, along the layers.
     """
     moving = [int(part[1]) - 1 for part in direction.split("-")]
     if len(moving) == 3:

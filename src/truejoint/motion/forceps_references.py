@@ -44,10 +44,9 @@ def verification_reference(duration: float = DURATION) -> Trajectory:
 def sine_reference(
     tones: tuple[Tone, ...], duration: float = DURATION, *, name: str = "sines"
 ) -> Trajectory:
-    """Sum of sines of `tones` for the jaw of the forceps, swelling from rest; 1 kHz, from time 0.
+    """Sum of sines of `tones` for the jaw of the forceps, swelling from rest over `RAMP`; 1 kHz.
 
-    The duration [s], 1 to 3600, is without the ramp of `RAMP`; raises TrajectoryError if it is out
-    of range, there is no tone, or a tone is not finite.
+    Raises TrajectoryError unless the duration after it is 1 to 3600 s and all tones are finite.
     """
     if not tones or not np.isfinite(tones).all():
         raise TrajectoryError(f"{name}: tones {tones}; give at least one, all finite")

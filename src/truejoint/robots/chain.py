@@ -50,10 +50,9 @@ class SerialChain:
         return self._frames(joint, len(self.axes))
 
     def jacobian(self, joint: ArrayLike) -> Array:
-        """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame.
+        """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame, per joint speed.
 
-        Rows 0-2 are the tool's velocity [m], rows 3-5 its angular velocity [rad], per unit of
-        joint speed.
+        Rows 0-2 are the tool's velocity [m], rows 3-5 its angular velocity [rad].
         """
         rows, shape = self._rows(joint)
         by_axis = np.empty((len(rows), 6, len(self.axes)))

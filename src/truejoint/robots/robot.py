@@ -377,8 +377,7 @@ class Robot:
 def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """Robot of a TOML file, which may also name its ``arms`` and a URDF for its kinematics.
 
-    Of the arms `arm`, in any case, is wanted; empty where they are alike or there is one. Errors
-    name `source`, the path by default.
+    `arm`, in any case, is one of these; errors name `source`, the path by default.
     """
     values = read_toml(path, RobotError)
     source = source or str(path)
