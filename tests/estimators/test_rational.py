@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.rational import SMALLEST_DENOMINATOR, fit_rational
+from truejoint.estimators.yan2020 import SMALLEST_DENOMINATOR, fit_rational
 from truejoint.models.jaw import rational_error
 
 

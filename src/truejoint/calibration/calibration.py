@@ -111,16 +111,11 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     @property
     def baselines(self) -> Mapping[str, Calibration]:
         """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
+        bare = replace(
+            self, target="error", baseline_models={}, interval=None, effort_baseline=None
+        )
         return {
-            name: replace(
-                self,
-                model=model,
-                target="error",
-                baseline_models={},
-                metadata={**self.metadata, "estimator": name},
-                interval=None,
-                effort_baseline=None,
-            )
+            name: replace(bare, model=model, metadata={**self.metadata, "estimator": name})
             for name, model in self.baseline_models.items()
         }
 

@@ -196,8 +196,7 @@ def fit_effort_baseline(
     steps = [_steps(recording, joints, known, lower, upper) for recording in _pieces(recordings)]
     n_terms = count_effort_terms(len(joints))
     coef, scale = np.zeros((len(joints), n_terms)), np.ones(len(joints))
-    shift, friction = np.zeros(len(joints)), np.zeros(len(joints))
-    monitored = np.zeros(len(joints))
+    shift, friction, monitored = np.zeros((3, len(joints)))
     for j in range(len(joints)):
         own = [rows[rows[:, 0] == j] for rows in steps]
         if not known[j] or not _enough(np.concatenate(own), n_terms):

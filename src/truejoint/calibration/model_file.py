@@ -114,7 +114,14 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
             f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
         )
     description = _parse(metadata[_KEY].encode("utf-8", "replace"), "model description")
-    _check_version(description.pop("format", None))
+    version = description.pop("format", None)
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise ModelFileError(
+            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
+            "truejoint reads; update truejoint"
+        )
+    if version is True or version != FORMAT_VERSION:
+        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
     arrays = _read_arrays(header, memoryview(data)[8 + length :])
     digest = description.pop("sha256", None)
     try:
@@ -152,16 +159,6 @@ def decode_arrays(
             number = float(arrays[name][0])
             values[name] = number if of == "float" else int(min(number, 1e9))
     return kind(**values)
-
-
-def _check_version(version: object) -> None:
-    if isinstance(version, int) and version > FORMAT_VERSION:
-        raise ModelFileError(
-            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
-            "truejoint reads; update truejoint"
-        )
-    if version is True or version != FORMAT_VERSION:
-        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
 
 
 def _read_arrays(header: Mapping[str, Any], data: memoryview) -> dict[str, Array]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -98,14 +98,9 @@ def decode_training_domain(
     arrays: Mapping[str, Array], n_signals: int, n_features: int, n_joints: int
 ) -> TrainingDomain:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
-    shapes = {
-        **dict.fromkeys(
-            ("signal_lower", "signal_upper", "signal_step", "signal_travel"), (n_signals,)
-        ),
-        "feature_mean": (n_features,),
-        "whitening": (n_features, n_features),
-        **dict.fromkeys(("error_lower", "error_upper"), (n_joints,)),
-    }
+    shapes = {"feature_mean": (n_features,), "whitening": (n_features, n_features)}
+    for part, n in (("signal", n_signals), ("error", n_joints)):
+        shapes |= {f.name: (n,) for f in fields(TrainingDomain) if f.name.startswith(part)}
     domain = decode_arrays(TrainingDomain, "training domain", arrays, shapes)
     sizes = ("signal_step", "signal_travel", "hold", "distance")
     if (

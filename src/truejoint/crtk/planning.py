@@ -39,9 +39,8 @@ class TimeLaw:
 
     Examples
     --------
-    >>> law = time_law([[0.0], [1.0]], [0.5])
-    >>> law.duration
-    2.25
+    >>> time_law([[0.0], [1.0]], [0.5]).at([1.125])
+    array([[0.5]])
     """
 
     times: Array
@@ -104,8 +103,7 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
 
     Examples
     --------
-    >>> law = time_law([[0.0], [1.0]], [0.5])
-    >>> law.duration
+    >>> time_law([[0.0], [1.0]], [0.5]).duration
     2.25
     """
     corners = np.asarray(knots, dtype=float)

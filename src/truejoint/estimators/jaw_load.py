@@ -188,7 +188,6 @@ def identify_stiffness(
 
     Examples
     --------
-    >>> random = np.random.default_rng(0)
     >>> angle = 0.5 * np.sin(np.linspace(0.0, 20.0, 2000))
     >>> X = np.column_stack([angle * 14.0, angle * 4e-3])
     >>> load = JawLoad().fit(X, angle)

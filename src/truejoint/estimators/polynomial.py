@@ -57,7 +57,6 @@ class PolynomialRegressor(JointRegressor):
 
     Examples
     --------
-    >>> import numpy as np
     >>> X = np.linspace(-1.0, 1.0, 50)[:, None]
     >>> PolynomialRegressor().fit(X, X[:, 0] ** 2).predict([[0.5]]).round(6)
     array([0.25])
@@ -94,7 +93,6 @@ class LinearRegressor(PolynomialRegressor):
 
     Examples
     --------
-    >>> import numpy as np
     >>> X = np.linspace(0.0, 1.0, 30)[:, None]
     >>> LinearRegressor().fit(X, 2.0 * X[:, 0] + 1.0).predict([[3.0]]).round(6)
     array([7.])

@@ -60,7 +60,6 @@ class WrappedRegressor(JointRegressor):
 
     Examples
     --------
-    >>> import numpy as np
     >>> from sklearn.tree import DecisionTreeRegressor
     >>> X = np.arange(6.0)[:, None]
     >>> model = WrappedRegressor(DecisionTreeRegressor(max_depth=1)).fit(X, X[:, 0] > 2)

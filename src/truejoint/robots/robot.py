@@ -306,12 +306,9 @@ class Robot:
         """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
         joints, limitless = [asdict(joint) for joint in self.joints], (math.inf, -math.inf)
         values: dict[str, Any] = {
-            "name": self.name,
-            "arm": self.arm,
             "joints": [{k: v for k, v in joint.items() if v not in limitless} for joint in joints],
-            "channels": list(self.channels),
-            "positioning": list(self.positioning),
-            "effort": self.effort,
+            **{key: getattr(self, key) for key in ("name", "arm", "effort")},
+            **{key: list(getattr(self, key)) for key in ("channels", "positioning")},
         }
         if self.transmission is not None:
             values["transmission"] = self.transmission.matrix.tolist()

@@ -59,17 +59,8 @@ WORKSPACE: Final = Workspace(
 @cache
 def build(side: Literal["left", "right"]) -> Robot:
     """Build the left (gold) or the right (green) arm."""
-    return Robot(
-        "raven2",
-        JOINTS,
-        side,
-        CHANNELS,
-        POSITIONING,
-        Transmission(_motor_from_joint(side)),
-        kinematics(side),
-        effort="motor",
-        workspace=WORKSPACE,
-    )
+    arm = side, CHANNELS, POSITIONING, Transmission(_motor_from_joint(side)), kinematics(side)
+    return Robot("raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE)
 
 
 def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
@@ -82,10 +73,8 @@ def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
     # Motion of the cables, in joint units, that each joint's motor has to follow.
     cable = np.eye(7)
     cable[elbow, shoulder] = hardware.ELBOW_PER_SHOULDER
-    cable[insertion, [shoulder, elbow]] = (
-        hardware.INSERTION_PER_SHOULDER,
-        hardware.INSERTION_PER_ELBOW,
-    )
+    cable[insertion, shoulder] = hardware.INSERTION_PER_SHOULDER
+    cable[insertion, elbow] = hardware.INSERTION_PER_ELBOW
     ratios = np.array([drive.transmission_ratio for drive in hardware.drives(arm)])
     motor = ratios[:, None] * cable
     side = 1.0 if arm == "left" else -1.0
