@@ -122,10 +122,8 @@ class Coverage:
         What was stated.
     shares : ndarray, shape (n_trajectories, n_joints)
         Share of the samples of each trajectory that were inside.
-    half_width : ndarray, shape (n_joints,)
-        Mean over samples, widening included [rad or m].
-    offset_half_width : ndarray, shape (n_joints,)
-        Of the fixed offset's interval, made of the same calibration trajectories [rad or m].
+    half_width, offset_half_width : ndarray, shape (n_joints,)
+        Mean over samples, widening included, and that of the fixed offset's interval [rad or m].
 
     Examples
     --------
@@ -294,24 +292,14 @@ def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray
     return np.median(error[used], axis=0), used
 
 
-def trained_on(metadata: Mapping[str, Any], recording: Recording) -> bool:
-    """Whether rows of a recording were in the training that the metadata describe (`among`)."""
-    return among(metadata.get("sessions", ()), recording)
-
-
-def made_interval_of(metadata: Mapping[str, Any], recording: Recording) -> bool:
-    """Whether the interval of a calibration was made of rows of a recording (`among`)."""
-    return among(metadata.get("interval_sessions", ()), recording)
-
-
-def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
-    """Whether a recording is one of those that metadata list.
+def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "sessions") -> bool:
+    """Whether rows of a recording were in the training, or in what metadata list under `key`.
 
     Two recordings are the same when their hashes are equal or, where neither has one, source,
     session, homing and start. Parts of one count as the same when their times overlap.
     """
     own = recording.provenance.to_dict()
-    for session in sessions:
+    for session in metadata.get(key, ()):
         if own["sha256"] or session["sha256"]:
             same = own["sha256"] == session["sha256"]
         else:

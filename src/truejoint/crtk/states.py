@@ -74,10 +74,8 @@ class JointState:
     t : float
         Time stamp on the robot's clock [s].
     name : tuple of str
-    position : ndarray, shape (n_joints,)
-        [rad or m].
-    velocity : ndarray, shape (n_joints,)
-        [rad/s or m/s].
+    position, velocity : ndarray, shape (n_joints,)
+        [rad or m], [rad/s or m/s].
     effort : ndarray, shape (n_joints,)
         Torque command at the motor capstan [Nm]; empty where the robot measures none.
 

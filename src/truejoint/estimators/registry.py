@@ -82,5 +82,4 @@ def name_of(estimator: Any) -> str:
             usual = registered(name)
             if all(getattr(estimator, p) == getattr(usual, p) for p in told_apart):
                 return name
-    family: str = estimator.family.name
-    return family
+    return str(estimator.family.name)

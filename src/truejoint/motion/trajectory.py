@@ -11,9 +11,9 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk import TimeLaw, time_law
-from truejoint.crtk.limits import shown_range
 from truejoint.errors import TrajectoryError
 from truejoint.robots import Robot, Workspace
+from truejoint.units import shown_range
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNITS: Final = ("rad", "m")

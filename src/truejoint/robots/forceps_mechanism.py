@@ -28,10 +28,6 @@ class ForcepsMechanism:
         """Motor-shaft angle per jaw angle with rigid cables [rad/rad], ``z_i r / R``."""
         return self.gear_ratio * self.jaw_radius / self.wheel_radius
 
-    def jaw_from_motor(self, motor: Angle) -> Angle:
-        """Jaw angle [rad] that rigid cables give for motor angles `motor` [rad]; (2), (3), (7)."""
-        return motor / self.motor_per_jaw
-
     def motor_from_jaw(self, jaw: Angle) -> Angle:
         """Motor angle [rad] that rigid cables need for jaw angles `jaw` [rad]; (2), (3), (7)."""
         return jaw * self.motor_per_jaw

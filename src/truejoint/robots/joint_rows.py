@@ -16,8 +16,7 @@ SETPOINT_DT: Final = 1e-3  # [s] between set-points: RAVEN's servo period (peng2
 
 def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:
     """Joint vector (n_joints,) as floats; raises CommandRefused on wrong shape or NaN."""
-    vector: Array = checked_rows(robot, np.asarray(value, dtype=float)[None], command)[0]
-    return vector
+    return np.asarray(checked_rows(robot, np.asarray(value, dtype=float)[None], command)[0])
 
 
 def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:

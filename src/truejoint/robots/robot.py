@@ -190,15 +190,12 @@ class Kinematics(Protocol):
     @property
     def crtk_from_base(self) -> Array:
         """Pose (4, 4) of the base frame in the frame of the robot's CRTK topics [m]."""
-        ...
 
     def forward(self, joint: ArrayLike) -> Array:
         """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
-        ...
 
     def jacobian(self, joint: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -483,8 +480,7 @@ def _tables(values: Any, where: str) -> Sequence[Mapping[str, Any]]:
     good = isinstance(values, list | tuple) and all(isinstance(row, Mapping) for row in values)
     if not good or not 0 < len(values) <= MAX_JOINTS:
         raise RobotError(f"{where} are {values!r:.40}; want 1 to {MAX_JOINTS} tables")
-    rows: Sequence[Mapping[str, Any]] = values
-    return rows
+    return list(values)
 
 
 def _name(value: Any, where: str) -> str:

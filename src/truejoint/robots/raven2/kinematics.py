@@ -102,8 +102,7 @@ class Raven2Kinematics(SerialChain):
         axes = self.solutions(pose, opening) @ self.axis_from_joint.T
         axes[:, _TURNS] = origin[_TURNS] + _wrapped(axes[:, _TURNS] - origin[_TURNS])
         nearest = int(np.argmin((((axes - origin) * _WEIGHTS) ** 2).sum(axis=1)))
-        joints: Array = _joints(axes[nearest : nearest + 1], opening)[0]
-        return joints
+        return np.asarray(_joints(axes[nearest : nearest + 1], opening)[0])
 
 
 def kinematics(arm: Arm) -> Raven2Kinematics:
@@ -133,8 +132,7 @@ def _joints(axes: Array, opening: float) -> Array:
 
 
 def _wrapped(angle: Array) -> Array:
-    wrapped: Array = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
-    return wrapped
+    return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
 
 
 def _rigid(pose: ArrayLike) -> Array:
