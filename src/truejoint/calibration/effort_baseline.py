@@ -1,8 +1,7 @@
 """How an arm behaves while its calibration holds: efforts on the way, and errors over time.
 
-A calibration goes stale when cables, friction or the load on the tool change. Efforts show it with
-no sensor at the joints: the part that does not change sign with the direction of motion carries
-gravity and load, the part that does is friction.
+Efforts show with no sensor at the joints that cables, friction or load changed: the part that keeps
+its sign when the motion turns carries gravity and load, the part that does not is friction.
 """
 
 from __future__ import annotations

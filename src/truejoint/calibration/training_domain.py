@@ -153,10 +153,9 @@ def watch_changes(
 def _whitening(features: Array) -> tuple[Array, Array]:
     """Mean (k,) and whitening matrix (k, k) of the rows of `features` (n, k)."""
     mean = features.mean(axis=0)
-    inverse = np.zeros(len(mean))
     low, high = features.min(axis=0), features.max(axis=0)
     used = high - low > 1e-9 * np.maximum(np.abs(low), np.abs(high))
-    inverse[used] = 1.0 / features.std(axis=0)[used]
+    inverse = np.divide(1.0, features.std(axis=0), out=np.zeros(len(mean)), where=used)
     scaled = (features - mean) * inverse
     variance, directions = np.linalg.eigh(scaled.T @ scaled / len(scaled))
     weight = 1.0 / np.sqrt(np.maximum(variance, SMALLEST_VARIANCE))

@@ -32,7 +32,7 @@ _WAY_OUT: Final[dict[State, str]] = {
 
 @dataclass(frozen=True)
 class OperatingState:
-    """CRTK's operating state.
+    """CRTK's operating state: api-operating-state.rst of collaborative-robotics/documentation.
 
     Attributes
     ----------
@@ -43,10 +43,6 @@ class OperatingState:
         A move or the homing is under way.
     t : float
         Time stamp on the robot's clock [s].
-
-    References
-    ----------
-    collaborative-robotics/documentation:docs/pages/api-operating-state.rst
 
     Examples
     --------

@@ -58,8 +58,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     True
     """
 
-    family: ClassVar[Family]
-    """What runs it."""
+    family: ClassVar[Family]  # what runs it
     least_rows: ClassVar[int] = 10
     rows_per_feature: ClassVar[int] = 0
 

@@ -11,14 +11,8 @@ from scipy.optimize import least_squares
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
+from truejoint.estimators import jaw
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
-from truejoint.estimators.jaw import (
-    MIN_ROWS,
-    check_changes,
-    check_jumps,
-    check_reversals,
-    reversals,
-)
 from truejoint.estimators.play import ridge
 from truejoint.filters import UnscentedFilter
 from truejoint.models import elastic_joint as model
@@ -84,7 +78,7 @@ class ElasticJointFilter(JointRegressor):
     """
 
     family: ClassVar[Family] = model.FAMILY
-    least_rows: ClassVar[int] = MIN_ROWS
+    least_rows: ClassVar[int] = jaw.MIN_ROWS
     elements: int = 5
     load_drift: float = 0.05
     torque_noise: float = 7e-3
@@ -97,18 +91,16 @@ class ElasticJointFilter(JointRegressor):
             )
         known = self._known(y)
         self._check_motion(X, known, dt)
-        angle, torque = X[:, 0], X[:, 1]
-        low, high = float(angle.min()), float(angle.max())
-        scales = np.array([0.5 * (low + high), 0.5 * (high - low), torque.std(), mean_dt(dt)])
-        whole = _motion(X, scales, dt)
+        low, high = float(X[:, 0].min()), float(X[:, 0].max())
+        scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
         kept = _thinned(dt, known)
-        motion, targets = whole.pick(kept), y[kept]
+        motion, targets = _motion(X, scales, dt).pick(kept), y[kept]
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = known[kept][settled]
-        if with_truth.sum() < MIN_ROWS:
+        if with_truth.sum() < jaw.MIN_ROWS:
             raise CalibrationError(
                 f"{self.name}: {int(with_truth.sum())} rows with truth after a quarter of the "
-                f"driver's range was travelled; it needs {MIN_ROWS}: record longer motions"
+                f"driver's range was travelled; it needs {jaw.MIN_ROWS}: record longer motions"
             )
         progress(0.05)
         static = _Static(motion, settled, with_truth, targets[settled[with_truth], 0])
@@ -142,14 +134,14 @@ class ElasticJointFilter(JointRegressor):
 
     def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
         for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
-            check_changes(self.name, name, column[known], " under load")
+            jaw.check_changes(self.name, name, column[known], " under load")
         turns = 0
         for rows in histories(dt):
             part = X[rows, 0]
             if len(part) > 1 and np.ptp(part) > 0.0:
-                check_jumps(self.name, DRIVER, part)
-                turns += reversals(part)
-        check_reversals(self.name, "driver", turns)
+                jaw.check_jumps(self.name, DRIVER, part)
+                turns += jaw.reversals(part)
+        jaw.check_reversals(self.name, "driver", turns)
 
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False

@@ -19,8 +19,7 @@ from truejoint.models.jaw import MOTOR, RESET
 from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 
 GRAVITY: Final = 9.81  # [m/s2]
-SMALLEST_RATIO: Final = 0.3
-"""Identified over assumed stiffness below which, or beyond whose inverse, something is wrong."""
+SMALLEST_RATIO: Final = 0.3  # of identified and assumed stiffness, either over the other
 LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
 _SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
 
@@ -117,8 +116,7 @@ class JawLoad:
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
         """External torque (n,) [Nm] in every row, positive where it opens the jaw."""
         rows = self._rows(X)
-        unloaded = self.drive_.predict(rows[:, 1:], dt)
-        return self._torque(self._drive(rows) - unloaded)
+        return self._torque(rows, self.drive_.predict(rows[:, 1:], dt))
 
     def start(self) -> RowState:
         """Memory before the first row."""
@@ -126,8 +124,7 @@ class JawLoad:
 
     def step(self, state: RowState, dt: float, row: Array) -> float:
         """External torque [Nm] of one row; see `JointRegressor.step`."""
-        unloaded = self.drive_.step(state, dt, row[1:])
-        return float(self._torque(self._drive(row[None]) - unloaded)[0])
+        return float(self._torque(row[None], self.drive_.step(state, dt, row[1:]))[0])
 
     def grams(self, torque: Array, arm: float) -> Array:
         """Weights (n,) [g] that make torques (n,) [Nm] at a lever of `arm` [m]."""
@@ -151,7 +148,8 @@ class JawLoad:
     def _drive(self, rows: Array) -> Array:
         return np.asarray(self.mechanism.drive_from_motor(rows[:, 0]))
 
-    def _torque(self, stretch: Array) -> Array:
+    def _torque(self, rows: Array, unloaded: Array) -> Array:
+        stretch = self._drive(rows) - unloaded
         return np.asarray(-self.drive_stiffness * self.mechanism.jaw_radius * stretch)
 
 

@@ -17,10 +17,7 @@ if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
 
 _MODELS: Final = files(__package__) / "models"
-_OWN: Final = (
-    "raven2",
-    *sorted(file.name.removesuffix(".toml") for file in _MODELS.iterdir()),
-)
+_OWN: Final = ("raven2", *sorted(file.name.removesuffix(".toml") for file in _MODELS.iterdir()))
 
 # Robots that a file described to this process, and what they were first seen in.
 _described: dict[tuple[str, str], tuple[str, Robot]] = {}

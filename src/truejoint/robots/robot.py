@@ -214,12 +214,10 @@ class Robot:
         Names in the order of the robot's own state message; joints and any unused channel.
     positioning : tuple of str
         Joints that mainly place the tool, and that a calibration corrects by default.
-    transmission, kinematics
-        None where unknown.
+    transmission, kinematics, workspace
+        None where unknown; the workspace is where a calibration moves.
     effort : {"joint", "motor"}
         Where the effort that the robot reports acts: on the joint itself, or at the motor.
-    workspace : Workspace, optional
-        Where a calibration moves; None where unknown.
 
     Raises
     ------
