@@ -148,8 +148,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def predict_error(self, recording: Recording) -> Array:
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
-        corrected = self.correct(recording)
-        return corrected - recording.columns("measured", self.joints)
+        return self.correct(recording) - recording.columns("measured", self.joints)
 
     def correct_with_interval(
         self, recording: Recording, level: float = 0.9

@@ -43,10 +43,8 @@ class Interval:
     rezero : float
         Time of truth [s] that every trajectory began with and that its offset was re-zeroed from;
         0 when none was: then positions count as homing left them.
-    trajectories : int
-        How many exchangeable units there were.
-    homings : int
-        How many homings they span; 0 when not known.
+    trajectories, homings : int
+        How many exchangeable units there were, and homings that they span; 0 when not known.
 
     Examples
     --------

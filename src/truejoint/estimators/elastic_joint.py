@@ -278,13 +278,8 @@ class _Static:
             left = self.misfits(np.exp(logarithms))
             return np.concatenate([e / scale for e, scale in zip(left, scales, strict=True)])
 
-        found = least_squares(
-            residuals,
-            np.log(start),
-            bounds=(np.log(_WIDTHS[0]), np.log(_WIDTHS[1])),
-            diff_step=[0.05],
-            max_nfev=15,
-        )
+        x0, bounds = np.log(start), (np.log(_WIDTHS[0]), np.log(_WIDTHS[1]))
+        found = least_squares(residuals, x0, bounds=bounds, diff_step=[0.05], max_nfev=15)
         widths = np.sort(np.exp(found.x))
         self.settle_loads(widths)
         return widths

@@ -228,12 +228,11 @@ class EncoderZero:
 def find_encoder_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> EncoderZero:
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
-    Unloaded, motor and reset cable move together as in calibration, and the motor keeps its zero,
-    at the limit switch of the drive side: what they differ by on average is the reset side's. Rows
-    `X` (n, 2) of motor angle [rad] and ``x2`` [m] should be whole cycles about zero, or a part of
-    the friction stays in the average. `dt` is as in `JawLoad.fit`. Raises CalibrationError if the
-    motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm explains
-    it.
+    Unloaded, motor and reset cable move together as in calibration, and homing keeps the motor's
+    zero: what they differ by on average is the reset side's. Rows `X` (n, 2) of motor angle [rad]
+    and ``x2`` [m] should be whole cycles about zero, or some friction stays in the average; `dt` is
+    as in `JawLoad.fit`. Raises CalibrationError if the motion covers less than a fifth of the
+    calibration's range, or no shift below 0.3 mm explains it.
     """
     rows = np.array(X, dtype=np.float64)
     span = np.ptp(rows[:, 1]) * float(load.drive_.scale_[0])

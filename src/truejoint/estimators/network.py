@@ -163,10 +163,9 @@ def loss_and_gradient(
 ) -> float:
     """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
-    The loss is ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``: the mean is over rows and
-    outputs, biases are free. scikit-learn's ``MLPRegressor`` halves the squared error, sums it over
-    outputs and divides its penalty ``alpha / 2`` by the rows of the batch: its minimiser is the
-    same at ``alpha = weight_decay * n_outputs * n_rows``.
+    ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
+    free. The loss of scikit-learn's ``MLPRegressor`` has the same minimiser at ``alpha =
+    weight_decay * n_outputs * n_rows``.
     """
     activations = _forward(layers, X)
     delta = activations.pop()

@@ -150,11 +150,10 @@ def loss_and_gradient(
 ) -> tuple[float, dict[str, Floats], Floats]:
     """Loss of a batch of windows, its gradient, and the states before each step.
 
-    The loss is the mean over outputs of ``log(mean((y - f(X))**2) + FLOOR)``, but for a constant
-    the likelihood of noise of unknown size, plus `decay` times the sum of the squared weights.
-    `batch` has arrays (window, batch, columns): features; targets, NaN where unknown; whether a
-    history goes on; whether the state is updated. `state` (batch, units) is that before the first
-    step.
+    The mean over outputs of ``log(mean((y - f(X))**2) + FLOOR)``, but for a constant the likelihood
+    of noise of unknown size, plus `decay` times the sum of the squared weights. Arrays (window,
+    batch, columns) of `batch`: features; targets, NaN where unknown; whether a history goes on;
+    whether the state is updated. `state` (batch, units) is that before the first step.
     """
     X, y, goes_on, updates = batch
     units = state.shape[1]

@@ -1,7 +1,4 @@
-"""Every estimator by the name that a user writes: one line each, and nothing else names them.
-
-Nothing here imports what learns before it is asked for: names are listed at once.
-"""
+"""Every estimator by the name that a user writes; what learns is imported when asked for."""
 
 from __future__ import annotations
 

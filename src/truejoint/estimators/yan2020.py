@@ -13,7 +13,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.jaw import JawEstimator, median_dt
 from truejoint.models import cable_least_squares, jaw_filter
-from truejoint.models.family import Family, Params
+from truejoint.models.family import EstimatorData, Family, Params
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST
 from truejoint.models.jaw_dynamics import ForcepsModel, injection_gain, steady_gain
 from truejoint.models.jaw_filter import MECHANISM_NAMES, NOISE_NAMES, FilterNoise
@@ -72,12 +72,11 @@ class JawFilter(JawEstimator):
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters, those of mechanism and noise by their own names too."""
-        own = {**params}
         for part, names in (("mechanism", MECHANISM_NAMES), ("noise", NOISE_NAMES)):
-            given = {name: own.pop(name) for name in names if name in own}
+            given = {name: params.pop(name) for name in names if name in params}
             if given:
-                own[part] = replace(own.get(part, getattr(self, part)), **given)
-        super().set_params(**own)
+                params[part] = replace(params.get(part, getattr(self, part)), **given)
+        super().set_params(**params)
         return self
 
     def model_params(self) -> Params:
@@ -105,10 +104,9 @@ class JawFilter(JawEstimator):
 
     def filtered(self, X: Array, dt: Array) -> Array:
         """Angle of the bare filter (n,) [rad]: (23) without any compensation."""
-        bare = JawFilter.from_params({**self.model_params(), "compensation": "constant"})
-        bare.arrays_ = {"constant": np.zeros(1)}
-        bare.n_features_in_, bare.n_outputs_ = 2, 1
-        return bare.evaluate(X, dt)[:, 0]
+        params = {**self.model_params(), "compensation": "constant"}
+        data = EstimatorData(self.family.name, params, {"constant": np.zeros(1)})
+        return JawFilter.from_data(data, 2, 1).evaluate(X, dt)[:, 0]
 
     def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         error = self.filtered(X, dt)[known] - y[known]
@@ -169,15 +167,14 @@ class CableLeastSquares(JawEstimator):
 def fit_rational(motor: Array, reset: Array, error: Array, method: str = "projection") -> Arrays:
     """Fit (25) to the error (n,) [rad] of an estimate at motor angles [rad] and displacements [m].
 
-    Gives ``scale`` (2,), the inverse largest motor angle [1/rad] and displacement [1/m], and
-    ``error_coef`` (11,), p_1 to p_11 for the two variables times these.
-
-    ``projection``: given the denominator the numerator is a linear least-squares problem, so only
-    five coefficients are searched (Golub and Pereyra 1973), with a penalty that keeps the
-    denominator above `SMALLEST_DENOMINATOR` on a tube round the data; the best of five starts.
-    ``global``: the same problem by differential evolution. ``quasi_newton``: all eleven by BFGS
-    from zero in the units of the data, unconstrained, as the paper says it did. Raises
-    CalibrationError for fewer than 110 rows, a variable that does not vary, or an unknown method.
+    Gives ``scale`` (2,), the inverse largest motor angle and displacement, and ``error_coef``
+    (11,), p_1 to p_11 for the two times these. ``projection``: given the denominator the numerator
+    is a linear least-squares problem, so only five coefficients are searched (Golub and Pereyra
+    1973), from five starts, with a penalty that keeps the denominator above `SMALLEST_DENOMINATOR`
+    on a tube round the data. ``global``: the same by differential evolution. ``quasi_newton``: all
+    eleven by BFGS from zero in the units of the data, unconstrained, as the paper says it did.
+    Raises CalibrationError for fewer than 110 rows, a variable that does not vary, or an unknown
+    method.
     """
     if method not in FIT_METHODS:
         raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(FIT_METHODS)}")

@@ -154,9 +154,9 @@ def zigzag_box(direction: str) -> Array:
 def _triple_box() -> Array:
     """Edges (3, 3) whose rows have absolute sum 1 and whose volume is 1/sqrt(27).
 
-    Signed cyclic shifts of (a, a, b) with 2 a + b = 1 have the volume (a + b)^2 (2 a - b); of the
-    two solutions the nearer to a cube is taken. Among all boxes with these ranges and this
-    volume, it has the smallest deviation of the edges' inner products from those of a cube.
+    Signed cyclic shifts of (a, a, b) with 2 a + b = 1 have the volume (a + b)^2 (2 a - b); the
+    solution nearer to a cube is taken. Of all such boxes its edges' inner products deviate least
+    from a cube's.
     """
     # (1 - a)^2 (4 a - 1) = 1 / sqrt(27)
     roots = np.roots([4.0, -9.0, 6.0, -1.0 - 1.0 / np.sqrt(27.0)]).real

@@ -1,7 +1,4 @@
-"""The one-jaw cable-driven forceps: its geometry and the sensors that it was built with.
-
-Every number is from yan2020: Table 1 and section IV-A.
-"""
+"""The one-jaw cable-driven forceps: geometry and sensors, from yan2020, Table 1 and IV-A."""
 
 from __future__ import annotations
 
