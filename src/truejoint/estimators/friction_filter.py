@@ -48,7 +48,7 @@ class FrictionFilter(JawEstimator):
     Parameters
     ----------
     drive_stiffness : float
-        ``K_d`` [N/m], which turns stretch into torque; see `stiffness.identify_stiffness`.
+        ``K_d`` [N/m], which turns stretch into torque; see `identify_stiffness`.
     load_drift : float
         How fast a load may change [Nm per square root of a second].
     friction_drift : float
