@@ -28,7 +28,7 @@ from truejoint.calibration import Calibration, calibrate
 from truejoint.calibration.interval import Interval
 from truejoint.crtk import simulated_arm
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.jaw_filter import JawFilter
+from truejoint.estimators.yan2020 import JawFilter
 from truejoint.export.c_source import Precision, table
 from truejoint.export.export_c import export_c
 from truejoint.models.jaw import MOTOR, RESET

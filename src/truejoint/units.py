@@ -51,3 +51,15 @@ def with_unit(value: float, unit: str) -> str:
         return "-"
     display = display_unit(unit)
     return f"{value * display.scale:.3f} {display.name}"
+
+
+def shown(value: float, unit: str) -> str:
+    """Quantity in `unit` (SI) as a person reads it, for instance ``"92.5 deg"``."""
+    display = display_unit(unit)
+    return f"{value * display.scale:.4g} {display.name}"
+
+
+def shown_range(low: float, high: float, unit: str) -> str:
+    """Range in `unit` (SI) as a person reads it, for instance ``"[0, 90] deg"``."""
+    display = display_unit(unit)
+    return f"[{low * display.scale:.4g}, {high * display.scale:.4g}] {display.name}"

@@ -21,7 +21,6 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
@@ -32,6 +31,7 @@ from truejoint.calibration.interval import (
     inverse_span,
     range_excesses,
 )
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.recordings import Recording
 

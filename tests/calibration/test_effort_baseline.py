@@ -10,15 +10,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.effort_baseline import (
     MAX_JOINTS,
     count_effort_terms,
     decode_effort_baseline,
     effort_steps,
     effort_terms,
+    fit_effort_baseline,
+    residual_statistics,
 )
-from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.encoding import decode, encode
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.calibration.training_domain import (
     SMALLEST_VARIANCE,
     decode_training_domain,

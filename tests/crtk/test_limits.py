@@ -1,11 +1,11 @@
-"""Tests of truejoint.crtk.limits."""
+"""Tests of the limits that an arm enforces."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.crtk.limits import check_range, check_steps
+from truejoint.crtk.arm import check_range, check_steps
 from truejoint.errors import CommandRefused
 from truejoint.robots import get_robot
 

@@ -5,7 +5,7 @@ import pytest
 from tests.estimators.conftest import columns, fitted, rms_deg, steps, target
 
 from truejoint.estimators import CableLeastSquares
-from truejoint.estimators.rational import RationalModel
+from truejoint.models.jaw import rational_error
 
 
 def observation_matrix(run) -> np.ndarray:
@@ -38,6 +38,7 @@ def test_equation_30_takes_off_its_own_error_model(pair):
     estimate = model.predict(columns(test, model), steps(test))
     bare = plain.predict(columns(test, plain), steps(test))
     motor, reset = test.column("motor/jaw"), test.column("cable/reset")
-    taken = RationalModel(model.scale_, model.error_coef_)(motor, reset)
+    rows = zip(motor, reset, strict=True)
+    taken = [rational_error(*row, model.scale_, model.error_coef_) for row in rows]
     assert np.abs(estimate - (bare - taken)).max() < 1e-9
     assert rms_deg(estimate, test) < 0.6 * rms_deg(bare, test)

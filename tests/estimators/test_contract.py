@@ -12,7 +12,7 @@ from tests.runtime.registered import in_loop, model, ready, unseen
 from truejoint.calibration import Calibration, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
-from truejoint.estimators.lookup import class_of
+from truejoint.estimators.wrapped import class_of
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import time_steps
 

@@ -12,7 +12,8 @@ from sklearn.base import clone
 
 from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
-from truejoint.estimators.elastic_joint import MIN_ROWS, ElasticJointFilter
+from truejoint.estimators.elastic_joint import ElasticJointFilter
+from truejoint.estimators.jaw import MIN_ROWS
 from truejoint.models import elastic_joint
 from truejoint.models.elastic_joint import NOISE
 from truejoint.models.features import time_steps

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.estimators.elastic_joint_identification import Motion
+from truejoint.estimators.elastic_joint import Motion
 from truejoint.models import elastic_joint as model
 
 ELEMENTS = 3

@@ -8,12 +8,10 @@ from truejoint.motion.forceps_trajectories import (
     DURATION,
     RAMP,
     calibration_trajectory,
-    load_trajectory,
     sine_trajectory,
     verification_trajectory,
 )
 from truejoint.robots import get_robot
-from truejoint.simulation.forceps.load import LoadTest
 
 
 def after_ramp(trajectory):
@@ -54,14 +52,6 @@ def test_they_swell_from_rest_and_last_a_common_period(make):
     trajectory.check_within(get_robot("forceps"))
     shorter = make(10.0)
     np.testing.assert_array_equal(shorter.positions, trajectory.positions[: len(shorter)])
-
-
-def test_the_load_motion_is_that_of_its_test():
-    test = LoadTest(0.05)
-    trajectory = load_trajectory(test)
-    np.testing.assert_array_equal(trajectory.positions[:, 0], test.angles(trajectory.times))
-    assert trajectory.times[-1] == test.end
-    assert "50 g" in trajectory.name
 
 
 @pytest.mark.parametrize(

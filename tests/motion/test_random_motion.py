@@ -1,4 +1,4 @@
-"""Tests of truejoint.motion.random_motion."""
+"""Tests of the random motion."""
 
 import numpy as np
 import pytest

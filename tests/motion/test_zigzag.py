@@ -1,4 +1,4 @@
-"""Tests of truejoint.motion.zigzag, in all directions and at all sparsities."""
+"""Tests of the zig-zags, in all directions and at all sparsities."""
 
 import numpy as np
 import pytest
@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from truejoint.errors import TrajectoryError
 from truejoint.motion import DIRECTIONS, Workspace, nominal_duration, workspace_of, zigzag
-from truejoint.motion.zigzag import zigzag_box
+from truejoint.motion.calibration_motions import zigzag_box
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2", "left")

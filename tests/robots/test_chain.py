@@ -60,12 +60,6 @@ def test_robot_is_the_product_of_its_matrices(chain: SerialChain) -> None:
         np.testing.assert_allclose(pose, expected, atol=1e-14)
 
 
-def test_crtk_pose_is_the_base_pose_turned(chain: SerialChain) -> None:
-    joints = np.random.default_rng(2).uniform(-1, 1, (5, 7))
-    for base, crtk in zip(chain.forward(joints), chain.forward_crtk(joints), strict=True):
-        np.testing.assert_allclose(crtk, chain.crtk_from_base @ base, atol=1e-15)
-
-
 def test_jacobian_is_the_derivative_of_the_pose(chain: SerialChain) -> None:
     joints = np.random.default_rng(3).uniform(-1, 1, (10, 7))
     step = 1e-6

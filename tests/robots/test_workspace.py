@@ -1,4 +1,4 @@
-"""Tests of truejoint.robots.workspace."""
+"""Tests of the calibration workspace."""
 
 import numpy as np
 import pytest

@@ -8,8 +8,8 @@ import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators.lookup import get_estimator
 from truejoint.estimators.registry import estimator_names
+from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps

@@ -15,12 +15,13 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.calibration.conformal import check_arm, check_columns, check_unit
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
-from truejoint.estimators.lookup import class_of
+from truejoint.estimators.wrapped import class_of
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import FeatureState, check_sample_dt, time_steps
 from truejoint.recordings import Recording
@@ -60,6 +61,11 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
     Made by `calibrate` or `read_calibration`. See `CalibrationData` for what it holds.
+
+    Examples
+    --------
+    >>> list(model.correct_table(test).columns)
+    ['t', 'corrected/jaw', 'half_width/jaw']
     """
 
     @property
@@ -105,36 +111,19 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     @property
     def baselines(self) -> Mapping[str, Calibration]:
         """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
+        bare = replace(
+            self, target="error", baseline_models={}, interval=None, effort_baseline=None
+        )
         return {
-            name: replace(
-                self,
-                model=model,
-                target="error",
-                baseline_models={},
-                metadata={**self.metadata, "estimator": name},
-                interval=None,
-                effort_baseline=None,
-            )
+            name: replace(bare, model=model, metadata={**self.metadata, "estimator": name})
             for name, model in self.baseline_models.items()
         }
 
     def correct(self, recording: Recording) -> Array:
-        """Correct the measured positions of a recording.
+        """Correct the measured positions of a recording: `joints` (n, n_joints) [rad or m].
 
-        Parameters
-        ----------
-        recording : Recording
-            Of the same robot and arm; needs the columns `signals`, no truth.
-
-        Returns
-        -------
-        ndarray, shape (n, n_joints)
-            Position of each of `joints` [rad or m].
-
-        Raises
-        ------
-        CalibrationError
-            If robot, arm, columns, units or (where features count samples) the rate differ.
+        It needs the columns `signals`, no truth. Raises CalibrationError if robot, arm, columns,
+        units or (where features count samples) the rate differ.
         """
         self._check(recording)
         X = self.feature_set.compute(recording, self.gap_limit)
@@ -144,15 +133,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         return recording.columns("measured", self.joints) + predicted
 
     def correct_table(self, recording: Recording, level: float = 0.9) -> pd.DataFrame:
-        """Correct a recording into a labelled table; raises as `correct`.
+        """Correct a recording into a table; raises as `correct`.
 
-        Columns ``t`` [s] and ``corrected/<joint>`` [rad or m], and where the calibration has an
-        interval ``half_width/<joint>`` at that `level`.
-
-        Examples
-        --------
-        >>> list(model.correct_table(test).columns)
-        ['t', 'corrected/jaw', 'half_width/jaw']
+        Columns ``t`` [s] and ``corrected/<joint>``, and with an interval ``half_width/<joint>`` at
+        that `level` [rad or m].
         """
         columns = {"t": recording.t}
         values = {"corrected": self.correct(recording)}
@@ -164,30 +148,15 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def predict_error(self, recording: Recording) -> Array:
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
-        corrected = self.correct(recording)
-        return corrected - recording.columns("measured", self.joints)
+        return self.correct(recording) - recording.columns("measured", self.joints)
 
     def correct_with_interval(
         self, recording: Recording, level: float = 0.9
     ) -> tuple[Array, Array, Array]:
-        """Correct a recording, and state where the joint really is.
+        """Give `correct` and the bounds between which a joint is with a probability of `level`.
 
-        Parameters
-        ----------
-        recording : Recording
-            As for `correct`.
-        level : float
-            Probability to state; see `Interval` for its exact meaning.
-
-        Returns
-        -------
-        corrected, lower, upper : ndarray, shape (n, n_joints)
-            [rad or m]; wider where a feature is outside its trained range.
-
-        Raises
-        ------
-        CalibrationError
-            As `correct`, or if the calibration has no interval of that level.
+        Each (n, n_joints) [rad or m]; see `Interval` for the meaning. Raises CalibrationError as
+        `correct`, or if the calibration has no interval of that level.
         """
         corrected = self.correct(recording)
         half = self.half_widths(recording, level)
@@ -196,10 +165,8 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     def half_widths(self, recording: Recording, level: float = 0.9) -> Array:
         """Half-width (n, n_joints) [rad or m] of the interval at every row of a recording.
 
-        Raises
-        ------
-        CalibrationError
-            If the calibration has no interval, or not of that level.
+        Wider where a feature is outside its trained range. Raises CalibrationError if the
+        calibration has no interval, or not of that level.
         """
         interval = self.required_interval()
         widening = 1.0 + interval.growth * self.range_excess(recording)
@@ -229,25 +196,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
         """Correct one sample; the same bits as `correct` gives for the whole recording.
 
-        Parameters
-        ----------
-        state : OnlineState
-            Changed in place.
-        t : float
-            Time stamp [s], later than the last.
-        sample : array_like, shape (n_signals,)
-            Values of `signals`, in their order and units.
-
-        Returns
-        -------
-        ndarray, shape (n_joints,)
-            Position of each of `joints` [rad or m].
-
-        Raises
-        ------
-        CalibrationError
-            If the sample has another length or is not finite, or time does not advance; the state
-            is then as before.
+        `sample` (n_signals,) holds the values of `signals` at time `t` [s], later than the last;
+        `state` is changed in place. Gives the position of each of `joints` (n_joints,) [rad or m].
+        Raises CalibrationError if the sample has another length or is not finite, or time does not
+        advance; the state is then as before.
         """
         values = np.ascontiguousarray(sample, dtype=np.float64)
         if values.shape != (len(self.signals),):
@@ -271,10 +223,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     def with_metadata(self, **items: Any) -> Self:
         """Add JSON values, such as ``held_out``, to the metadata of a copy.
 
-        Raises
-        ------
-        CalibrationError
-            If a value is not JSON.
+        Raises CalibrationError if a value is not JSON.
         """
         try:
             plain = json.loads(json.dumps(items, allow_nan=False))
@@ -287,25 +236,11 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def _check(self, recording: Recording) -> None:
         as_recording(recording)
-        source = recording.provenance.source or "recording"
-        robot = recording.robot
-        if (robot.name, robot.arm) != (self.robot, self.arm):
-            raise CalibrationError(
-                f"{source} is of {robot.title}, the calibration of {self.title}; calibrate each "
-                "arm on its own recordings"
-            )
-        missing = [s for s in self.signals if s not in recording.table.columns]
-        if missing:
-            raise CalibrationError(
-                f"{source} lacks {', '.join(missing)}, which the calibration needs; it has "
-                f"{', '.join(recording.units)}"
-            )
+        arm = self.robot, self.arm
+        check_arm(recording, arm, f"the calibration of {self.title}")
+        check_columns(recording, self.signals, "calibration needs")
         for signal in self.signals:
-            if recording.units[signal] != self.units[signal]:
-                raise CalibrationError(
-                    f"{source}: {signal!r} is in {recording.units[signal]}, the calibration was "
-                    f"made with {self.units[signal]}; convert it where the file is read"
-                )
+            check_unit(recording, signal, self.units[signal], "the calibration was made with")
         if self.feature_set.counts_samples or self.model.family.counts_samples:
             check_sample_dt(recording, float(self.metadata["sample_dt"]))
 
@@ -353,7 +288,8 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     try:
         data = decode(description, arrays)
         counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
-        if counts and not _has_dt(data.metadata):
+        dt = data.metadata.get("sample_dt")
+        if counts and not (isinstance(dt, float) and 0.0 < dt < 1e9):
             raise ModelFileError("the model counts samples, and the time step is not stated")
         models = {"model": data.model, **data.baseline_models}
         shape = (len(data.feature_set), len(data.joints))
@@ -369,8 +305,3 @@ def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> 
         return class_of(data.family).from_data(data, n_features, n_outputs)
     except CalibrationError as error:
         raise ModelFileError(f"estimator {name!r}: {error}") from None
-
-
-def _has_dt(metadata: Mapping[str, Any]) -> bool:
-    dt = metadata.get("sample_dt")
-    return isinstance(dt, float) and 0.0 < dt < 1e9

@@ -1,23 +1,18 @@
-"""Intervals for calibrated positions, made of whole trajectories."""
+"""Intervals for calibrated positions, made of whole trajectories, and whether they hold."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array
-from truejoint.calibration.effort_fitting import residual_statistics
-from truejoint.calibration.interval import (
-    GROWTH,
-    LEVELS,
-    Interval,
-    needed_trajectories,
-)
+from truejoint.calibration.effort_baseline import residual_statistics
+from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -94,16 +89,16 @@ def with_interval(
             "a homing of its own if it is to hold after any homing"
         )
     scores = [_scores(calibration, recording, rezero, growth) for recording in recordings]
+    joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
     widths = [
-        np.array([_thresholds([[scores[i][k] for i in unit] for unit in units], level)
-                  for level in possible])
-        for k in range(3)
-    ]  # fmt: skip
+        [[conformal_threshold(own, level) for own in zip(*kind, strict=True)] for level in possible]
+        for kind in zip(*joined, strict=True)
+    ]
     interval = Interval(
         levels=np.array(possible),
-        half_widths=widths[0],
-        offset_half_widths=widths[1],
-        raw_half_widths=widths[2],
+        half_widths=np.array(widths[0]),
+        offset_half_widths=np.array(widths[1]),
+        raw_half_widths=np.array(widths[2]),
         growth=float(growth),
         rezero=float(rezero),
         trajectories=len(units),
@@ -117,13 +112,145 @@ def with_interval(
     return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
 
 
+@dataclass(frozen=True, eq=False)
+class Coverage:
+    """How often the truth lay within the stated interval, on trajectories of their own.
+
+    Attributes
+    ----------
+    level : float
+        What was stated.
+    shares : ndarray, shape (n_trajectories, n_joints)
+        Share of the samples of each trajectory that were inside.
+    half_width, offset_half_width : ndarray, shape (n_joints,)
+        Mean over samples, widening included, and that of the fixed offset's interval [rad or m].
+
+    Examples
+    --------
+    >>> measure_coverage(model, [test]).shares.shape
+    (1, 1)
+    """
+
+    level: float
+    shares: Array
+    half_width: Array
+    offset_half_width: Array
+
+    @property
+    def mean(self) -> Array:
+        """Coverage (n_joints,): mean over trajectories."""
+        return np.asarray(self.shares.mean(axis=0))
+
+    @property
+    def standard_error(self) -> Array:
+        """Sampling error (n_joints,) of `mean` over trajectories; NaN for a single one."""
+        n = len(self.shares)
+        if n < 2:
+            return np.full(self.shares.shape[1], np.nan)
+        return np.asarray(self.shares.std(axis=0, ddof=1) / math.sqrt(n))
+
+
+def measure_coverage(
+    calibration: Calibration, recordings: Sequence[Recording], level: float = 0.9
+) -> Coverage:
+    """Coverage of the stated interval on recordings that no part of it has seen.
+
+    Where the interval holds after re-zeroing, each recording is re-zeroed as it says.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no such interval, or a recording has no truth.
+
+    Examples
+    --------
+    >>> measure_coverage(model, [test], level=0.9).level
+    0.9
+    """
+    interval = calibration.required_interval()
+    row = interval.index(level)
+    shares, widths = [], []
+    for recording in recordings:
+        error, rows = scored_error(calibration, recording, interval.rezero)
+        allowed = calibration.half_widths(recording, level)[rows]
+        shares.append((np.abs(error) <= allowed).mean(axis=0))
+        widths.append(allowed.mean(axis=0))
+    return Coverage(
+        level, np.array(shares), np.mean(widths, axis=0), interval.offset_half_widths[row]
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class CrossCheck:
+    """Whether two independent calibrations disagree more than their intervals allow.
+
+    Attributes
+    ----------
+    level : float
+    difference : ndarray, shape (n_joints,)
+        RMS of the difference of the two corrected positions [rad or m].
+    allowed : ndarray, shape (n_joints,)
+        RMS over rows of ``sqrt(a**2 + b**2)`` of the two half-widths [rad or m].
+    inside : ndarray, shape (n_joints,)
+        Share of the rows in which the difference is no larger than that.
+
+    Examples
+    --------
+    >>> cross_check(model, model, test).difference.tolist()
+    [0.0]
+    """
+
+    level: float
+    difference: Array
+    allowed: Array
+    inside: Array
+
+    @property
+    def consistent(self) -> NDArray[np.bool_]:
+        """Joints (n_joints,) for which at least the stated share is inside."""
+        return np.asarray(self.inside >= self.level)
+
+
+def cross_check(
+    first: Calibration, second: Calibration, recording: Recording, level: float = 0.9
+) -> CrossCheck:
+    """Compare two calibrations of one arm, made independently, on a recording without truth.
+
+    Errors that are independent add in squares, and so do intervals. Two calibrations that differ
+    by more than both state cannot both be right; two that agree may share an error.
+
+    Raises
+    ------
+    CalibrationError
+        If they correct different joints, either states no such interval, or the recording does
+        not fit.
+
+    Examples
+    --------
+    >>> cross_check(model, model, test).consistent.tolist()
+    [True]
+    """
+    if first.joints != second.joints:
+        raise CalibrationError(
+            f"the calibrations correct {', '.join(first.joints)} and {', '.join(second.joints)}; "
+            "compare two of the same joints"
+        )
+    difference = first.correct(recording) - second.correct(recording)
+    allowed = np.hypot(first.half_widths(recording, level), second.half_widths(recording, level))
+    return CrossCheck(
+        level,
+        np.sqrt(np.mean(difference**2, axis=0)),
+        np.sqrt(np.mean(allowed**2, axis=0)),
+        np.mean(np.abs(difference) <= allowed, axis=0),
+    )
+
+
 def exchangeable_units(
     recordings: Sequence[Recording], *, per_homing: bool = True
 ) -> list[list[int]]:
     """Group the indices of recordings that count as one trajectory: see `with_interval`.
 
-    With `per_homing`, recordings after one homing belong together where there are several homings:
-    positions after one homing share its offset, so they are not independent.
+    With `per_homing`, those after one homing, as they share its offset, where there are several.
     """
     names = [recording.provenance.homing_id for recording in recordings]
     if not per_homing or len(set(names) - {""}) < 2:
@@ -137,11 +264,9 @@ def exchangeable_units(
 def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     """Score that a sample of one more trajectory stays below with probability `level` or more.
 
-    Each of n trajectories has the weight 1/(n + 1), spread evenly over its scores; what is left
-    stands at infinity for the trajectory to come.
-
-    `scores` holds those (n_i,) of each trajectory; raises CalibrationError if these are fewer than
-    `needed_trajectories`.
+    Each of the n trajectories has the weight 1/(n + 1), spread evenly over its `scores` (n_i,);
+    what is left stands at infinity for the one to come. Raises CalibrationError if they are too
+    few.
     """
     if len(scores) < needed_trajectories(level):
         raise CalibrationError(
@@ -160,31 +285,21 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
 def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray[np.bool_]]:
     """Offset (n_joints,) that re-zeroes a recording, and the rows (n,) that it was taken from.
 
-    The median of the `error` (n, n_joints), truth minus corrected [rad or m], at the first
-    `duration` [s] of the stamps `t` (n,) of rows with truth: a few wrong readings do not move it.
+    The median of the `error` (n, n_joints) in the first `duration` [s] of the stamps `t` (n,): a
+    few wrong readings do not move it.
     """
     used = t - t[0] < duration
     return np.median(error[used], axis=0), used
 
 
-def trained_on(metadata: Mapping[str, Any], recording: Recording) -> bool:
-    """Whether rows of a recording were in the training that the metadata describe (`among`)."""
-    return among(metadata.get("sessions", ()), recording)
-
-
-def made_interval_of(metadata: Mapping[str, Any], recording: Recording) -> bool:
-    """Whether the interval of a calibration was made of rows of a recording (`among`)."""
-    return among(metadata.get("interval_sessions", ()), recording)
-
-
-def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
-    """Whether a recording is one of those that metadata list.
+def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "sessions") -> bool:
+    """Whether rows of a recording were in the training, or in what metadata list under `key`.
 
     Two recordings are the same when their hashes are equal or, where neither has one, source,
     session, homing and start. Parts of one count as the same when their times overlap.
     """
     own = recording.provenance.to_dict()
-    for session in sessions:
+    for session in metadata.get(key, ()):
         if own["sha256"] or session["sha256"]:
             same = own["sha256"] == session["sha256"]
         else:
@@ -198,10 +313,9 @@ def among(sessions: Sequence[Mapping[str, Any]], recording: Recording) -> bool:
 def known_error(
     calibration: Calibration, recording: Recording
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Stamps (m,), errors (m, n_joints) and places (n,) of the rows that have truth.
+    """Stamps (m,), truth minus corrected (m, n_joints), and places (n,) of the rows with truth.
 
-    Errors are truth minus corrected position [rad or m]. Raises CalibrationError if the recording
-    does not fit, or no row has the truth of all joints.
+    Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
     """
     without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
     if without:
@@ -219,26 +333,15 @@ def known_error(
     return recording.t[known], error[known], known
 
 
-def _scores(
-    calibration: Calibration, recording: Recording, rezero: float, growth: float
-) -> tuple[Array, Array, Array]:
-    """Scores (m, n_joints) of the model, the fixed offset and the measured position."""
+def _scores(calibration: Calibration, recording: Recording, rezero: float, growth: float) -> Array:
+    """Scores (3, n_joints, m) of the model, the fixed offset and the measured position."""
     if "offset" not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
     error, rows = scored_error(calibration, recording, rezero)
     offset_error, _ = scored_error(calibration.baselines["offset"], recording, rezero)
     widening = 1.0 + growth * calibration.range_excess(recording)[rows]
     raw_error = recording.error(calibration.joints)[rows]
-    return np.abs(error) / widening[:, None], np.abs(offset_error), np.abs(raw_error)
-
-
-def _thresholds(units: Sequence[Sequence[Array]], level: float) -> list[float]:
-    """Threshold of each joint, of the scores (m, n_joints) of each recording of each unit."""
-    joined = [np.concatenate(unit) for unit in units]
-    return [
-        conformal_threshold([scores[:, joint] for scores in joined], level)
-        for joint in range(joined[0].shape[1])
-    ]
+    return np.abs([error.T / widening, offset_error.T, raw_error.T])
 
 
 def scored_error(
@@ -270,6 +373,35 @@ def session_of(recording: Recording) -> dict[str, Any]:
         "first": float(recording.t[0]),
         "last": float(recording.t[-1]),
     }
+
+
+def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> None:
+    """Raise CalibrationError, naming them, when columns are missing that something needs."""
+    missing = [column for column in columns if column not in recording.table.columns]
+    if missing:
+        raise CalibrationError(
+            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose}; it has "
+            f"{', '.join(recording.units)}"
+        )
+
+
+def check_unit(recording: Recording, column: str, unit: str, where: str) -> None:
+    """Raise CalibrationError unless a column is in the unit that it has elsewhere."""
+    if recording.units[column] != unit:
+        raise CalibrationError(
+            f"{source_of(recording)}: {column!r} is in {recording.units[column]}, {where} {unit}; "
+            "convert it where the file is read"
+        )
+
+
+def check_arm(recording: Recording, arm: tuple[str, str], other: str) -> None:
+    """Raise CalibrationError unless a recording is of the robot and arm that another is of."""
+    robot = recording.robot
+    if (robot.name, robot.arm) != arm:
+        raise CalibrationError(
+            f"{source_of(recording)} is of {robot.title}, {other}; calibrate each arm on its own "
+            "recordings"
+        )
 
 
 def source_of(recording: Recording) -> str:

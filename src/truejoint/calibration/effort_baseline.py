@@ -1,41 +1,38 @@
 """How an arm behaves while its calibration holds: efforts on the way, and errors over time.
 
-A calibration goes stale when cables, friction or the load on the tool change. Efforts show it with
-no sensor at the joints: the part that does not change sign with the direction of motion carries
-gravity and load, the part that does is friction.
+Efforts show with no sensor at the joints that cables, friction or load changed: the part that keeps
+its sign when the motion turns carries gravity and load, the part that does not is friction.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.arrays import decode_arrays
+from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 
-STEPS_PER_RANGE: Final = 200
-"""A joint's effort is looked at whenever it has moved by this part of its trained range."""
-SETTLE_STEPS: Final = 4
-"""Steps after a reversal until friction has built up."""
-RANGE_MARGIN: Final = 0.1
-"""Efforts are compared up to this share of a joint's range outside it."""
-RANGES_EACH_WAY: Final = 5.0
-"""Travel in either direction, in ranges of a joint, that its baseline takes at least."""
+if TYPE_CHECKING:
+    from truejoint.calibration.calibration import Calibration
+    from truejoint.recordings import Recording
+
+STEPS_PER_RANGE: Final = 200  # of a joint's trained range, at which its effort is looked at
+SETTLE_STEPS: Final = 4  # steps after a reversal until friction has built up
+RANGE_MARGIN: Final = 0.1  # efforts are compared up to this share of a joint's range outside it
+RANGES_EACH_WAY: Final = 5.0  # that a joint travels at least for a baseline
 STEPS_PER_TERM: Final = 20
-MAX_JOINTS: Final = 12
-"""With more joints than this no baseline is made: its terms grow with the square."""
+MAX_JOINTS: Final = 12  # of a baseline, whose terms grow with the square
 SMALLEST_SHIFT: Final = 1.3
 SMALLEST_FRICTION_SHIFT: Final = 3.0
 HELD_OUT_MARGIN: Final = 2.0
 """Limits are at least the two above, in standard deviations of single efforts (most of which is
 ripple that averages out), and this many times what a held-out training recording shows."""
-WINDOW_FILLED: Final = 0.6
-"""Share of the averaging window that must have been travelled each way before judging."""
+WINDOW_FILLED: Final = 0.6  # share of the averaging window to be travelled each way before judging
 
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
 N_TRAVEL: Final = 5
@@ -68,11 +65,10 @@ def count_effort_terms(n_joints: int) -> int:
 
 @compiled
 def effort_terms(position: Array, speed: float, lower: Array, upper: Array, out: Array) -> None:
-    """Terms that a joint's effort is linear in.
+    """Terms (n_terms,), into `out`, that a joint's effort is linear in.
 
     Gravity as a quadratic in all positions, Coulomb friction that varies with them, and viscous
-    friction of the joint's own `speed` [ranges/s, not 0]. `position`, `lower` and `upper`
-    (n_joints,) [rad or m], `out` (n_terms,).
+    friction of the joint's own `speed` [ranges/s, not 0]; others (n_joints,) [rad or m].
     """
     n = position.shape[0]
     direction = 1.0 if speed > 0.0 else -1.0
@@ -94,13 +90,13 @@ def effort_terms(position: Array, speed: float, lower: Array, upper: Array, out:
 def travelled(
     j: int, t: float, position: Array, lower: Array, upper: Array, travel: Array
 ) -> float:
-    """Speed of joint `j` when it has moved one more step the same way, in range; 0 otherwise.
+    """Speed [ranges/s] of joint `j` once it has moved one more step the same way, in range; else 0.
 
-    Counting travel and not time makes it the same at 30 Hz and at 1 kHz, and blind to standstill,
-    where static friction may hold any effort. The speed is in ranges per second, signed; `t` [s],
-    `position`, `lower` and `upper` (n_joints,) [rad or m]. `travel` (5, n_joints) is changed in
-    place: position and time of the last step, its direction, travel since the reversal, travel of
-    the last step (in ranges); NaN in the first row to start with.
+    Counting travel and not time makes it the same at any rate, and blind to standstill, where
+    static friction may hold any effort. `travel` (5, n_joints) is changed in place: position and
+    time of the last step, its direction, travel since the reversal, travel of the last step (in
+    ranges); NaN in the first row to start with. `position`, `lower` and `upper` (n_joints,) [rad or
+    m].
     """
     if not np.isfinite(travel[ANCHOR, j]):
         travel[ANCHOR, j] = position[j]
@@ -181,6 +177,65 @@ def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float,
     return shift, friction
 
 
+def fit_effort_baseline(
+    calibration: Calibration, recordings: Sequence[Recording]
+) -> EffortBaseline | None:
+    """Learn efforts and errors from recordings, with truth, in which the calibration holds.
+
+    None when there are more than 12 joints or one of them never moves. A joint is `monitored` when
+    its effort is a signal of the calibration and it travels at least five of its ranges each way.
+    """
+    joints = calibration.joints
+    positions = [recording.columns("measured", joints) for recording in recordings]
+    together = np.concatenate(positions)
+    lower, upper = together.min(axis=0), together.max(axis=0)
+    if len(joints) > MAX_JOINTS or not (upper > lower).all():
+        return None
+    known = [f"effort/{joint}" in calibration.signals for joint in joints]
+    steps = [_steps(recording, joints, known, lower, upper) for recording in _pieces(recordings)]
+    n_terms = count_effort_terms(len(joints))
+    coef, scale = np.zeros((len(joints), n_terms)), np.ones(len(joints))
+    shift, friction, monitored = np.zeros((3, len(joints)))
+    for j in range(len(joints)):
+        own = [rows[rows[:, 0] == j] for rows in steps]
+        if not known[j] or not _enough(np.concatenate(own), n_terms):
+            continue
+        coef[j], scale[j] = _fit_effort(np.concatenate(own))
+        shift[j], friction[j] = _held_out_shifts(own)
+        monitored[j] = 1.0
+    residual, correlation = residual_statistics(calibration, recordings)
+    return EffortBaseline(
+        lower=lower,
+        upper=upper,
+        monitored=monitored,
+        coef=coef,
+        scale=scale,
+        shift_limit=np.maximum(SMALLEST_SHIFT, HELD_OUT_MARGIN * shift),
+        friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, HELD_OUT_MARGIN * friction),
+        residual=residual,
+        correlation=correlation,
+    )
+
+
+def residual_statistics(
+    calibration: Calibration, recordings: Sequence[Recording]
+) -> tuple[Array, Array]:
+    """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
+
+    About each recording's mean; in that time the autocorrelation falls to 1/e.
+    """
+    errors = []
+    for recording in recordings:
+        error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
+        known = np.isfinite(error).all(axis=1)
+        if known.sum() >= 2:
+            errors.append((recording.t[known], error[known] - error[known].mean(axis=0)))
+    sizes = np.sqrt(np.mean(np.concatenate([error for _, error in errors]) ** 2, axis=0))
+    times = [[_correlation_time(t, error[:, j]) for j in range(len(sizes))] for t, error in errors]
+    smallest = np.finfo(float).tiny
+    return np.maximum(sizes, smallest), np.maximum(np.median(times, axis=0), 1e-3)
+
+
 def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> EffortBaseline:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
     shapes = {field.name: (n_joints,) for field in fields(EffortBaseline)}
@@ -194,3 +249,75 @@ def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> Effort
     ):
         raise ModelFileError("the effort baseline holds values that no recording gives")
     return baseline
+
+
+def _pieces(recordings: Sequence[Recording]) -> list[Recording]:
+    """Split into what can be held out in turn: a single recording is cut in three by time."""
+    if len(recordings) > 1:
+        return list(recordings)
+    parts = np.array_split(np.arange(len(recordings[0])), 3)
+    if len(parts[0]) < 2:
+        return list(recordings)
+    return [recordings[0].rows(part.astype(np.int64)) for part in parts]
+
+
+def _steps(
+    recording: Recording, joints: Sequence[str], known: Sequence[bool], lower: Array, upper: Array
+) -> Array:
+    """Lay out a recording as `effort_steps` does; effort 0 where there is none."""
+    n_joints = len(joints)
+    position = np.ascontiguousarray(recording.columns("measured", joints))
+    effort = np.zeros_like(position)
+    for j, joint in enumerate(joints):
+        if known[j]:
+            effort[:, j] = recording.column(f"effort/{joint}")
+    # A step is at least 1/200 of a range, so that travel bounds their number.
+    travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (upper - lower)
+    most = min(position.size, int(travel.sum() * STEPS_PER_RANGE) + n_joints)
+    rows = np.empty((most + 1, 4 + count_effort_terms(n_joints)))
+    count = effort_steps(np.array(recording.t), position, effort, lower, upper, rows)
+    return rows[:count]
+
+
+def _enough(rows: Array, n_terms: int) -> bool:
+    """Whether steps of one joint pin its baseline down in both directions."""
+    needed = max(RANGES_EACH_WAY * STEPS_PER_RANGE, STEPS_PER_TERM * n_terms)
+    each_way = (np.sum(rows[:, 3] * (rows[:, 2] > 0.0)), np.sum(rows[:, 3] * (rows[:, 2] < 0.0)))
+    return bool(min(each_way) >= RANGES_EACH_WAY and len(rows) >= needed and rows[:, 1].std() > 0.0)
+
+
+def _fit_effort(rows: Array) -> tuple[Array, float]:
+    """Coefficients (n_terms,) of one joint's effort and the standard deviation about them."""
+    terms, effort = rows[:, 4:], rows[:, 1]
+    coef = np.asarray(np.linalg.lstsq(terms, effort, rcond=None)[0], dtype=np.float64)
+    deviation = float(np.std(effort - terms @ coef))
+    return coef, max(deviation, 1e-9 * float(np.abs(effort).max()))
+
+
+def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
+    """Largest shifts that recordings show against the baseline of the others, in its scale."""
+    shift, friction = 0.0, 0.0
+    for i, own in enumerate(pieces):
+        others = [rows for k, rows in enumerate(pieces) if k != i and len(rows)]
+        if not others or not len(own):
+            continue
+        rest = np.concatenate(others)
+        if len(rest) < STEPS_PER_TERM * (rest.shape[1] - 4):
+            continue
+        coef, scale = _fit_effort(rest)
+        deviation = (own[:, 1] - own[:, 4:] @ coef) / scale
+        seen = largest_shifts(deviation, own[:, 2].copy(), own[:, 3].copy())
+        shift, friction = max(shift, seen[0]), max(friction, seen[1])
+    return shift, friction
+
+
+def _correlation_time(t: Array, error: Array) -> float:
+    """Time [s] after which the autocorrelation of errors (n,) first falls below 1/e."""
+    dt = float(np.median(np.diff(t)))
+    n = len(error)
+    spectrum = np.fft.rfft(error, 2 * n)
+    covariance = np.fft.irfft(spectrum * spectrum.conj())[:n]
+    if not covariance[0] > 0.0:
+        return dt
+    below = np.flatnonzero(covariance < covariance[0] / np.e)
+    return dt * float(below[0] if below.size else n)

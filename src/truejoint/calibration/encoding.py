@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.arrays import encode_arrays
 from truejoint.calibration.effort_baseline import EffortBaseline, decode_effort_baseline
 from truejoint.calibration.interval import Interval, decode_interval
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
 from truejoint.errors import CalibrationError, ModelFileError, RobotError
 from truejoint.models.family import EstimatorData, Target, is_number
@@ -45,53 +45,23 @@ class CalibrationData(Generic[Model]):
 
     The estimators are `JointRegressor` objects in a `Calibration` and plain `EstimatorData` as
     `decode` gives them.
-
-    Attributes
-    ----------
-    robot, arm : str
-        The arm that it was made for.
-    joints : tuple of str
-        Joints that it corrects.
-    feature_set : FeatureSet
-        Inputs of the model, in order.
-    target : {"error", "position"}
-        What the model predicts: truth minus measured (peng2024, II-J), or the position itself.
-    units : mapping of str to str
-        SI unit of each column that a recording must have.
-    gap_limit : float
-        Time without a sample [s] after which the history of the features starts anew.
-    lower, upper : ndarray, shape (k,)
-        Range of each feature in the training rows.
-    model : JointRegressor or EstimatorData
-        Fitted to `joints` in their order.
-    baseline_models : mapping of str to JointRegressor or EstimatorData
-        Fitted to the error on the same rows.
-    metadata : mapping
-        Where it comes from, as JSON values.
-    training_domain : TrainingDomain, optional
-        What the training rows looked like, for the checks of a control loop.
-    interval : Interval, optional
-        How far off a corrected position may be; None until trajectories that the fit has not
-        seen were given for it.
-    effort_baseline : EffortBaseline, optional
-        How the arm behaves while the calibration holds, for the monitors.
     """
 
     robot: str
     arm: str
-    joints: tuple[str, ...]
-    feature_set: FeatureSet
-    target: Target
-    units: Mapping[str, str]
-    gap_limit: float
-    lower: Array
+    joints: tuple[str, ...]  # that it corrects
+    feature_set: FeatureSet  # inputs of the model, in order
+    target: Target  # of the model: truth minus measured (peng2024, II-J), or the position itself
+    units: Mapping[str, str]  # SI unit of each column that a recording must have
+    gap_limit: float  # time without a sample [s] after which the history of features starts anew
+    lower: Array  # (k,), range of each feature in the training rows
     upper: Array
-    model: Model
-    baseline_models: Mapping[str, Model]
-    metadata: Mapping[str, Any]
-    training_domain: TrainingDomain | None = None
-    interval: Interval | None = None
-    effort_baseline: EffortBaseline | None = None
+    model: Model  # fitted to `joints` in their order
+    baseline_models: Mapping[str, Model]  # fitted to the error on the same rows
+    metadata: Mapping[str, Any]  # where it comes from, as JSON values
+    training_domain: TrainingDomain | None = None  # for the checks of a control loop
+    interval: Interval | None = None  # None until trajectories that the fit has not seen were given
+    effort_baseline: EffortBaseline | None = None  # for the monitors
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
@@ -130,54 +100,50 @@ def decode(
 ) -> CalibrationData[EstimatorData]:
     """Inverse of `encode`, but for the estimators, which stay plain data.
 
-    Raises
-    ------
-    ModelFileError
-        If any part is not as it must be. Parameters and arrays of the estimators are not looked
-        into: that is up to `Family.check`, or to `JointRegressor.from_data`.
+    Raises ModelFileError if any part is not as it must be. Parameters and arrays of the estimators
+    are not looked into: that is up to `Family.check`, or to `JointRegressor.from_data`.
     """
-    if description.get("kind") != _KIND:
-        raise ModelFileError(f"kind {description.get('kind')!r:.60} is not a calibration")
-    if set(description) != _KEYS:
-        odd = sorted(set(description) ^ _KEYS)
-        raise ModelFileError(f"the model description lacks or adds {', '.join(odd)[:200]}")
+    kind, odd = description.get("kind"), sorted(set(description) ^ _KEYS)
+    _require(kind == _KIND, f"kind {kind!r:.60} is not a calibration")
+    _require(not odd, f"the model description lacks or adds {', '.join(odd)[:200]}")
     joints = _names(description["joints"], "joints")
     try:
         feature_set = FeatureSet.parse(_strings(description["features"], "features"))
     except CalibrationError as error:
         raise ModelFileError(str(error)) from None
+    baselines = description["baselines"]
+    own = isinstance(baselines, dict) and not {"model", *_EXTRAS} & set(baselines)
+    _require(own, "the baselines are not estimators by name")
+    for name in baselines:
+        _name(name, "a baseline")
     models = {
         name: _decode_estimator(entry, name, _within(arrays, name))
-        for name, entry in _estimators(description).items()
+        for name, entry in {"model": description["model"], **baselines}.items()
     }
-    known = {*models, *_EXTRAS}
-    left_over = {name for name in arrays if name.partition("/")[0] not in known}
-    if left_over:
-        raise ModelFileError(f"arrays {sorted(left_over)[:5]} belong to no estimator")
+    left_over = sorted(n for n in arrays if n.partition("/")[0] not in {*models, *_EXTRAS})
+    _require(not left_over, f"arrays {left_over[:5]} belong to no estimator")
     lower, upper = _ranges(description["ranges"], feature_set)
-    if description["target"] not in get_args(Target):
-        raise ModelFileError(f"target {description['target']!r:.60} is not 'error' or 'position'")
-    if not is_number(description["gap_limit"], 1e-9, 1e9):
-        raise ModelFileError(f"gap limit {description['gap_limit']!r:.60} is not a time in seconds")
-    if not isinstance(description["metadata"], dict):
-        raise ModelFileError("the metadata is not a JSON object")
+    target, gap, metadata = (description[key] for key in ("target", "gap_limit", "metadata"))
+    _require(target in get_args(Target), f"target {target!r:.60} is not 'error' or 'position'")
+    _require(is_number(gap, 1e-9, 1e9), f"gap limit {gap!r:.60} is not a time in seconds")
+    _require(isinstance(metadata, dict), "the metadata is not a JSON object")
     robot = _robot(description["robot"])
     data = CalibrationData[EstimatorData](
         robot=robot.name,
         arm=robot.arm,
         joints=joints,
         feature_set=feature_set,
-        target=description["target"],
+        target=target,
         units=_units(description["units"]),
-        gap_limit=float(description["gap_limit"]),
+        gap_limit=float(gap),
         lower=lower,
         upper=upper,
         model=models.pop("model"),
         baseline_models=models,
-        metadata=description["metadata"],
+        metadata=metadata,
     )
-    if set(data.units) != set(data.signals):
-        raise ModelFileError("the units are not those of the columns that the model needs")
+    needed = set(data.units) == set(data.signals)
+    _require(needed, "the units are not those of the columns that the model needs")
     n_joints, shape = len(joints), (len(data.signals), len(feature_set), len(joints))
     decoders: dict[str, Callable[[Mapping[str, Array]], Any]] = {
         "training_domain": lambda found: decode_training_domain(found, *shape),
@@ -189,10 +155,8 @@ def decode(
 
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
-    return {
-        "family": model.family.name,
-        "params": {name: _plain(value) for name, value in model.model_params().items()},
-    }
+    params = {name: _plain(value) for name, value in model.model_params().items()}
+    return {"family": model.family.name, "params": params}
 
 
 def _plain(value: Any) -> Any:
@@ -204,22 +168,17 @@ def _plain(value: Any) -> Any:
     return value.item() if isinstance(value, np.generic) else value
 
 
-def _estimators(description: Mapping[str, Any]) -> dict[str, Any]:
-    baselines = description["baselines"]
-    known = {"model", *_EXTRAS}
-    if not isinstance(baselines, dict) or known & set(baselines):
-        raise ModelFileError("the baselines are not estimators by name")
-    for name in baselines:
-        _name(name, "a baseline")
-    return {"model": description["model"], **baselines}
+def _require(good: bool, message: str) -> None:
+    if not good:
+        raise ModelFileError(message)
 
 
-def _decode_estimator(entry: object, name: str, arrays: Mapping[str, Array]) -> EstimatorData:
-    if not isinstance(entry, dict) or set(entry) != {"family", "params"}:
-        raise ModelFileError(f"estimator {name!r} is not described by family and params")
+def _decode_estimator(entry: Any, name: str, arrays: Mapping[str, Array]) -> EstimatorData:
+    described = isinstance(entry, dict) and set(entry) == {"family", "params"}
+    _require(described, f"estimator {name!r} is not described by family and params")
     family, params = entry["family"], entry["params"]
-    if not isinstance(family, str) or not isinstance(params, dict):
-        raise ModelFileError(f"estimator {name!r} is of family {family!r:.60}, not a known one")
+    known = isinstance(family, str) and isinstance(params, dict)
+    _require(known, f"estimator {name!r} is of family {family!r:.60}, not a known one")
     params = {key: tuple(v) if isinstance(v, list) else v for key, v in params.items()}
     return EstimatorData(family, params, arrays)
 
@@ -230,31 +189,30 @@ def _within(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:
     return {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
 
 
-def _ranges(value: object, feature_set: FeatureSet) -> tuple[Array, Array]:
-    if not isinstance(value, dict) or set(value) != set(feature_set.names):
-        raise ModelFileError("the training ranges are not those of the features")
+def _ranges(value: Any, feature_set: FeatureSet) -> tuple[Array, Array]:
+    named = isinstance(value, dict) and set(value) == set(feature_set.names)
+    _require(named, "the training ranges are not those of the features")
     pairs = [value[name] for name in feature_set.names]
     for name, pair in zip(feature_set.names, pairs, strict=True):
         good = isinstance(pair, list) and len(pair) == 2
-        if not good or not all(is_number(v, -1e300, 1e300) for v in pair) or pair[0] > pair[1]:
-            raise ModelFileError(f"the training range of {name!r} is {pair!r:.60}, not [low, high]")
-    bounds = np.array(pairs, dtype=float)
-    return bounds[:, 0].copy(), bounds[:, 1].copy()
+        good = good and all(is_number(v, -1e300, 1e300) for v in pair) and pair[0] <= pair[1]
+        _require(good, f"the training range of {name!r} is {pair!r:.60}, not [low, high]")
+    lower, upper = np.array(pairs, dtype=float).T.copy()
+    return lower, upper
 
 
-def _units(value: object) -> dict[str, str]:
-    if not isinstance(value, dict) or not all(
+def _units(value: Any) -> dict[str, str]:
+    good = isinstance(value, dict) and all(
         isinstance(unit, str) and 1 <= len(unit) <= 40 and unit.isprintable()
         for unit in value.values()
-    ):
-        raise ModelFileError("the units are not texts by column name")
-    return value
+    )
+    _require(good, "the units are not texts by column name")
+    return dict(value)
 
 
-def _robot(value: object) -> Robot:
+def _robot(value: Any) -> Robot:
     """Robot that the file describes, known by its name from now on."""
-    if not isinstance(value, dict):
-        raise ModelFileError("the robot is not described")
+    _require(isinstance(value, dict), "the robot is not described")
     try:
         adopt_robot(value, "the model file")
         return Robot.from_dict(value, "the model file")  # as described: nothing is compiled for it
@@ -262,20 +220,20 @@ def _robot(value: object) -> Robot:
         raise ModelFileError(str(error)) from None
 
 
-def _strings(value: object, what: str) -> list[str]:
-    if not isinstance(value, list) or not all(isinstance(item, str) for item in value):
-        raise ModelFileError(f"{what} is not a list of texts")
-    return value
+def _strings(value: Any, what: str) -> list[str]:
+    good = isinstance(value, list) and all(isinstance(item, str) for item in value)
+    _require(good, f"{what} is not a list of texts")
+    return list(value)
 
 
-def _name(value: object, what: str) -> str:
-    if not isinstance(value, str) or not _NAME.fullmatch(value):
-        raise ModelFileError(f"{what} is {value!r:.60}, not a name")
-    return value
+def _name(value: Any, what: str) -> str:
+    good = isinstance(value, str) and _NAME.fullmatch(value) is not None
+    _require(good, f"{what} is {value!r:.60}, not a name")
+    return str(value)
 
 
-def _names(value: object, what: str) -> tuple[str, ...]:
+def _names(value: Any, what: str) -> tuple[str, ...]:
     names = tuple(_name(item, what) for item in _strings(value, what))
-    if not 1 <= len(names) <= MAX_JOINTS or len(set(names)) != len(names) or "" in names:
-        raise ModelFileError(f"{what} are not 1 to {MAX_JOINTS} different names")
+    good = 1 <= len(names) <= MAX_JOINTS and len(set(names)) == len(names) and "" not in names
+    _require(good, f"{what} are not 1 to {MAX_JOINTS} different names")
     return names

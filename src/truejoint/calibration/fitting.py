@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -15,16 +15,21 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.base import clone
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.conformal import session_of, source_of
-from truejoint.calibration.effort_fitting import fit_effort_baseline
+from truejoint.calibration.conformal import (
+    check_arm,
+    check_columns,
+    check_unit,
+    session_of,
+    source_of,
+)
+from truejoint.calibration.effort_baseline import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
-from truejoint.estimators.lookup import get_estimator
 from truejoint.estimators.registry import BASELINES, DEFAULT
-from truejoint.estimators.wrapped import Regressor, joint_regressor
+from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
     FeatureSet,
@@ -38,8 +43,7 @@ from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
-LONGEST_WITHOUT_TRUTH: Final = 1 / 3
-"""Share of a recording's time that may pass without truth before it is refused."""
+LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond which it is refused
 
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 
@@ -82,10 +86,6 @@ def calibrate(
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 
-    Returns
-    -------
-    Calibration
-
     Raises
     ------
     CalibrationError
@@ -103,29 +103,40 @@ def calibrate(
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
     model.check_recordings(recordings)
-    own_features = _own_features(model, features)
     chosen = _chosen_joints(robot, recordings, joints)
-    feature_set = _chosen_features(robot, recordings, own_features)
+    feature_set = _chosen_features(model, robot, recordings, features)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
             check_sample_dt(recording, dt)
     units = _common_units(recordings, feature_set, chosen)
     stride = _stride(fit_rate, dt)
-    rows = _gather(recordings, feature_set, chosen, gap_limit, stride)
-    unused = _unused_features(rows.X, feature_set, robot)
-    _check_count(rows, model, len(feature_set) - len(unused))
+    parts = [_part(recording, feature_set, chosen, gap_limit, stride) for recording in recordings]
+    X, error, truth = (
+        np.concatenate([getattr(part, name)[part.fitted] for part in parts])
+        for name in ("features", "error", "truth")
+    )
+    unused = _unused_features(X, feature_set, robot)
+    n_features = len(feature_set) - len(unused)
+    needed = model.minimum_rows(n_features)
+    if len(X) < needed:
+        raise CalibrationError(
+            f"{len(X)} rows with truth; {model.name} with {n_features} features needs {needed}: "
+            "record for longer, or choose fewer features or a simpler estimator"
+        )
     report = progress or (lambda _fraction: None)
 
     def model_report(fraction: float) -> None:
         report((1.0 - _BASELINE_SHARE) * fraction)
 
     if model.family.remembers:
-        targets, times = _sequence(recordings, chosen, target, gap_limit, stride)
-        model.fit(np.concatenate(rows.features), targets, model_report, times)
+        inputs = np.concatenate([part.features for part in parts])
+        times = [time_steps(np.array(recording.t), gap_limit) for recording in recordings]
+        targets = np.concatenate([part.targets(target, stride) for part in parts])
+        model.fit(inputs, targets, model_report, np.concatenate(times))
     else:
-        model.fit(rows.X, rows.error if target == "error" else rows.truth, model_report)
-    baselines, notes = _fit_baselines(rows, len(feature_set) - len(unused))
+        model.fit(X, error if target == "error" else truth, model_report)
+    baselines, notes = _fit_baselines(X, error, n_features)
     report(1.0)
     fitted = Calibration(
         robot=robot.name,
@@ -135,15 +146,14 @@ def calibrate(
         target=target,
         units=units,
         gap_limit=gap_limit,
-        lower=rows.X.min(axis=0),
-        upper=rows.X.max(axis=0),
+        lower=X.min(axis=0),
+        upper=X.max(axis=0),
         model=model,
         baseline_models=baselines,
-        training_domain=fit_training_domain(
-            recordings, tuple(units), gap_limit, rows.X, rows.error
-        ),
+        training_domain=fit_training_domain(recordings, tuple(units), gap_limit, X, error),
         metadata={
-            **_origin(recordings, rows),
+            **_origin(parts),
+            "sample_dt": dt,
             "estimator": model.name,
             "settings": " ".join(repr(model).split()),
             "unused_features": unused,
@@ -154,16 +164,21 @@ def calibrate(
 
 
 @dataclass(frozen=True, eq=False)
-class _Rows:
-    """Rows fitted to, of those of all recordings in which every joint's truth is known."""
+class _Part:
+    """What one recording gives to fit to."""
 
-    features: tuple[Array, ...]  # of every row, recording by recording
-    X: Array
-    error: Array
-    truth: Array
-    counts: tuple[int, ...]
-    without_truth: tuple[int, ...]
-    data_sha256: str
+    recording: Recording
+    features: Array  # (n, k)
+    truth: Array  # (n, n_joints) [rad or m], not known in every row
+    error: Array  # (n, n_joints), truth minus measured
+    known: NDArray[np.bool_]  # (n,), where the truth of every joint is
+    fitted: Integers  # (m,), rows fitted to of those
+
+    def targets(self, target: Target, stride: int) -> Array:
+        """Targets of every row (n, n_joints), NaN where they are not fitted to."""
+        targets = np.array(self.error if target == "error" else self.truth)
+        targets[~self.known | (np.arange(len(targets)) % stride != 0)] = np.nan
+        return targets
 
 
 def _common_robot(recordings: Sequence[Recording]) -> Robot:
@@ -171,12 +186,8 @@ def _common_robot(recordings: Sequence[Recording]) -> Robot:
         raise CalibrationError("no recordings to calibrate on; give at least one")
     robot = recordings[0].robot
     for recording in recordings:
-        other = recording.robot
-        if (other.name, other.arm) != (robot.name, robot.arm):
-            raise CalibrationError(
-                f"{source_of(recording)} is of {other.title}, {source_of(recordings[0])} of "
-                f"{robot.title}; calibrate each arm on its own recordings"
-            )
+        other = f"{source_of(recordings[0])} of {robot.title}"
+        check_arm(recording, (robot.name, robot.arm), other)
     return robot
 
 
@@ -197,39 +208,6 @@ def _unfitted(
         model.set_params(**dict.fromkeys(seeds, random_state))
     model.check_params()
     return model
-
-
-def _own_features(
-    model: JointRegressor, features: FeatureSet | Iterable[str] | None
-) -> FeatureSet | None:
-    """Features asked for, which must be as many as the model takes; its own by default."""
-    params = model.model_params()
-    if features is None:
-        own = model.family.inputs
-        return FeatureSet.parse(own(params)) if own else None
-    if not isinstance(features, FeatureSet):
-        features = FeatureSet.parse([features] if isinstance(features, str) else features)
-    model.family.check_size(params, len(features))
-    return features
-
-
-def _sequence(
-    recordings: Sequence[Recording],
-    joints: tuple[str, ...],
-    target: Target,
-    gap_limit: float,
-    stride: int,
-) -> tuple[Array, Array]:
-    """Targets and time steps of every row; targets only where they are fitted to."""
-    targets, dt = [], []
-    for recording in recordings:
-        truth = np.array(recording.columns("truth", joints))
-        truth[~np.isfinite(truth).all(axis=1)] = np.nan
-        truth[np.arange(len(truth)) % stride != 0] = np.nan
-        measured = recording.columns("measured", joints)
-        targets.append(truth - measured if target == "error" else truth)
-        dt.append(time_steps(np.array(recording.t), gap_limit))
-    return np.concatenate(targets), np.concatenate(dt)
 
 
 def _chosen_joints(
@@ -262,17 +240,24 @@ def _chosen_joints(
 
 
 def _chosen_features(
-    robot: Robot, recordings: Sequence[Recording], features: FeatureSet | None
+    model: JointRegressor,
+    robot: Robot,
+    recordings: Sequence[Recording],
+    features: FeatureSet | Iterable[str] | None,
 ) -> FeatureSet:
-    feature_set = default_features(robot, recordings[0]) if features is None else features
+    """Features asked for, which must be as many as the model takes; its own by default."""
+    params, own = model.model_params(), model.family.inputs
+    if features is None:
+        chosen = FeatureSet.parse(own(params)) if own else default_features(robot, recordings[0])
+    elif isinstance(features, FeatureSet):
+        chosen = features
+    else:
+        chosen = FeatureSet.parse([features] if isinstance(features, str) else features)
+    if features is not None:
+        model.family.check_size(params, len(chosen))
     for recording in recordings:
-        missing = [s for s in feature_set.signals if s not in recording.table.columns]
-        if missing:
-            raise CalibrationError(
-                f"{source_of(recording)} lacks {', '.join(missing)}, which the features need; it "
-                f"has {', '.join(recording.units)}"
-            )
-    return feature_set
+        check_columns(recording, chosen.signals, "features need")
+    return chosen
 
 
 def _common_units(
@@ -284,54 +269,25 @@ def _common_units(
     units = {column: first.units[column] for column in columns}
     for recording in recordings:
         for column, unit in units.items():
-            if recording.units[column] != unit:
-                raise CalibrationError(
-                    f"{source_of(recording)}: {column!r} is in {recording.units[column]}, in "
-                    f"{source_of(first)} in {unit}; convert it where the file is read"
-                )
+            check_unit(recording, column, unit, f"in {source_of(first)} in")
         for joint in joints:
-            truth, measured = recording.units[f"truth/{joint}"], units[f"measured/{joint}"]
-            if truth != measured:
-                raise CalibrationError(
-                    f"{source_of(recording)}: 'truth/{joint}' is in {truth}, 'measured/{joint}' in "
-                    f"{measured}; convert it where the file is read"
-                )
+            measured = f"measured/{joint}"
+            check_unit(recording, f"truth/{joint}", units[measured], f"{measured!r} in")
     return units
 
 
-def _gather(
-    recordings: Sequence[Recording],
+def _part(
+    recording: Recording,
     feature_set: FeatureSet,
     joints: tuple[str, ...],
     gap_limit: float,
     stride: int,
-) -> _Rows:
-    digest = hashlib.sha256()
-    features, inputs, errors, truths, counts, without = [], [], [], [], [], []
-    for recording in recordings:
-        truth = recording.columns("truth", joints)
-        known = np.asarray(np.isfinite(truth).all(axis=1))
-        _check_truth(recording, known, joints)
-        X = feature_set.compute(recording, gap_limit)
-        error = recording.error(joints)
-        for array in (recording.t, X, truth, error):
-            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-        fitted = np.flatnonzero(known)[::stride]
-        features.append(X)
-        inputs.append(X[fitted])
-        truths.append(truth[fitted])
-        errors.append(error[fitted])
-        counts.append(len(fitted))
-        without.append(int((~known).sum()))
-    return _Rows(
-        tuple(features),
-        np.concatenate(inputs),
-        np.concatenate(errors),
-        np.concatenate(truths),
-        tuple(counts),
-        tuple(without),
-        digest.hexdigest(),
-    )
+) -> _Part:
+    truth = recording.columns("truth", joints)
+    known = np.asarray(np.isfinite(truth).all(axis=1))
+    _check_truth(recording, known, joints)
+    features, error = feature_set.compute(recording, gap_limit), recording.error(joints)
+    return _Part(recording, features, truth, error, known, np.flatnonzero(known)[::stride])
 
 
 def _stride(fit_rate: float | None, dt: float) -> int:
@@ -376,17 +332,8 @@ def _unused_features(X: Array, feature_set: FeatureSet, robot: Robot) -> list[st
     return [str(f) for f in unused]
 
 
-def _check_count(rows: _Rows, model: JointRegressor, n_features: int) -> None:
-    needed = model.minimum_rows(n_features)
-    if len(rows.X) < needed:
-        raise CalibrationError(
-            f"{len(rows.X)} rows with truth; {model.name} with {n_features} features needs "
-            f"{needed}: record for longer, or choose fewer features or a simpler estimator"
-        )
-
-
 def _fit_baselines(
-    rows: _Rows, n_features: int
+    X: Array, error: Array, n_features: int
 ) -> tuple[dict[str, JointRegressor], dict[str, str]]:
     """Baselines fitted to the error, and what is to be known about one that is weak or absent."""
     fitted: dict[str, JointRegressor] = {}
@@ -394,33 +341,35 @@ def _fit_baselines(
     for name in BASELINES:
         model = get_estimator(name)
         try:
-            fitted[name] = model.fit(rows.X, rows.error)
-        except CalibrationError as error:
-            notes[name] = f"left out: {error}"
+            fitted[name] = model.fit(X, error)
+        except CalibrationError as reason:
+            notes[name] = f"left out: {reason}"
             continue
         needed = model.minimum_rows(n_features)
-        if len(rows.X) < needed:
-            notes[name] = f"fitted to {len(rows.X)} rows, though it needs {needed}"
+        if len(X) < needed:
+            notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
     return fitted, notes
 
 
-def _origin(recordings: Sequence[Recording], rows: _Rows) -> dict[str, Any]:
+def _origin(parts: Sequence[_Part]) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
-    sessions: list[Mapping[str, Any]] = []
-    for recording, count, without in zip(recordings, rows.counts, rows.without_truth, strict=True):
-        counts = {"rows": count, "rows_without_truth": without, "duration": recording.duration}
-        sessions.append(session_of(recording) | counts)
+    digest = hashlib.sha256()
+    sessions: list[dict[str, Any]] = []
+    for part in parts:
+        for array in (part.recording.t, part.features, part.truth, part.error):
+            digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
+        counts = {"rows": len(part.fitted), "rows_without_truth": int((~part.known).sum())}
+        duration = {"duration": part.recording.duration}
+        sessions.append(session_of(part.recording) | counts | duration)
+    totals = ("rows", "rows_without_truth", "duration")
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "python": platform.python_version(),
             **{name: version(name) for name in ("truejoint", "numpy", "scikit-learn")},
         },
-        "rows": len(rows.X),
-        "rows_without_truth": sum(rows.without_truth),
-        "duration": float(sum(recording.duration for recording in recordings)),
-        "sample_dt": sample_dt(recordings),
+        **{name: sum(session[name] for session in sessions) for name in totals},
         "sessions": sessions,
-        "homing_ids": sorted({r.provenance.homing_id for r in recordings} - {""}),
-        "data_sha256": rows.data_sha256,
+        "homing_ids": sorted({part.recording.provenance.homing_id for part in parts} - {""}),
+        "data_sha256": digest.hexdigest(),
     }

@@ -10,13 +10,12 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.arrays import decode_arrays
+from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
 
 LEVELS: Final = (0.8, 0.9, 0.95)
-GROWTH: Final = 2.0
-"""Growth of the interval outside the trained range: see `Interval.growth`."""
+GROWTH: Final = 2.0  # growth of the interval outside the trained range: see `Interval.growth`
 MAX_LEVELS: Final = 16
 
 
@@ -44,10 +43,8 @@ class Interval:
     rezero : float
         Time of truth [s] that every trajectory began with and that its offset was re-zeroed from;
         0 when none was: then positions count as homing left them.
-    trajectories : int
-        How many exchangeable units there were.
-    homings : int
-        How many homings they span; 0 when not known.
+    trajectories, homings : int
+        How many exchangeable units there were, and homings that they span; 0 when not known.
 
     Examples
     --------
@@ -67,10 +64,7 @@ class Interval:
     def half_width(self, level: float = 0.9) -> Array:
         """Half-width (n_joints,) [rad or m] at one level, within the trained range.
 
-        Raises
-        ------
-        CalibrationError
-            If the interval does not state that level; the message says what it would take.
+        Raises CalibrationError if the interval does not state it, saying what it would take.
         """
         return np.asarray(self.half_widths[self.index(level)])
 

@@ -11,8 +11,9 @@ import json
 import math
 import os
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final, NoReturn
+from typing import Any, Final, NoReturn, TypeVar
 
 import numpy as np
 import safetensors.numpy
@@ -20,6 +21,8 @@ import safetensors.numpy
 from truejoint.array_types import Array
 from truejoint.errors import ModelFileError
 from truejoint.files import write_atomically
+
+Value = TypeVar("Value")
 
 FORMAT_VERSION: Final = 2
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
@@ -51,11 +54,10 @@ def write_model_file(
     *,
     overwrite: bool = False,
 ) -> None:
-    """Write a model file, whole or not at all.
+    """Write JSON values and float64 arrays of one or two dimensions, whole or not at all.
 
-    The description holds JSON values, the arrays are float64 of one or two dimensions. Raises
-    ModelFileError if the file exists, is named like another format, cannot be written, or would
-    break a bound that reading enforces.
+    Raises ModelFileError if the file exists, is named like another format, cannot be written, or
+    would break a bound that reading enforces.
     """
     path = check_name(path)
     data = to_bytes(description, arrays)
@@ -112,7 +114,14 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
             f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
         )
     description = _parse(metadata[_KEY].encode("utf-8", "replace"), "model description")
-    _check_version(description.pop("format", None))
+    version = description.pop("format", None)
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise ModelFileError(
+            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
+            "truejoint reads; update truejoint"
+        )
+    if version is True or version != FORMAT_VERSION:
+        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
     arrays = _read_arrays(header, memoryview(data)[8 + length :])
     digest = description.pop("sha256", None)
     try:
@@ -124,14 +133,32 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     return description, arrays
 
 
-def _check_version(version: object) -> None:
-    if isinstance(version, int) and version > FORMAT_VERSION:
-        raise ModelFileError(
-            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
-            "truejoint reads; update truejoint"
-        )
-    if version is True or version != FORMAT_VERSION:
-        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
+def encode_arrays(value: Any) -> dict[str, Array]:
+    """Fields of a dataclass by name, numbers as arrays of one element."""
+    return {
+        field.name: np.atleast_1d(np.asarray(getattr(value, field.name), dtype=np.float64))
+        for field in fields(value)
+    }
+
+
+def decode_arrays(
+    kind: type[Value], what: str, arrays: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]]
+) -> Value:
+    """Inverse of `encode_arrays`; a field that `shapes` does not name is a number.
+
+    Raises ModelFileError, of `what`, when names or shapes are not these, or a number is not finite.
+    """
+    types = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
+    if {name: a.shape for name, a in arrays.items()} != {n: shapes.get(n, (1,)) for n in types}:
+        raise ModelFileError(f"the arrays of the {what} are not those of the model")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise ModelFileError(f"the {what} is not finite")
+    values: dict[str, Any] = dict(arrays)
+    for name, of in types.items():
+        if of in ("float", "int"):
+            number = float(arrays[name][0])
+            values[name] = number if of == "float" else int(min(number, 1e9))
+    return kind(**values)
 
 
 def _read_arrays(header: Mapping[str, Any], data: memoryview) -> dict[str, Array]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.arrays import decode_arrays
+from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 
@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
 
-SMALLEST_VARIANCE: Final = 1e-4
-"""Directions in which the standardised features vary less than this count as varying so much."""
+SMALLEST_VARIANCE: Final = 1e-4  # of standardised features in any direction; less counts as this
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +49,10 @@ def fit_training_domain(
     features: Array,
     error: Array,
 ) -> TrainingDomain:
-    """Training domain of recordings.
+    """Training domain of recordings: of the columns `signals`, and of the rows with truth.
 
-    `signals` are the columns that the calibration needs, `gap_limit` [s] is the time without a row
-    across which no change is looked at, `features` (n, k) and `error` (n, n_joints) [rad or m],
-    truth minus measured, are those of the rows with truth.
+    Those have the features (n, k) and the `error` (n, n_joints) [rad or m], truth minus measured;
+    no change is looked at across `gap_limit` [s] without a row.
     """
     tables = [
         np.ascontiguousarray(np.column_stack([r.column(signal) for signal in signals]))
@@ -86,8 +84,7 @@ def fit_training_domain(
 def partners(signals: Sequence[str]) -> Integers:
     """Index (n_signals,) of the next signal of the same channel, round and round; -1 if alone.
 
-    Position and effort of one joint are partners: neither stands still for long while the other
-    moves far.
+    Position and effort of a joint are partners: neither rests for long while the other moves far.
     """
     channels = [signal.partition("/")[2] for signal in signals]
     partner = np.full(len(signals), -1, dtype=np.int64)
@@ -101,14 +98,9 @@ def decode_training_domain(
     arrays: Mapping[str, Array], n_signals: int, n_features: int, n_joints: int
 ) -> TrainingDomain:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
-    shapes = {
-        **dict.fromkeys(
-            ("signal_lower", "signal_upper", "signal_step", "signal_travel"), (n_signals,)
-        ),
-        "feature_mean": (n_features,),
-        "whitening": (n_features, n_features),
-        **dict.fromkeys(("error_lower", "error_upper"), (n_joints,)),
-    }
+    shapes = {"feature_mean": (n_features,), "whitening": (n_features, n_features)}
+    for part, n in (("signal", n_signals), ("error", n_joints)):
+        shapes |= {f.name: (n,) for f in fields(TrainingDomain) if f.name.startswith(part)}
     domain = decode_arrays(TrainingDomain, "training domain", arrays, shapes)
     sizes = ("signal_step", "signal_travel", "hold", "distance")
     if (
@@ -161,10 +153,9 @@ def watch_changes(
 def _whitening(features: Array) -> tuple[Array, Array]:
     """Mean (k,) and whitening matrix (k, k) of the rows of `features` (n, k)."""
     mean = features.mean(axis=0)
-    inverse = np.zeros(len(mean))
     low, high = features.min(axis=0), features.max(axis=0)
     used = high - low > 1e-9 * np.maximum(np.abs(low), np.abs(high))
-    inverse[used] = 1.0 / features.std(axis=0)[used]
+    inverse = np.divide(1.0, features.std(axis=0), out=np.zeros(len(mean)), where=used)
     scaled = (features - mean) * inverse
     variance, directions = np.linalg.eigh(scaled.T @ scaled / len(scaled))
     weight = 1.0 / np.sqrt(np.maximum(variance, SMALLEST_VARIANCE))

@@ -65,12 +65,9 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
     chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
     apart = np.abs(np.subtract.outer(t[chosen], t[chosen]))
     sd = np.full(len(calibration.joints), math.nan)
-    if calibration.effort_baseline is not None:
-        sizes = zip(
-            calibration.effort_baseline.residual,
-            calibration.effort_baseline.correlation,
-            strict=True,
-        )
+    baseline = calibration.effort_baseline
+    if baseline is not None:
+        sizes = zip(baseline.residual, baseline.correlation, strict=True)
         sd = np.array([size * math.sqrt(np.exp(-apart / time).mean()) for size, time in sizes])
     return Zero(zero_offset(t, error, math.inf)[0], sd, len(t), float(t[-1] - t[0]))
 
@@ -79,8 +76,7 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
     """Give the calibration whose offset is that of the truth in a recording.
 
     The baselines are re-zeroed likewise, each by its own errors, and the range of plausible
-    corrections moves along. The metadata say so under
-    ``rezeroed``, and ``homing_ids`` becomes the homing of the recording.
+    corrections moves along. The metadata say so under ``rezeroed``, and of the new homing.
 
     Parameters
     ----------
@@ -112,19 +108,12 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
         "rows": zero.rows,
         "duration": zero.duration,
     }
-    training_domain = calibration.training_domain
-    if training_domain is not None:
-        training_domain = replace(
-            training_domain,
-            error_lower=training_domain.error_lower + zero.offset,
-            error_upper=training_domain.error_upper + zero.offset,
-        )
-    moved = replace(
-        calibration,
-        model=calibration.model.shifted(zero.offset),
-        baseline_models=models,
-        training_domain=training_domain,
-    )
+    domain = calibration.training_domain
+    if domain is not None:
+        bounds = {n: getattr(domain, n) + zero.offset for n in ("error_lower", "error_upper")}
+        domain = replace(domain, **bounds)
+    model = calibration.model.shifted(zero.offset)
+    moved = replace(calibration, model=model, baseline_models=models, training_domain=domain)
     if origin.homing_id:
         moved = moved.with_metadata(homing_ids=[origin.homing_id])
     return moved.with_metadata(rezeroed=facts)

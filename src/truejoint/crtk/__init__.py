@@ -2,10 +2,9 @@
 
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend, simulated_arm
-from truejoint.crtk.messages import JointState, OperatingState
 from truejoint.crtk.planning import BLEND, TimeLaw, time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
-from truejoint.crtk.states import STATE_COMMANDS
+from truejoint.crtk.states import STATE_COMMANDS, JointState, OperatingState
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
 __all__ = [

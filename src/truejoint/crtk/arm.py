@@ -9,15 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk.limits import check_range, check_steps, shown
-from truejoint.crtk.messages import JointState, OperatingState
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
-from truejoint.crtk.states import check_ready, next_state
+from truejoint.crtk.states import JointState, OperatingState, check_ready, next_state
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import checked_rows, checked_vector
+from truejoint.robots.joint_rows import at_sample, checked_rows, checked_vector
+from truejoint.units import shown, shown_range
 
 # Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
 # (python_controller/raven_py_controller.py: positioning joints) and turns the tool
@@ -25,6 +24,8 @@ from truejoint.robots.joint_rows import checked_rows, checked_vector
 _MOVE_POSITIONING: Final = np.deg2rad(3.0)
 _MOVE_TOOL: Final = np.deg2rad(10.0)
 _MOVE_PRISMATIC: Final = 0.01
+# Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
+_ROUNDING: Final = 1e-9
 _BLOCK: Final = int(BLOCK_DURATION * SERVO_RATE)  # rows
 
 
@@ -136,14 +137,13 @@ class Arm:
         kinematics = self.robot.kinematics
         if kinematics is None:
             raise RobotError(f"measured_cp: the kinematics of {self.robot.title} are not known")
-        pose = kinematics.forward(self.measured_js().position)
-        return np.asarray(kinematics.crtk_from_base @ pose)
+        return kinematics.crtk_from_base @ kinematics.forward(self.measured_js().position)
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
 
-        Raises CommandRefused if the arm is not ready, or on NaN, wrong shape, a joint limit or too
-        large a step.
+        Raises CommandRefused if not ready, or on NaN, wrong shape, a joint limit or too large a
+        step.
         """
         target = checked_vector(self.robot, position, "servo_jp")
         self._stream(target[None], "servo_jp")
@@ -163,22 +163,12 @@ class Arm:
         self._stream(rows, "servo_jp_stream")
 
     def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> None:
-        """Go to `goal` along a straight line in joint space; blocks until there.
+        """Go to `goal` (n_joints,) [rad or m] along a straight line; blocks until there.
 
-        Speed and acceleration are bounded, all joints arrive together (`planning.TimeLaw`).
-
-        Parameters
-        ----------
-        goal : array_like, shape (n_joints,)
-            [rad or m].
-        speed : array_like, shape (n_joints,), optional
-            Speed caps [rad/s or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s
-            for a prismatic one and 10 deg/s for the others.
-
-        Raises
-        ------
-        CommandRefused
-            As `servo_jp`, or if a speed is not positive or above the joint's top speed.
+        All joints arrive together (`planning.TimeLaw`), none faster than `speed` (n_joints,) [rad/s
+        or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s for a prismatic one and 10
+        deg/s for the others. Raises CommandRefused as `servo_jp`, or if a speed is not positive or
+        above the joint's top speed.
         """
         target = checked_vector(self.robot, goal, "move_jp")
         caps = self._move_speed(speed)
@@ -193,10 +183,9 @@ class Arm:
             self._moving = False
 
     def wait(self, duration: float) -> None:
-        """Let `duration` [s] pass.
+        """Let `duration` [s] pass; enabled and homed, the arm holds its set-point and reports.
 
-        An arm that is enabled and homed servoes on its set-point and reports; otherwise it
-        stands on its brakes and reports nothing.
+        Otherwise it stands on its brakes and reports nothing.
         """
         if not (np.isfinite(duration) and duration >= 0.0):
             raise CommandRefused(f"wait refused: {duration} s; give a duration of 0 s or more")
@@ -265,3 +254,34 @@ class Arm:
                 f"and at most {shown(joint.max_speed, unit)}"
             )
         return caps
+
+
+def check_range(robot: Robot, rows: Array, command: str) -> None:
+    """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range."""
+    outside = (rows < robot.lower - _ROUNDING) | (rows > robot.upper + _ROUNDING)
+    if outside.any():
+        row, column = np.argwhere(outside)[0]
+        joint = robot.joints[column]
+        raise CommandRefused(
+            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
+            f"{at_sample(row, rows)} is outside its range "
+            f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
+        )
+
+
+def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
+    """Raise CommandRefused if a joint would step faster than its top speed.
+
+    `rows` (n, n_joints) follow each other at `SERVO_RATE`, the first `start` (n_joints,).
+    """
+    limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
+    step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
+    excess = step > limit + _ROUNDING
+    if excess.any():
+        row, column = np.argwhere(excess)[0]
+        joint = robot.joints[column]
+        taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
+        raise CommandRefused(
+            f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
+            f"more than {most}; send smaller steps or move_jp"
+        )

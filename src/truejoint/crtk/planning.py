@@ -15,8 +15,7 @@ from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
 
-_INSTANT: Final = 1e-9
-"""Shorter lines than this are no lines [s]: a picometre on the way."""
+_INSTANT: Final = 1e-9  # shorter lines than this are no lines [s]: a picometre on the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +39,8 @@ class TimeLaw:
 
     Examples
     --------
-    >>> law = time_law([[0.0], [1.0]], [0.5])
-    >>> law.duration
-    2.25
+    >>> time_law([[0.0], [1.0]], [0.5]).at([1.125])
+    array([[0.5]])
     """
 
     times: Array
@@ -105,8 +103,7 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
 
     Examples
     --------
-    >>> law = time_law([[0.0], [1.0]], [0.5])
-    >>> law.duration
+    >>> time_law([[0.0], [1.0]], [0.5]).duration
     2.25
     """
     corners = np.asarray(knots, dtype=float)

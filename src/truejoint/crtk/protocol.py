@@ -6,8 +6,7 @@ from collections.abc import Callable
 from typing import Final, Protocol
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import OperatingState
-from truejoint.crtk.states import StateCommand
+from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT

@@ -1,13 +1,14 @@
-"""CRTK's state machine: which command is allowed in which state, and where it leads."""
+"""What an arm reports of its state, and CRTK's state machine: what is allowed, where it leads."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, Literal, get_args
 
-from truejoint.crtk.messages import OperatingState, State
+from truejoint.array_types import Array
 from truejoint.errors import CommandRefused
 
+State = Literal["DISABLED", "ENABLED", "PAUSED", "FAULT"]
 StateCommand = Literal["enable", "disable", "pause", "resume", "home", "unhome"]
 STATE_COMMANDS: Final[tuple[StateCommand, ...]] = get_args(StateCommand)
 
@@ -27,6 +28,64 @@ _WAY_OUT: Final[dict[State, str]] = {
     "PAUSED": "send 'resume' first",
     "FAULT": "clear the fault on the robot, then send 'disable' and 'enable'",
 }
+
+
+@dataclass(frozen=True)
+class OperatingState:
+    """CRTK's operating state: api-operating-state.rst of collaborative-robotics/documentation.
+
+    Attributes
+    ----------
+    state : {"DISABLED", "ENABLED", "PAUSED", "FAULT"}
+    is_homed : bool
+        The motor encoders are registered to the joints: positions mean something.
+    is_busy : bool
+        A move or the homing is under way.
+    t : float
+        Time stamp on the robot's clock [s].
+
+    Examples
+    --------
+    >>> arm.operating_state().is_homed
+    True
+    """
+
+    state: State
+    is_homed: bool
+    is_busy: bool
+    t: float
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether the arm takes motion commands: enabled and homed."""
+        return self.state == "ENABLED" and self.is_homed
+
+
+@dataclass(frozen=True, eq=False)
+class JointState:
+    """Joint state at one instant, in the robot's joint order.
+
+    Attributes
+    ----------
+    t : float
+        Time stamp on the robot's clock [s].
+    name : tuple of str
+    position, velocity : ndarray, shape (n_joints,)
+        [rad or m], [rad/s or m/s].
+    effort : ndarray, shape (n_joints,)
+        Torque command at the motor capstan [Nm]; empty where the robot measures none.
+
+    Examples
+    --------
+    >>> arm.measured_js().name[:2]
+    ('shoulder', 'elbow')
+    """
+
+    t: float
+    name: tuple[str, ...]
+    position: Array
+    velocity: Array
+    effort: Array
 
 
 def next_state(now: OperatingState, command: str) -> OperatingState:

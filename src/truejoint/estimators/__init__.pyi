@@ -1,13 +1,10 @@
 from .base import JointRegressor as JointRegressor
-from .cable_least_squares import CableLeastSquares as CableLeastSquares
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
 from .friction_filter import FrictionSmoother as FrictionSmoother
-from .jaw_filter import JawFilter as JawFilter
 from .jaw_load import JawLoad as JawLoad
 from .jaw_load import Stiffness as Stiffness
 from .jaw_load import identify_stiffness as identify_stiffness
-from .lookup import get_estimator as get_estimator
 from .network import NeuralNetwork as NeuralNetwork
 from .play import GatedPlay as GatedPlay
 from .play import Play as Play
@@ -19,3 +16,6 @@ from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
+from .wrapped import get_estimator as get_estimator
+from .yan2020 import CableLeastSquares as CableLeastSquares
+from .yan2020 import JawFilter as JawFilter

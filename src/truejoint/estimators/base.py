@@ -57,8 +57,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     True
     """
 
-    family: ClassVar[Family]
-    """What runs it."""
+    family: ClassVar[Family]  # what runs it
     least_rows: ClassVar[int] = 10
     rows_per_feature: ClassVar[int] = 0
 
@@ -74,27 +73,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         progress: Progress | None = None,
         dt: ArrayLike | None = None,
     ) -> Self:
-        """Fit to rows.
+        """Fit to rows `X` (n, k) and targets `y` (n,) or (n, n_outputs).
 
-        Parameters
-        ----------
-        X : array_like, shape (n, k)
-        y : array_like, shape (n,) or (n, n_outputs)
-        progress : callable, optional
-            Called with the fraction done, 0 to 1.
-        dt : array_like, shape (n,), optional
-            Time since the row before [s], 0 where a history starts; rows 5 ms apart by default.
-
-        Returns
-        -------
-        self
-
-        Raises
-        ------
-        CalibrationError
-            If a parameter breaks its rule, or the rows cannot tell what is to be learnt.
-        ValueError
-            If a shape or a value is wrong.
+        `progress` is called with the fraction done, 0 to 1; rows are 5 ms apart where there is no
+        `dt`. Raises CalibrationError if a parameter breaks its rule, or the rows cannot tell what
+        is to be learnt, and ValueError if a shape or a value is wrong.
         """
         self.check_params()
         if self.family.remembers:
@@ -116,10 +99,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """Predict (n, n_outputs) for rows `X` (n, k), or (n,) if it was fitted to a 1-D target.
-
-        `dt` (n,) is as for `fit`.
-        """
+        """Predict (n, n_outputs) for rows `X` (n, k), or (n,) if it was fitted to a 1-D target."""
         check_is_fitted(self)
         if self.family.remembers:
             inputs = self._rows(X)
@@ -141,11 +121,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def step(self, state: RowState, dt: float, row: Array) -> Array:
         """Predict one finite row (k,), `dt` [s] after the one before; 0 starts a history.
 
-        `state` is from `start` and changed in place. The same bits as `evaluate` gives for all
-        rows.
+        `state`, of `start`, is changed in place; the same bits as `evaluate` gives for all rows.
         """
-        memory = state.memory
-        self.family.row(memory.numbers, memory.memory, dt, row, state.out, state.half_width)
+        numbers, memory = state.memory.numbers, state.memory.memory
+        self.family.row(numbers, memory, dt, row, state.out, state.half_width)
         return state.out.copy()
 
     def memory(self) -> Memory:
@@ -174,10 +153,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """
         cls.family.check(data, n_features, n_outputs)
         estimator = cls.from_params(data.params)
-        estimator.arrays_ = dict(data.arrays)
-        estimator.n_features_in_ = n_features
-        estimator.n_outputs_ = n_outputs
-        estimator.single_output_ = False
+        estimator.arrays_, estimator.single_output_ = dict(data.arrays), False
+        estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
         if cls.family.row is not None:
             estimator.memory()
         return estimator
@@ -218,11 +195,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""
-        if dt is None:
-            times = np.full(n, _REGULAR)
-            times[:1] = 0.0
-            return times
-        times = np.array(dt, dtype=np.float64)
+        times = np.full(n, _REGULAR) if dt is None else np.array(dt, dtype=np.float64)
         if times.shape != (n,) or not (np.isfinite(times) & (times >= 0.0)).all():
             raise CalibrationError(
                 f"{self.name}: time steps have shape {times.shape}; give {n} times since the row "
@@ -278,12 +251,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
 def standardisation(X: Array) -> tuple[Array, Array]:
     """Mean and inverse standard deviation (k,) of the columns of `X` (n, k), 0 for constants."""
-    mean = X.mean(axis=0)
     deviation = X.std(axis=0)
-    inverse = np.zeros_like(mean)
-    varies = ~constant_columns(X)
-    inverse[varies] = 1.0 / deviation[varies]
-    return mean, inverse
+    inverse = np.zeros_like(deviation)
+    np.divide(1.0, deviation, out=inverse, where=~constant_columns(X))
+    return X.mean(axis=0), inverse
 
 
 def scaling(X: Array, y: Array) -> Arrays:
@@ -301,6 +272,5 @@ def scaling(X: Array, y: Array) -> Arrays:
 def constant_columns(X: Array) -> Flags:
     """Which columns (k,) of `X` (n, k) are constant but for rounding (1e-9 of their value)."""
     low, high = X.min(axis=0), X.max(axis=0)
-    spread = high - low
-    varies = (spread > 1e-9 * np.maximum(np.abs(low), np.abs(high))) & (spread > 1e-150)
-    return np.asarray(~varies)
+    least = np.maximum(1e-9 * np.maximum(np.abs(low), np.abs(high)), 1e-150)
+    return np.asarray(~(high - low > least))

@@ -6,28 +6,36 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
+from truejoint.estimators import jaw
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
-from truejoint.estimators.elastic_joint_identification import (
-    SETTLED,
-    Motion,
-    identify,
-    mean_dt,
-    regress,
-    run,
-)
-from truejoint.estimators.jaw import MIN_ROWS, has_jump, reversals
+from truejoint.estimators.play import ridge
+from truejoint.filters import UnscentedFilter
 from truejoint.models import elastic_joint as model
-from truejoint.models.elastic_joint import DRIVER, NOISE, TORQUE, ElasticJoint, output_terms
+from truejoint.models.elastic_joint import (
+    DRIVER,
+    LOAD_TERMS,
+    NOISE,
+    TORQUE,
+    ElasticJoint,
+    output_terms,
+    terms,
+)
 from truejoint.models.family import Family
-from truejoint.models.filtered import histories
+from truejoint.models.filtered import histories, run_histories
+from truejoint.models.play import bank_columns
 
-LEAST_LOAD_SPREAD: Final = 0.1
-"""Least range of the loads calibrated with, in standard deviations of the driver's torque."""
+LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque
+SETTLED: Final = 0.5  # travel after which friction has forgotten how it began, in half ranges
 _FILTER_DT: Final = 0.02  # [s] between the rows that the fit filters
+_PENALTY: Final = 1e-7  # on standardised terms
+_WIDTHS: Final = (0.003, 1.0)  # of a friction element, least and largest, in half ranges
+_FIRST_WIDTHS: Final = (0.012, 0.5)  # where the search for widths starts
+_ROUNDS: Final = 8  # of loads and torque response in turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +78,7 @@ class ElasticJointFilter(JointRegressor):
     """
 
     family: ClassVar[Family] = model.FAMILY
-    least_rows: ClassVar[int] = MIN_ROWS
+    least_rows: ClassVar[int] = jaw.MIN_ROWS
     elements: int = 5
     load_drift: float = 0.05
     torque_noise: float = 7e-3
@@ -83,28 +91,21 @@ class ElasticJointFilter(JointRegressor):
             )
         known = self._known(y)
         self._check_motion(X, known, dt)
-        angle, torque = X[:, 0], X[:, 1]
-        low, high = float(angle.min()), float(angle.max())
-        scales = np.array([0.5 * (low + high), 0.5 * (high - low), torque.std(), mean_dt(dt)])
-        whole = _motion(X, scales, dt)
+        low, high = float(X[:, 0].min()), float(X[:, 0].max())
+        scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
         kept = _thinned(dt, known)
-        motion, targets = whole.pick(kept), y[kept]
+        motion, targets = _motion(X, scales, dt).pick(kept), y[kept]
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = known[kept][settled]
-        if with_truth.sum() < MIN_ROWS:
+        if with_truth.sum() < jaw.MIN_ROWS:
             raise CalibrationError(
                 f"{self.name}: {int(with_truth.sum())} rows with truth after a quarter of the "
-                f"driver's range was travelled; it needs {MIN_ROWS}: record longer motions"
+                f"driver's range was travelled; it needs {jaw.MIN_ROWS}: record longer motions"
             )
         progress(0.05)
-        joint = identify(
-            motion,
-            settled,
-            with_truth,
-            targets[settled[with_truth], 0],
-            elements=int(self.elements),
-            load_drift=float(self.load_drift),
-            noise_density=float(self.torque_noise) ** 2,
+        static = _Static(motion, settled, with_truth, targets[settled[with_truth], 0])
+        joint = static.identify(
+            int(self.elements), float(self.load_drift), float(self.torque_noise) ** 2
         )
         if joint.load_deviation < LEAST_LOAD_SPREAD:
             raise CalibrationError(
@@ -113,7 +114,7 @@ class ElasticJointFilter(JointRegressor):
                 " be told apart: add recordings under other loads"
             )
         progress(0.8)
-        states, spread = run(joint, motion)
+        states, spread = run(joint, motion, mean_dt(motion.dt))
         rows = np.flatnonzero(known[kept])
         columns = output_terms(motion.angle[rows], states[rows])
         outputs = np.array([regress(columns, target) for target in targets[rows].T])
@@ -133,27 +134,14 @@ class ElasticJointFilter(JointRegressor):
 
     def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
         for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
-            if not np.ptp(column[known]) > 0.0:
-                raise CalibrationError(
-                    f"{self.name}: {name} never changes; move the jaw over its range under load, "
-                    "and check that the sensor is connected"
-                )
+            jaw.check_changes(self.name, name, column[known], " under load")
         turns = 0
         for rows in histories(dt):
             part = X[rows, 0]
-            if len(part) < 2 or not np.ptp(part) > 0.0:
-                continue
-            if has_jump(part):
-                raise CalibrationError(
-                    f"{self.name}: {DRIVER} jumps between two rows further than it ever "
-                    "moves; check its sensor and cut the recording before the jump"
-                )
-            turns += reversals(part)
-        if turns < 2:
-            raise CalibrationError(
-                f"{self.name}: the driver reverses {turns} times in the training rows; friction "
-                "shows only where the motion turns: record a motion there and back, twice"
-            )
+            if len(part) > 1 and np.ptp(part) > 0.0:
+                jaw.check_jumps(self.name, DRIVER, part)
+                turns += jaw.reversals(part)
+        jaw.check_reversals(self.name, "driver", turns)
 
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
@@ -162,15 +150,10 @@ class ElasticJointFilter(JointRegressor):
 
         `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
         """
-        times = self.time_steps(dt, len(X))
         arrays = self.arrays_
-        motion = _motion(X, arrays["scales"], times)
-        states, spread = run(
-            ElasticJoint.from_arrays(arrays),
-            motion,
-            smoothed=smoothed,
-            dt=float(arrays["scales"][3]),
-        )
+        motion = _motion(X, arrays["scales"], self.time_steps(dt, len(X)))
+        joint, dt = ElasticJoint.from_arrays(arrays), float(arrays["scales"][3])
+        states, spread = run(joint, motion, dt, smoothed=smoothed)
         outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
         model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
         elements, scale = int(self.elements), float(arrays["scales"][2])
@@ -184,16 +167,167 @@ class ElasticJointFilter(JointRegressor):
 
 def _motion(X: Array, scales: Array, dt: Array) -> Motion:
     middle, half_range, torque, _dt = scales
-    return Motion(
-        np.ascontiguousarray((X[:, 0] - middle) / half_range),
-        np.ascontiguousarray(X[:, 1] / torque),
-        dt,
-    )
+    return Motion((X[:, 0] - middle) / half_range, X[:, 1] / torque, dt)
 
 
-def _thinned(dt: Array, known: Flags) -> NDArray[np.int64]:
+def _thinned(dt: Array, known: Flags) -> Integers:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
     stride = max(1, round(_FILTER_DT / mean_dt(dt)))
     fresh = dt == 0.0
     count = np.arange(len(dt)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
     return np.flatnonzero(known | (count % stride == 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Rows of one or more histories, in units of the calibration."""
+
+    angle: Array  # (n,), of the driver, as is the torque
+    torque: Array
+    dt: Array  # (n,), time since the row before [s], 0 where a history starts
+
+    @property
+    def history(self) -> Integers:
+        """Number of each row's history (n,), from 0."""
+        return np.asarray(np.cumsum(self.dt == 0.0) - 1, dtype=np.int64)
+
+    @property
+    def moved(self) -> Array:
+        """How far the driver went since the row before (n,), 0 where a history starts."""
+        return np.where(self.dt > 0.0, np.diff(self.angle, prepend=self.angle[:1]), 0.0)
+
+    @property
+    def travel(self) -> Array:
+        """Way that the driver went since its history started (n,)."""
+        way = np.cumsum(np.abs(self.moved))
+        return np.asarray(way - way[self.dt == 0.0][self.history])
+
+    def deflections(self, widths: Array) -> Array:
+        """Deflections (n, m) of friction elements that start in the middle of each history."""
+        out = np.empty((len(self.angle), len(widths)))
+        bank_columns(self.dt, self.angle, 1.0, widths, out)
+        return out
+
+    def pick(self, rows: Integers) -> Motion:
+        """Take some of the rows, in order and with the first of each history among them."""
+        clock = np.cumsum(self.dt)
+        dt = np.diff(clock[rows], prepend=clock[rows[:1]])
+        fresh = np.diff(self.history[rows], prepend=-1) > 0
+        return Motion(self.angle[rows], self.torque[rows], np.where(fresh, 0.0, dt))
+
+
+def regress(columns: Array, y: Array) -> Array:
+    """Ridge regression of `y` (n,) on standardised `columns` (n, k), the first constant."""
+    weights, constant = ridge(columns, y, _PENALTY)
+    weights[0] = constant
+    return weights
+
+
+def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:
+    """Torque response (p,) of which the load is a part as it is, and what it leaves over (n,)."""
+    free = [i for i in range(columns.shape[1]) if i not in LOAD_TERMS]
+    found = np.zeros(columns.shape[1])
+    found[free] = ridge(columns[:, free], torque - load, _PENALTY)[0]
+    found[LOAD_TERMS[1]] = 1.0
+    return found, torque - columns @ found
+
+
+class _Static:
+    """Rows (k,) of a motion to fit the static responses to, with one load for each history.
+
+    The torque's response needs no truth and is fitted to all `rows`, after friction has `SETTLED`;
+    the jaw's to those `known` (k,), where its angle is `jaw`. Loads and the torque's response are
+    found by turns, the elements' widths by variable projection on torque and jaw angle together.
+    """
+
+    def __init__(self, motion: Motion, rows: Integers, known: Flags, jaw: Array) -> None:
+        self.motion, self.rows, self.known, self.jaw = motion, rows, known, jaw
+        self.angle, self.torque = motion.angle[rows], motion.torque[rows]
+        _, self.history = np.unique(motion.history[rows], return_inverse=True)
+        self.count = np.bincount(self.history)
+        self.load = self._by_history(self.torque)
+
+    def columns(self, widths: Array) -> Array:
+        """Terms (n, p) of the responses."""
+        deflections = self.motion.deflections(widths)[self.rows]
+        return terms(self.angle, self.load[self.history], deflections)
+
+    def settle_loads(self, widths: Array) -> None:
+        """Find the load of each history, and the torque response, by turns."""
+        deflections = self.motion.deflections(widths)[self.rows]
+        for _ in range(_ROUNDS):
+            load = self.load[self.history]
+            columns = terms(self.angle, load, deflections)
+            self.load = self.load + self._by_history(regress_torque(columns, self.torque, load)[1])
+
+    def misfits(self, widths: Array) -> tuple[Array, Array]:
+        """Find what the best responses leave of torque (n,) and jaw angle (k,)."""
+        columns = self.columns(widths)
+        left = regress_torque(columns, self.torque, self.load[self.history])[1]
+        columns = columns[self.known]
+        return left, self.jaw - columns @ regress(columns, self.jaw)
+
+    def find_widths(self, elements: int) -> Array:
+        """Widths by variable projection: the responses are solved for at every trial."""
+        start = np.geomspace(*_FIRST_WIDTHS, elements)
+        self.settle_loads(start)
+        # As if both had independent errors of their own size: their likelihoods then add up.
+        scales = [max(float(e.std()), 1e-12) * np.sqrt(len(e)) for e in self.misfits(start)]
+
+        def residuals(logarithms: Array) -> Array:
+            left = self.misfits(np.exp(logarithms))
+            return np.concatenate([e / scale for e, scale in zip(left, scales, strict=True)])
+
+        x0, bounds = np.log(start), (np.log(_WIDTHS[0]), np.log(_WIDTHS[1]))
+        found = least_squares(residuals, x0, bounds=bounds, diff_step=[0.05], max_nfev=15)
+        widths = np.sort(np.exp(found.x))
+        self.settle_loads(widths)
+        return widths
+
+    def identify(self, elements: int, load_drift: float, noise_density: float) -> ElasticJoint:
+        """Identify widths, torque response and noise of a joint."""
+        widths = self.find_widths(elements)
+        load = self.load[self.history]
+        torque, left = regress_torque(self.columns(widths), self.torque, load)
+        spread = max(float(load.std()), 1e-6)
+        return ElasticJoint(
+            widths=widths,
+            torque=torque,
+            load_density=(load_drift * spread) ** 2,
+            rest_deviation=max(float(left.std()), 1e-6),
+            rest_travel=_memory(left, self.motion.travel[self.rows]),
+            noise_density=noise_density,
+            load_mean=float(load.mean()),
+            load_deviation=spread,
+        )
+
+    def _by_history(self, values: Array) -> Array:
+        return np.bincount(self.history, values) / self.count
+
+
+def _memory(left: Array, travel: Array) -> float:
+    """Travel over which `left` (n,) forgets itself, from neighbours a small way apart."""
+    apart = np.diff(travel, prepend=travel[:1])
+    near = np.flatnonzero((apart > 0.02) & (apart < 0.1))
+    if not len(near):
+        return 0.05
+    alike = float(np.mean(left[near] * left[near - 1]) / max(float(np.mean(left**2)), 1e-300))
+    return float(-apart[near].mean() / np.log(min(max(alike, 0.05), 0.99)))
+
+
+def run(
+    joint: ElasticJoint, motion: Motion, dt: float, *, smoothed: bool = False
+) -> tuple[Array, Array]:
+    """States (n, m + 2) and covariances (n, m + 2, m + 2) by filter or smoother, in each history.
+
+    The torque's noise is reckoned with rows `dt` [s] apart.
+    """
+    unscented = UnscentedFilter(joint.state_space(dt))
+    u = np.column_stack([motion.angle, motion.moved])
+    return run_histories(unscented, joint.prior(), motion.torque, u, motion.dt, smoothed=smoothed)
+
+
+def mean_dt(dt: Array) -> float:
+    """Mean time between rows [s] within histories; 5 ms where there is only one row."""
+    moving = dt[dt > 0.0]
+    return float(moving.mean()) if len(moving) else 5e-3

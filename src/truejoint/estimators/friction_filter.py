@@ -1,10 +1,8 @@
 """An unscented filter that carries friction and the external load in its state.
 
-Slider, cables and jaw hold friction that depends on which way they last moved. A few elastoplastic
-elements, each a bristle that bends with the reset cable's motion until it slides, stand for it;
-their deflections and the load's torque are the state. The reset cable's displacement drives them,
-and what the motor's side then reads, against what it should, corrects them: fast and small as
-friction, slow and lasting as a load.
+A few elastoplastic elements, each a bristle that bends with the reset cable's motion until it
+slides, stand for friction. What the motor's side reads, against what it should, corrects their
+deflections and the load: fast and small as friction, slow and lasting as a load.
 """
 
 from __future__ import annotations
@@ -26,8 +24,7 @@ from truejoint.models.friction_filter import DEGREE, friction_prior
 from truejoint.models.play import bank_columns
 from truejoint.robots.forceps_mechanism import TABLE_1
 
-WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)
-"""How far each element bends before it slides [m] of the reset cable."""
+WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
 _PENALTY: Final = 1e-5
 
 
@@ -51,7 +48,7 @@ class FrictionFilter(JawEstimator):
     Parameters
     ----------
     drive_stiffness : float
-        ``K_d`` [N/m], which turns stretch into torque; see `stiffness.identify_stiffness`.
+        ``K_d`` [N/m], which turns stretch into torque; see `identify_stiffness`.
     load_drift : float
         How fast a load may change [Nm per square root of a second].
     friction_drift : float

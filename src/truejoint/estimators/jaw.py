@@ -13,16 +13,14 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
 
-MIN_ROWS: Final = 400
-"""Rows that a fit needs at least: two seconds at 200 Hz."""
+MIN_ROWS: Final = 400  # rows that a fit needs at least: two seconds at 200 Hz
 _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
 
 
 class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
-    Calibrated as the paper does, on an unloaded motion with reversals: forward and backward motion
-    differ by friction, and one alone cannot show it.
+    Calibrated as the paper does, on an unloaded motion with reversals, which show friction.
     """
 
     least_rows: ClassVar[int] = MIN_ROWS
@@ -53,28 +51,47 @@ class JawEstimator(JointRegressor):
     def _check_motion(self, X: Array, y: Array) -> None:
         inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
         for name, column in (*zip(inputs, X.T, strict=True), ("the jaw's truth", y)):
-            if not np.ptp(column) > 0.0:
-                raise CalibrationError(
-                    f"{self.name}: {name} never changes; move the jaw over its range, and check "
-                    "that the sensor is connected"
-                )
-            own = inputs.index(name) if name in inputs else None
-            if has_jump(column):
-                raise CalibrationError(
-                    f"{self.name}: {name} jumps between two rows further than it ever moves; check "
-                    "its sensor and cut the recording before the jump"
-                )
-            longest = longest_standstill(column, X, own)
+            check_changes(self.name, name, column)
+            check_jumps(self.name, name, column)
+            longest = longest_standstill(column, X, inputs.index(name) if name in inputs else None)
             if longest > 0.2:
                 raise CalibrationError(
                     f"{self.name}: {name} stands still for {100 * longest:.0f} % of the rows while "
                     "the others move on; its sensor is stuck: record the calibration again"
                 )
-        if reversals(y) < 2:
-            raise CalibrationError(
-                f"{self.name}: the jaw reverses {reversals(y)} times in the training rows; friction"
-                " shows only where the motion turns: record a motion there and back, twice"
-            )
+        check_reversals(self.name, "jaw", reversals(y))
+
+
+def check_changes(estimator: str, name: str, column: Array, how: str = "") -> None:
+    """Raise CalibrationError when a signal (n,) stands still all the time."""
+    if not np.ptp(column) > 0.0:
+        raise CalibrationError(
+            f"{estimator}: {name} never changes; move the jaw over its range{how}, and check that "
+            "the sensor is connected"
+        )
+
+
+def check_jumps(estimator: str, name: str, column: Array) -> None:
+    """Raise CalibrationError when a signal (n,) changes between two rows far more than usual.
+
+    Far more is thirty times what it exceeds in one row of a hundred, and a fiftieth of its range.
+    """
+    moves = np.abs(np.diff(column))
+    usual = float(np.quantile(moves, 0.99))
+    if moves.max() > max(30.0 * usual, 0.02 * float(np.ptp(column))):
+        raise CalibrationError(
+            f"{estimator}: {name} jumps between two rows further than it ever moves; check its "
+            "sensor and cut the recording before the jump"
+        )
+
+
+def check_reversals(estimator: str, what: str, count: int) -> None:
+    """Raise CalibrationError for fewer than two reversals."""
+    if count < 2:
+        raise CalibrationError(
+            f"{estimator}: the {what} reverses {count} times in the training rows; friction shows "
+            "only where the motion turns: record a motion there and back, twice"
+        )
 
 
 def median_dt(dt: Array) -> float:
@@ -99,32 +116,15 @@ def reversals(y: Array) -> int:
     return count
 
 
-def has_jump(column: Array) -> bool:
-    """Whether a signal (n,) changes between two rows by far more than it usually does.
-
-    Far more is thirty times what it exceeds in one row of a hundred, and a fiftieth of its range.
-    """
-    moves = np.abs(np.diff(column))
-    usual = float(np.quantile(moves, 0.99))
-    return bool(moves.max() > max(30.0 * usual, 0.02 * float(np.ptp(column))))
-
-
 def longest_standstill(column: Array, X: Array, own: int | None) -> float:
-    """Longest stretch in which `column` (n,) repeats one value while the others move, of the rows.
+    """Longest stretch, of the rows, in which `column` (n,) repeats a value while others move.
 
-    It counts if another signal of `X` (n, k) than its `own` moves by a fifth of its range within
-    it.
+    Another signal of `X` (n, k) than its `own` must move by a fifth of its range within it.
     """
-    changes = np.flatnonzero(np.diff(column)) + 1
-    edges = np.concatenate([[0], changes, [len(column)]])
-    span = np.ptp(X, axis=0)
-    longest = 0
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
+    others = X if own is None else np.delete(X, own, axis=1)
+    least = 0.2 * np.ptp(others, axis=0)
     for i in np.argsort(np.diff(edges))[::-1][:20]:
-        rows = X[edges[i] : edges[i + 1]]
-        moved = np.ptp(rows, axis=0) > 0.2 * span
-        if own is not None:
-            moved[own] = False
-        if moved.any():
-            longest = int(edges[i + 1] - edges[i])
-            break
-    return longest / len(column)
+        if (np.ptp(others[edges[i] : edges[i + 1]], axis=0) > least).any():
+            return int(edges[i + 1] - edges[i]) / len(column)
+    return 0.0

@@ -19,10 +19,8 @@ from truejoint.models.jaw import MOTOR, RESET
 from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 
 GRAVITY: Final = 9.81  # [m/s2]
-SMALLEST_RATIO: Final = 0.3
-"""Identified over assumed stiffness below which, or beyond whose inverse, something is wrong."""
-LARGEST_SHIFT: Final = 3e-4
-"""Shift [m] beyond which the instrument was not homed but taken apart."""
+SMALLEST_RATIO: Final = 0.3  # of identified and assumed stiffness, either over the other
+LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
 _SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
 
 
@@ -118,8 +116,7 @@ class JawLoad:
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
         """External torque (n,) [Nm] in every row, positive where it opens the jaw."""
         rows = self._rows(X)
-        unloaded = self.drive_.predict(rows[:, 1:], dt)
-        return self._torque(self._drive(rows) - unloaded)
+        return self._torque(rows, self.drive_.predict(rows[:, 1:], dt))
 
     def start(self) -> RowState:
         """Memory before the first row."""
@@ -127,8 +124,7 @@ class JawLoad:
 
     def step(self, state: RowState, dt: float, row: Array) -> float:
         """External torque [Nm] of one row; see `JointRegressor.step`."""
-        unloaded = self.drive_.step(state, dt, row[1:])
-        return float(self._torque(self._drive(row[None]) - unloaded)[0])
+        return float(self._torque(row[None], self.drive_.step(state, dt, row[1:]))[0])
 
     def grams(self, torque: Array, arm: float) -> Array:
         """Weights (n,) [g] that make torques (n,) [Nm] at a lever of `arm` [m]."""
@@ -152,7 +148,8 @@ class JawLoad:
     def _drive(self, rows: Array) -> Array:
         return np.asarray(self.mechanism.drive_from_motor(rows[:, 0]))
 
-    def _torque(self, stretch: Array) -> Array:
+    def _torque(self, rows: Array, unloaded: Array) -> Array:
+        stretch = self._drive(rows) - unloaded
         return np.asarray(-self.drive_stiffness * self.mechanism.jaw_radius * stretch)
 
 
@@ -189,7 +186,6 @@ def identify_stiffness(
 
     Examples
     --------
-    >>> random = np.random.default_rng(0)
     >>> angle = 0.5 * np.sin(np.linspace(0.0, 20.0, 2000))
     >>> X = np.column_stack([angle * 14.0, angle * 4e-3])
     >>> load = JawLoad().fit(X, angle)
@@ -232,13 +228,11 @@ class EncoderZero:
 def find_encoder_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> EncoderZero:
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
-    Unloaded, motor and reset cable move together as in calibration. The motor keeps its zero, at
-    the limit switch of the drive side, so what they differ by on average is the reset side's. The
-    motion, rows `X` (n, 2) of motor angle [rad] and ``x2`` [m], should consist of whole cycles
-    about zero, as the calibration did: half a cycle more one way leaves half of the friction in the
-    average. `load` is fitted to the calibration, `dt` as in `JawLoad.fit`. Raises CalibrationError
-    if the motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm
-    explains it.
+    Unloaded, motor and reset cable move together as in calibration, and homing keeps the motor's
+    zero: what they differ by on average is the reset side's. Rows `X` (n, 2) of motor angle [rad]
+    and ``x2`` [m] should be whole cycles about zero, or some friction stays in the average; `dt` is
+    as in `JawLoad.fit`. Raises CalibrationError if the motion covers less than a fifth of the
+    calibration's range, or no shift below 0.3 mm explains it.
     """
     rows = np.array(X, dtype=np.float64)
     span = np.ptp(rows[:, 1]) * float(load.drive_.scale_[0])

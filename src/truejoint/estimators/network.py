@@ -1,25 +1,32 @@
-"""The deep neural network of peng2024, IV-B, and its forward pass in float64."""
+"""The deep neural network of peng2024, IV-B: its training by the Keras loss, and Adam."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from itertools import pairwise
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
+from numpy.typing import DTypeLike, NDArray
 from sklearn.utils import check_random_state
 
 from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
-from truejoint.estimators.training import Layers, train
 from truejoint.models import network
 from truejoint.models.family import Family
 
-MINIMUM_ROWS: Final = 1000
-"""Fewest rows for a network: half a minute at 30 Hz; fewer hold a motion or two."""
+Floats = NDArray[np.floating]
+
+MINIMUM_ROWS: Final = 1000  # half a minute at 30 Hz; fewer hold a motion or two
 ROWS_PER_FEATURE: Final = 50
-BATCHES_PER_EPOCH: Final = 8
-"""With fewer rows than this many batches, batches shrink so that training keeps its steps."""
+BATCHES_PER_EPOCH: Final = 8  # at least: where rows are few, batches shrink to keep their number
 SMALLEST_BATCH: Final = 32
+# Adam as in peng2024, IV-B; the last is the default of Keras, which the paper does not state.
+FIRST_DECAY: Final = 0.9
+SECOND_DECAY: Final = 0.999
+EPSILON: Final = 1e-7
 
 
 @dataclass(eq=False, repr=False)
@@ -79,21 +86,35 @@ class NeuralNetwork(JointRegressor):
         rng = check_random_state(self.random_state)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
         layers = Layers.glorot(sizes, rng)
-        self.loss_curve_ = train(
-            layers,
-            ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32),
-            ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32),
-            weight_decay=float(self.weight_decay),
-            learning_rate=float(self.learning_rate),
-            batch_size=self.batch_size_,
-            epochs=int(self.epochs),
-            rng=rng,
-            progress=progress,
-        )
+        rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
+        targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
+        self.train(layers, rows, targets, rng, progress)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
-            arrays[f"weight_{i}"] = weight.astype(np.float64)
-            arrays[f"bias_{i}"] = bias.astype(np.float64)
+            arrays |= {f"weight_{i}": weight.astype(float), f"bias_{i}": bias.astype(float)}
         return arrays
+
+    def train(
+        self, layers: Layers, X: Floats, y: Floats, rng: np.random.RandomState, progress: Progress
+    ) -> None:
+        """Train layers in place on standardised rows, in a fresh order in each epoch."""
+        sizes = len(layers.weights[0]), *map(len, layers.biases)
+        gradient = Layers.zeros(sizes, layers.flat.dtype)
+        decay, rate, epochs = float(self.weight_decay), float(self.learning_rate), int(self.epochs)
+        adam = Adam(layers.flat, rate)
+        self.loss_curve_: list[float] = []
+        for epoch in range(epochs):
+            order = rng.permutation(len(X))
+            X_epoch, y_epoch = X[order], y[order]
+            losses = []
+            for start in range(0, len(X), self.batch_size_):
+                rows = slice(start, start + self.batch_size_)
+                losses.append(
+                    loss_and_gradient(layers, X_epoch[rows], y_epoch[rows], decay, gradient)
+                )
+                adam.step(gradient.flat)
+            self.loss_curve_.append(float(np.mean(losses)))
+            check_loss(self.loss_curve_, epochs, rate)
+            progress((epoch + 1) / epochs)
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -104,3 +125,120 @@ class NeuralNetwork(JointRegressor):
 def effective_batch(n_rows: int, batch_size: int) -> int:
     """Rows of a batch: `batch_size`, or an eighth of the rows where these are few."""
     return min(batch_size, max(SMALLEST_BATCH, n_rows // BATCHES_PER_EPOCH))
+
+
+@dataclass(frozen=True, eq=False)
+class Layers:
+    """Weights and biases of a network, as views into one flat vector for the optimiser."""
+
+    flat: Floats
+    weights: tuple[Floats, ...]  # (inputs, units)
+    biases: tuple[Floats, ...]  # (units,)
+
+    @classmethod
+    def zeros(cls, sizes: tuple[int, ...], dtype: DTypeLike = np.float32) -> Self:
+        """Layers between `sizes` = (inputs, hidden units..., outputs), all zero."""
+        pairs = list(pairwise(sizes))
+        ends = np.cumsum([n for inputs, units in pairs for n in (inputs * units, units)])
+        flat = np.zeros(ends[-1], dtype)
+        parts = np.split(flat, ends[:-1])
+        biases = tuple(parts[1::2])
+        weights = (w.reshape(-1, len(b)) for w, b in zip(parts[::2], biases, strict=True))
+        return cls(flat, tuple(weights), biases)
+
+    @classmethod
+    def glorot(
+        cls, sizes: tuple[int, ...], rng: np.random.RandomState, dtype: DTypeLike = np.float32
+    ) -> Self:
+        """Layers as Keras starts them: uniform within sqrt(6 / (inputs + units)), zero biases."""
+        layers = cls.zeros(sizes, dtype)
+        for weight in layers.weights:
+            bound = math.sqrt(6.0 / sum(weight.shape))
+            weight[:] = rng.uniform(-bound, bound, weight.shape)
+        return layers
+
+
+def loss_and_gradient(
+    layers: Layers, X: Floats, y: Floats, weight_decay: float, gradient: Layers
+) -> float:
+    """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
+
+    ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
+    free. The loss of scikit-learn's ``MLPRegressor`` has the same minimiser at ``alpha =
+    weight_decay * n_outputs * n_rows``.
+    """
+    activations = _forward(layers, X)
+    delta = activations.pop()
+    delta -= y
+    loss = float(np.vdot(delta, delta)) / delta.size
+    delta *= 2.0 / delta.size
+    for layer in reversed(range(len(layers.weights))):
+        source, weight = activations[layer], layers.weights[layer]
+        np.matmul(source.T, delta, out=gradient.weights[layer])
+        gradient.weights[layer][:] += (2.0 * weight_decay) * weight
+        np.sum(delta, axis=0, out=gradient.biases[layer])
+        loss += weight_decay * float(np.vdot(weight, weight))
+        if layer:
+            delta = delta @ weight.T
+            delta *= source
+            np.subtract(1.0, source, out=source)
+            delta *= source
+    return loss
+
+
+def _forward(layers: Layers, X: Floats) -> list[Floats]:
+    """Activations of every layer, input first, output last."""
+    activations = [X]
+    last = len(layers.weights) - 1
+    for layer, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
+        units = activations[-1] @ weight
+        units += bias
+        if layer < last:
+            # The logistic function by way of tanh, which numpy computes ten times faster than
+            # scipy's expit.
+            units *= 0.5
+            np.tanh(units, out=units)
+            units *= 0.5
+            units += 0.5
+        activations.append(units)
+    return activations
+
+
+class Adam:
+    """Adam (Kingma and Ba, 2014) on one flat vector, in place."""
+
+    def __init__(self, values: Floats, learning_rate: float) -> None:
+        self._values = values
+        self.learning_rate = learning_rate
+        self._first = np.zeros_like(values)
+        self._second = np.zeros_like(values)
+        self._room = np.empty_like(values)
+        self._steps = 0
+
+    def step(self, gradient: Floats) -> None:
+        """Move the values one step down `gradient`."""
+        self._steps += 1
+        self._first *= FIRST_DECAY
+        np.multiply(gradient, 1.0 - FIRST_DECAY, out=self._room)
+        self._first += self._room
+        self._second *= SECOND_DECAY
+        np.multiply(gradient, gradient, out=self._room)
+        self._room *= 1.0 - SECOND_DECAY
+        self._second += self._room
+        # With the bias corrections folded into the step and epsilon beside the uncorrected root, as
+        # in section 2 of the paper on Adam, in Keras and in scikit-learn.
+        root = math.sqrt(1.0 - SECOND_DECAY**self._steps)
+        np.sqrt(self._second, out=self._room)
+        self._room += EPSILON
+        np.divide(self._first, self._room, out=self._room)
+        self._room *= self.learning_rate * root / (1.0 - FIRST_DECAY**self._steps)
+        self._values -= self._room
+
+
+def check_loss(history: list[float], epochs: int, learning_rate: float) -> None:
+    """Raise CalibrationError if the loss of the last of the epochs so far is out of bounds."""
+    if not math.isfinite(history[-1]):
+        raise CalibrationError(
+            f"training diverged in epoch {len(history)} of {epochs} at learning rate "
+            f"{learning_rate:g}; lower the learning rate"
+        )

@@ -1,9 +1,8 @@
 """Jaw angle by banks of play operators (Prandtl-Ishlinskii): hysteresis as a linear regression.
 
-The reset cable's end follows the jaw but for the slider's friction, a hysteresis in ``x2`` itself;
-the motor's side differs from the jaw by the jaw's friction and by whatever load stretches the
-drive cable. So an estimate from ``x2`` alone hardly knows about loads, and one from both is more
-accurate as long as there is none.
+The reset cable's end follows the jaw but for the slider's friction; the motor's side differs by the
+jaw's friction and by whatever load stretches the drive cable. So an estimate from ``x2`` alone
+hardly knows about loads, and one from both is more accurate as long as there is none.
 """
 
 from __future__ import annotations

@@ -16,8 +16,7 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress, standard
 from truejoint.models import offset, polynomial
 from truejoint.models.family import Family
 
-ROWS_PER_COEFFICIENT: Final = 10
-"""Rows that a fit must have for each coefficient per joint; fewer, and it fits the noise."""
+ROWS_PER_COEFFICIENT: Final = 10  # for each joint; with fewer rows, a fit fits the noise
 
 _BLOCK: Final = 2048  # rows that are held at a time as polynomial terms
 _RANK_TOLERANCE: Final = 1e-10
@@ -58,7 +57,6 @@ class PolynomialRegressor(JointRegressor):
 
     Examples
     --------
-    >>> import numpy as np
     >>> X = np.linspace(-1.0, 1.0, 50)[:, None]
     >>> PolynomialRegressor().fit(X, X[:, 0] ** 2).predict([[0.5]]).round(6)
     array([0.25])
@@ -95,7 +93,6 @@ class LinearRegressor(PolynomialRegressor):
 
     Examples
     --------
-    >>> import numpy as np
     >>> X = np.linspace(0.0, 1.0, 30)[:, None]
     >>> LinearRegressor().fit(X, 2.0 * X[:, 0] + 1.0).predict([[3.0]]).round(6)
     array([7.])
@@ -116,10 +113,10 @@ def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
 def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Coefficients (m, n_outputs) and intercept (n_outputs,) of least squares over blocks of rows.
 
-    Each block is of terms (n, m) and targets (n, n_outputs). They are folded into one triangular
-    factor one by one, so memory does not grow with their number. With a column of ones in front,
-    the factor below its first row is that of the centred columns. Columns are scaled to unit
-    length, and directions below 1e-10 of the strongest are left out (minimum norm).
+    Terms (n, m) and targets (n, n_outputs) of each block are folded into one triangular factor, so
+    memory does not grow with their number; with a column of ones in front, the factor below its
+    first row is that of the centred columns. Directions below 1e-10 of the strongest, columns of
+    unit length, are left out (minimum norm).
     """
     factor: Array | None = None
     n_rows, m = 0, 0
@@ -133,14 +130,11 @@ def least_squares(blocks: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
     assert factor is not None  # noqa: S101  # fit is never given zero rows
     centred = factor[1 : m + 1, 1 : m + 1]
     length = np.linalg.norm(centred, axis=0)
-    inverse = np.zeros(m)
     varies = length > _RANK_TOLERANCE * math.sqrt(n_rows)  # of terms of order one
-    inverse[varies] = 1.0 / length[varies]
-    coef = np.zeros((m, factor.shape[1] - m - 1))
+    inverse = np.divide(1.0, length, out=np.zeros(m), where=varies)
+    coef, right = np.zeros((m, factor.shape[1] - m - 1)), factor[1 : m + 1, m + 1 :]
     if varies.any():
-        solution = scipy.linalg.lstsq(
-            centred * inverse, factor[1 : m + 1, m + 1 :], cond=_RANK_TOLERANCE
-        )
-        coef = np.asarray(solution[0]) * inverse[:, None]
+        solution = scipy.linalg.lstsq(centred * inverse, right, cond=_RANK_TOLERANCE)[0]
+        coef = np.asarray(solution) * inverse[:, None]
     intercept = (factor[0, m + 1 :] - factor[0, 1 : m + 1] @ coef) / factor[0, 0]
     return np.ascontiguousarray(coef), intercept

@@ -14,19 +14,18 @@ from sklearn.utils import check_random_state
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
+from truejoint.estimators import network
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
-from truejoint.estimators.network import BATCHES_PER_EPOCH, MINIMUM_ROWS, ROWS_PER_FEATURE
-from truejoint.estimators.training import Adam, Floats, check_loss
+from truejoint.estimators.network import Floats
 from truejoint.models import recurrent
 from truejoint.models.family import Family, Shape
 
-FLOOR: Final = 1e-6
-"""Added to the mean squared error, of targets of variance 1: what needs no closer fit."""
+FLOOR: Final = 1e-6  # added to the mean squared error of targets of variance 1: close enough
 
 
 @dataclass(eq=False, repr=False)
 class RecurrentNetwork(JointRegressor):
-    """Gated recurrent units that learn what a linear regression on the features leaves.
+    """Gated recurrent units (Cho et al., EMNLP 2014) that learn what a linear regression leaves.
 
     The gradient reaches back to the start of a window of updates; the state there is the one in
     which the epoch before left it, so that the network is fitted as it runs. Adam's rate falls
@@ -57,10 +56,6 @@ class RecurrentNetwork(JointRegressor):
     loss_curve_ : list of float
         Mean loss over the batches of each epoch.
 
-    References
-    ----------
-    K. Cho et al., "Learning phrase representations using RNN encoder-decoder", EMNLP 2014.
-
     Examples
     --------
     >>> x = np.random.default_rng(0).normal(size=(3000, 1))
@@ -71,8 +66,8 @@ class RecurrentNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = recurrent.FAMILY
-    least_rows: ClassVar[int] = MINIMUM_ROWS
-    rows_per_feature: ClassVar[int] = ROWS_PER_FEATURE
+    least_rows: ClassVar[int] = network.MINIMUM_ROWS
+    rows_per_feature: ClassVar[int] = network.ROWS_PER_FEATURE
     units: int = 24
     period: float = 0.02
     weight_decay: float = 50.0
@@ -105,7 +100,11 @@ class RecurrentNetwork(JointRegressor):
         return arrays | scales
 
     def _train(
-        self, steps: list[Floats], shapes: Mapping[str, Shape], decay: float, progress: Progress
+        self,
+        steps: list[Floats],
+        shapes: Mapping[str, Shape],
+        decay: float,
+        progress: Progress,
     ) -> dict[str, Floats]:
         rng = check_random_state(self.random_state)
         weights = {
@@ -118,8 +117,8 @@ class RecurrentNetwork(JointRegressor):
             weights[name][:] = rng.uniform(-bound, bound, shapes[name])
         weights["input_bias"][: int(self.units)] = 1.0  # at first, a state is kept
         n, window, epochs = len(steps[0]), int(self.window), int(self.epochs)
-        size = min(int(self.batch_size), max(1, n // window // BATCHES_PER_EPOCH))
-        adams = {name: Adam(weight, 0.0) for name, weight in weights.items()}
+        size = min(int(self.batch_size), max(1, n // window // network.BATCHES_PER_EPOCH))
+        adams = {name: network.Adam(weight, 0.0) for name, weight in weights.items()}
         states = np.zeros((n, int(self.units)), np.float32)
         self.loss_curve_: list[float] = []
         for epoch in range(epochs):
@@ -138,21 +137,23 @@ class RecurrentNetwork(JointRegressor):
                     adam.learning_rate = float(self.learning_rate) * (1.0 - done)
                     adam.step(gradient[name])
             self.loss_curve_.append(float(np.mean(losses)))
-            check_loss(self.loss_curve_, epochs, float(self.learning_rate))
+            network.check_loss(self.loss_curve_, epochs, float(self.learning_rate))
             progress((epoch + 1) / epochs)
         return weights
 
 
 def loss_and_gradient(
-    weights: Mapping[str, Floats], batch: list[Floats], state: Floats, decay: float
+    weights: Mapping[str, Floats],
+    batch: list[Floats],
+    state: Floats,
+    decay: float,
 ) -> tuple[float, dict[str, Floats], Floats]:
     """Loss of a batch of windows, its gradient, and the states before each step.
 
-    The loss is the mean over outputs of ``log(mean((y - f(X))**2) + FLOOR)``, but for a constant
-    the likelihood of noise of unknown size, plus `decay` times the sum of the squared weights.
-    `batch` has arrays (window, batch, columns): features; targets, NaN where unknown; whether a
-    history goes on; whether the state is updated. `state` (batch, units) is that before the first
-    step.
+    The mean over outputs of ``log(mean((y - f(X))**2) + FLOOR)``, but for a constant the likelihood
+    of noise of unknown size, plus `decay` times the sum of the squared weights. Arrays (window,
+    batch, columns) of `batch`: features; targets, NaN where unknown; whether a history goes on;
+    whether the state is updated. `state` (batch, units) is that before the first step.
     """
     X, y, goes_on, updates = batch
     units = state.shape[1]

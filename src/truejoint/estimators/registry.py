@@ -1,7 +1,4 @@
-"""Every estimator by the name that a user writes: one line each, and nothing else names them.
-
-Nothing here imports what learns before it is asked for: names are listed at once.
-"""
+"""Every estimator by the name that a user writes; what learns is imported when asked for."""
 
 from __future__ import annotations
 
@@ -13,10 +10,8 @@ from truejoint.plugins import plugins
 
 BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
-OFFSET: Final = BASELINES[0]
-"""What errors are given as a percentage of."""
-DEFAULT: Final = "dnn"
-"""What is fitted where none is named."""
+OFFSET: Final = BASELINES[0]  # what errors are given as a percentage of
+DEFAULT: Final = "dnn"  # what is fitted where none is named
 
 _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "offset": ("polynomial", "FixedOffset", {}),
@@ -24,11 +19,11 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "poly2": ("polynomial", "PolynomialRegressor", {}),
     "dnn": ("network", "NeuralNetwork", {}),
     "gru": ("recurrent", "RecurrentNetwork", {}),
-    "lsm": ("cable_least_squares", "CableLeastSquares", {}),
-    "lsm_intercept": ("cable_least_squares", "CableLeastSquares", {"intercept": True}),
-    "lsm_compensated": ("cable_least_squares", "CableLeastSquares", {"compensated": True}),
-    "ukf": ("jaw_filter", "JawFilter", {}),
-    "ukf_compensated": ("jaw_filter", "JawFilter", {"compensation": "output"}),
+    "lsm": ("yan2020", "CableLeastSquares", {}),
+    "lsm_intercept": ("yan2020", "CableLeastSquares", {"intercept": True}),
+    "lsm_compensated": ("yan2020", "CableLeastSquares", {"compensated": True}),
+    "ukf": ("yan2020", "JawFilter", {}),
+    "ukf_compensated": ("yan2020", "JawFilter", {"compensation": "output"}),
     "play_motor": ("play", "Play", {"displacements": ("motor",)}),
     "play_reset": ("play", "Play", {"displacements": ("reset",)}),
     "play_both": ("play", "Play", {"displacements": ("reset", "motor")}),
@@ -39,8 +34,7 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
     "ukf_elastic": ("elastic_joint", "ElasticJointFilter", {}),
 }
 """Module of this package, class, and parameters that are not its defaults, by name."""
-OWN: Final = tuple(_ESTIMATORS)
-"""Names of truejoint's own."""
+OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
 
 TITLES: Final = {
     "offset": ("Fixed offset", "the fixed offset"),
@@ -65,7 +59,7 @@ def estimator_names() -> tuple[str, ...]:
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
     module, cls, own = _ESTIMATORS[name]
-    return imported(module, cls)(**own)
+    return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
 
 
 def plugged_in() -> dict[str, EntryPoint]:
@@ -86,10 +80,4 @@ def name_of(estimator: Any) -> str:
             usual = registered(name)
             if all(getattr(estimator, p) == getattr(usual, p) for p in told_apart):
                 return name
-    family: str = estimator.family.name
-    return family
-
-
-def imported(module: str, name: str) -> Any:
-    """Import what a module of this package holds only now: names are listed without it."""
-    return getattr(import_module(f"truejoint.estimators.{module}"), name)
+    return str(estimator.family.name)

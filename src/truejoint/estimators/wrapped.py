@@ -1,4 +1,4 @@
-"""Any regressor with scikit-learn's `fit` and `predict`, as an estimator of joints."""
+"""Any regressor as an estimator of joints: by name, or with scikit-learn's `fit` and `predict`."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from sklearn.base import clone
 from sklearn.neural_network import MLPRegressor
 
 from truejoint.array_types import Array
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators import archive
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.conversion import convert, is_convertible_step
+from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered
 from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
+from truejoint.plugins import load_plugin
 
-_TRIED: Final = 1000
-"""Most rows on which it is tried whether a regressor can be fitted and kept, and agrees."""
+_TRIED: Final = 1000  # most rows on which a regressor is tried before a long fit, and compared
 
 
 class Regressor(Protocol):
@@ -59,7 +60,6 @@ class WrappedRegressor(JointRegressor):
 
     Examples
     --------
-    >>> import numpy as np
     >>> from sklearn.tree import DecisionTreeRegressor
     >>> X = np.arange(6.0)[:, None]
     >>> model = WrappedRegressor(DecisionTreeRegressor(max_depth=1)).fit(X, X[:, 0] > 2)
@@ -135,8 +135,8 @@ class WrappedRegressor(JointRegressor):
         return estimator
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        mean, inverse = standardisation(y)
-        scale = np.where(inverse > 0, y.std(axis=0), 1.0)
+        scales = scaling(X, y)
+        mean, scale = scales["target_mean"], scales["target_scale"]
         scaled = (y - mean) / scale
         every = -(-len(X) // _TRIED)
         tried = np.ascontiguousarray(X[::every])
@@ -237,6 +237,27 @@ def joint_regressor(estimator: Regressor) -> JointRegressor:
     wrapped = WrappedRegressor(estimator)
     wrapped.check_params()
     return wrapped
+
+
+def get_estimator(name: str) -> JointRegressor:
+    """Unfitted estimator called `name`; raises CalibrationError naming the known ones.
+
+    Examples
+    --------
+    >>> get_estimator("poly2").degree
+    2
+    """
+    if name not in estimator_names():
+        raise CalibrationError(unknown("estimator", name, estimator_names()))
+    return joint_regressor(
+        registered(name) if name in OWN else load_plugin(plugged_in()[name], type)()
+    )
+
+
+def class_of(family: str) -> type[JointRegressor]:
+    """Class of estimators whose family is called so: one by name, or what runs any family."""
+    classes = (type(registered(name)) for name in OWN)
+    return next((cls for cls in classes if cls.family.name == family), WrappedRegressor)
 
 
 def _last(regressor: Any) -> Any:

@@ -11,7 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.conformal import made_interval_of, trained_on, zero_offset
+from truejoint.calibration.conformal import trained_on, zero_offset
 from truejoint.calibration.interval import Interval
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
@@ -93,7 +93,7 @@ def _motion(
     objection = ""
     if trained_on(calibration.metadata, recording):
         objection = "used in the fit"
-    elif made_interval_of(calibration.metadata, recording):
+    elif trained_on(calibration.metadata, recording, "interval_sessions"):
         objection = "used to make the interval"
     elif not holds:
         homings = ", ".join(sorted(own))

@@ -37,10 +37,3 @@ def rational_error(motor: float, reset: float, scale: Array, p: Array) -> float:
     if abs(below) < NEAREST:
         below = NEAREST if below >= 0.0 else -NEAREST
     return float(above / below)
-
-
-@compiled
-def rational_errors(motor: Array, reset: Array, scale: Array, p: Array, out: Array) -> None:
-    """Error (25) of every row, into `out` (n,)."""
-    for i in range(out.shape[0]):
-        out[i] = rational_error(motor[i], reset[i], scale, p)

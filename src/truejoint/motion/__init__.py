@@ -1,11 +1,10 @@
 """Trajectories as data, and what drives an arm along them."""
 
+from truejoint.motion.calibration_motions import DIRECTIONS, random_motion, zigzag
 from truejoint.motion.files import read_trajectory, write_trajectory
 from truejoint.motion.follow import TrackingReport, follow, nominal_duration
 from truejoint.motion.plotting import plot_trajectories
-from truejoint.motion.random_motion import random_motion
 from truejoint.motion.trajectory import Trajectory, workspace_of
-from truejoint.motion.zigzag import DIRECTIONS, zigzag
 from truejoint.robots import Workspace
 
 __all__ = [

@@ -17,8 +17,7 @@ from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 
-_SPEED_WINDOW: Final = 0.1
-"""A measured speed is the mean over this time [s], long enough to hide encoder counts."""
+_SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +32,9 @@ class TrackingReport:
         The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
     rms, max : ndarray, shape (n_joints,)
         Of set-point minus measured position [rad or m]; `max` is of the absolute value.
-    setpoint_speed : ndarray, shape (n_joints,)
-        Highest speed of the set-point [rad/s or m/s].
-    max_speed : ndarray, shape (n_joints,)
-        Highest measured speed, mean over 0.1 s [rad/s or m/s].
-    speed_caps : ndarray, shape (n_joints,)
-        What the set-point was to stay below [rad/s or m/s].
+    setpoint_speed, max_speed, speed_caps : ndarray, shape (n_joints,)
+        Highest speed of the set-point and as measured, mean over 0.1 s, and what that of the
+        set-point was to stay below [rad/s or m/s].
     duration : float
         From rest to rest, without the way to the start [s].
 
@@ -106,10 +102,6 @@ def follow(
         A trajectory with times needs none.
     progress : callable, optional
         Called with the share done, from 0 to 1.
-
-    Returns
-    -------
-    TrackingReport
 
     Raises
     ------

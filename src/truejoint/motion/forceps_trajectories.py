@@ -7,16 +7,13 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
 from truejoint.motion.trajectory import Trajectory
-from truejoint.simulation.forceps.load import LoadTest
 
 Tone = tuple[float, float]
 """Amplitude [rad] and angular frequency [rad/s] of one sine."""
 
-CALIBRATION_TONES: Final[tuple[Tone, ...]] = ((-math.radians(50.0), 0.3),)
-"""yan2020, equation (27)."""
+CALIBRATION_TONES: Final[tuple[Tone, ...]] = ((-math.radians(50.0), 0.3),)  # yan2020, equation (27)
 
 VERIFICATION_TONES: Final[tuple[Tone, ...]] = (
     (-math.radians(30.0), 0.3),
@@ -27,11 +24,9 @@ VERIFICATION_TONES: Final[tuple[Tone, ...]] = (
 )
 """yan2020, equation (28), as printed: 0.2 rad/s stands there twice."""
 
-RAMP: Final = 2.0
-"""Time in which the motion swells from rest [s]; the paper does not say how it begins."""
+RAMP: Final = 2.0  # time in which a motion swells from rest [s], which the paper does not state
 
-DURATION: Final = 20.0 * math.pi
-"""Common period of every sine above [s], 62.8 s; it follows the ramp."""
+DURATION: Final = 20.0 * math.pi  # common period of every sine above [s], 62.8 s; follows the ramp
 
 _RATE: Final = 1000.0
 
@@ -49,10 +44,9 @@ def verification_trajectory(duration: float = DURATION) -> Trajectory:
 def sine_trajectory(
     tones: tuple[Tone, ...], duration: float = DURATION, *, name: str = "sines"
 ) -> Trajectory:
-    """Sum of sines of `tones` for the jaw of the forceps, swelling from rest; 1 kHz, from time 0.
+    """Sum of sines of `tones` for the jaw of the forceps, swelling from rest over `RAMP`; 1 kHz.
 
-    The duration [s], 1 to 3600, is without the ramp of `RAMP`; raises TrajectoryError if it is out
-    of range, there is no tone, or a tone is not finite.
+    Raises TrajectoryError unless the duration after it is 1 to 3600 s and all tones are finite.
     """
     if not tones or not np.isfinite(tones).all():
         raise TrajectoryError(f"{name}: tones {tones}; give at least one, all finite")
@@ -62,14 +56,4 @@ def sine_trajectory(
     share = np.clip(t / RAMP, 0.0, 1.0)
     swell = share * share * (3.0 - 2.0 * share)
     angles = swell * sum(amplitude * np.sin(frequency * t) for amplitude, frequency in tones)
-    return _jaw_trajectory(t, angles, name)
-
-
-def load_trajectory(test: LoadTest) -> Trajectory:
-    """Motion of the load experiment `test` at 1 kHz: constant speed, then standstill."""
-    t = np.arange(round(test.end * _RATE) + 1) / _RATE
-    return _jaw_trajectory(t, test.angles(t), f"yan2020 load test, {1e3 * test.mass:g} g")
-
-
-def _jaw_trajectory(t: Array, angles: Array, name: str) -> Trajectory:
     return Trajectory(("jaw",), ("rad",), angles[:, None], t, name, {"robot": "forceps"})

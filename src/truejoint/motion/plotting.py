@@ -108,8 +108,7 @@ def _draw_png(lines: Lines, joints: Sequence[str], units: Sequence[str], path: P
         axes.plot([], [], [], color=colour, label=name)
         axes.scatter(*points[0], color=_START, s=42, depthshade=False, zorder=5)
         axes.scatter(*points[-1], color=_END, s=42, marker="s", depthshade=False, zorder=5)
-    places = zip((axes.xaxis, axes.yaxis, axes.zaxis), joints, units, strict=True)
-    for axis, joint, unit in places:
+    for axis, joint, unit in zip((axes.xaxis, axes.yaxis, axes.zaxis), joints, units, strict=True):
         axis.set_label_text(f"{joint} [{unit}]")
         axis.set_pane_color((0.97, 0.975, 0.98, 1.0))
         axis.labelpad = 9

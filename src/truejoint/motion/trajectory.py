@@ -5,16 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk import TimeLaw, time_law
-from truejoint.crtk.limits import shown_range
 from truejoint.errors import TrajectoryError
 from truejoint.robots import Robot, Workspace
+from truejoint.units import shown_range
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _UNITS: Final = ("rad", "m")
@@ -125,21 +124,6 @@ def workspace_of(robot: Robot) -> Workspace:
             "a table [workspace], or pass a Workspace"
         )
     return robot.workspace
-
-
-def generated(
-    robot: Robot,
-    space: Workspace,
-    positions: Array,
-    times: Array | None = None,
-    *,
-    name: str,
-    meta: Mapping[str, Any],
-) -> Trajectory:
-    """Trajectory through `positions` (n, n_joints) [rad or m] of `space`, saying who made it."""
-    units = tuple(robot.joint(joint).unit for joint in space.joints)
-    origin = {"robot": robot.name, "arm": robot.arm, "version": version("truejoint")}
-    return Trajectory(space.joints, units, positions, times, name, {**meta, **origin})
 
 
 def _check(trajectory: Trajectory) -> None:

@@ -5,4 +5,4 @@ from .robot import Joint as Joint
 from .robot import Kinematics as Kinematics
 from .robot import Robot as Robot
 from .robot import Transmission as Transmission
-from .workspace import Workspace as Workspace
+from .robot import Workspace as Workspace

@@ -25,16 +25,12 @@ class StateBlock:
         Time stamps on the robot's clock [s], strictly increasing.
     name : tuple of str
         The channels (`Robot.channels`); an unused channel is zero.
-    measured, setpoint : ndarray
-        Positions [rad or m].
-    velocity : ndarray
-        [rad/s or m/s].
+    measured, setpoint, velocity : ndarray
+        Positions [rad or m] and speed [rad/s or m/s].
     effort : ndarray
         Torque command at the motor capstan [Nm]; (n, 0) where the robot measures none.
-    motor : ndarray
-        Motor-shaft angle [rad].
-    motor_velocity : ndarray
-        [rad/s].
+    motor, motor_velocity : ndarray
+        Motor-shaft angle [rad] and speed [rad/s].
     extra : mapping of str to ndarray, shape (n,)
         Whatever else is read with the state, by its column in a recording: ``cable/drive``,
         ``tension/pitch``, a simulation's ``truth_load/jaw``.

@@ -20,10 +20,7 @@ if TYPE_CHECKING:  # a list of the names needs no NumPy
 _MODELS: Final = files(__package__) / "models"
 _CODED: Final = {"raven2": "truejoint.robots.raven2:build"}
 """Robots whose kinematics are compiled, by what gives an arm; imported when first asked for."""
-_OWN: Final = (
-    *_CODED,
-    *sorted(file.name.removesuffix(".toml") for file in _MODELS.iterdir()),
-)
+_OWN: Final = (*_CODED, *sorted(f.name.removesuffix(".toml") for f in _MODELS.iterdir()))
 
 # Robots that a file described to this process, and what they were first seen in.
 _described: dict[tuple[str, str], tuple[str, Robot]] = {}

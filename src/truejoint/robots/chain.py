@@ -45,20 +45,14 @@ class SerialChain:
         poses[..., :3, :3] = poses[..., :3, :3] @ self.tool_rotation
         return poses
 
-    def forward_crtk(self, joint: ArrayLike) -> Array:
-        """Tool poses (..., 4, 4) [m] in the CRTK frame, of joint positions (..., n_joints)."""
-        poses: Array = self.crtk_from_base @ self.forward(joint)
-        return poses
-
     def link_frames(self, joint: ArrayLike) -> Array:
         """Frames of all axes (..., n_axes, 4, 4) [m] in the base frame."""
         return self._frames(joint, len(self.axes))
 
     def jacobian(self, joint: ArrayLike) -> Array:
-        """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame.
+        """Geometric Jacobian (..., 6, n_joints) at the tool, in the base frame, per joint speed.
 
-        Rows 0-2 are the tool's velocity [m], rows 3-5 its angular velocity [rad], per unit of
-        joint speed.
+        Rows 0-2 are the tool's velocity [m], rows 3-5 its angular velocity [rad].
         """
         rows, shape = self._rows(joint)
         by_axis = np.empty((len(rows), 6, len(self.axes)))

@@ -1,7 +1,4 @@
-"""The one-jaw cable-driven forceps: its geometry and the sensors that it was built with.
-
-Every number is from yan2020: Table 1 and section IV-A.
-"""
+"""The one-jaw cable-driven forceps: geometry and sensors, from yan2020, Table 1 and IV-A."""
 
 from __future__ import annotations
 
@@ -27,10 +24,6 @@ class ForcepsMechanism:
     def motor_per_jaw(self) -> float:
         """Motor-shaft angle per jaw angle with rigid cables [rad/rad], ``z_i r / R``."""
         return self.gear_ratio * self.jaw_radius / self.wheel_radius
-
-    def jaw_from_motor(self, motor: Angle) -> Angle:
-        """Jaw angle [rad] that rigid cables give for motor angles `motor` [rad]; (2), (3), (7)."""
-        return motor / self.motor_per_jaw
 
     def motor_from_jaw(self, jaw: Angle) -> Angle:
         """Motor angle [rad] that rigid cables need for jaw angles `jaw` [rad]; (2), (3), (7)."""

@@ -11,14 +11,12 @@ from truejoint.array_types import Array
 from truejoint.errors import CommandRefused
 from truejoint.robots.robot import Robot
 
-SETPOINT_DT: Final = 1e-3
-"""Time between two set-points of a stream [s]: RAVEN's servo period (peng2024 IV-A)."""
+SETPOINT_DT: Final = 1e-3  # [s] between set-points: RAVEN's servo period (peng2024 IV-A)
 
 
 def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:
     """Joint vector (n_joints,) as floats; raises CommandRefused on wrong shape or NaN."""
-    vector: Array = checked_rows(robot, np.asarray(value, dtype=float)[None], command)[0]
-    return vector
+    return np.asarray(checked_rows(robot, np.asarray(value, dtype=float)[None], command)[0])
 
 
 def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:

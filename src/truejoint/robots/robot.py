@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
-from truejoint.robots.workspace import Workspace
 from truejoint.toml_file import read_toml
 
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
@@ -134,21 +133,69 @@ class Transmission:
         return np.linalg.inv(self.matrix).astype(np.float64)
 
 
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Box of joint positions that a calibration covers; all arrays are (n_joints,).
+
+    Attributes
+    ----------
+    joints : tuple of str
+        In the order of every array.
+    lower, upper : ndarray
+        Range of each joint [rad or m].
+    speed : ndarray
+        Speed caps while following a path [rad/s or m/s].
+    margin : ndarray, optional
+        A random motion turns within this distance of either end [rad or m]; by default a tenth
+        of the range.
+    slowest, fastest : ndarray, optional
+        Range of a random motion's peak speeds [rad/s or m/s]; by default from half of `speed`
+        up to it.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").workspace.joints
+    ('shoulder', 'elbow', 'insertion')
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    speed: Array
+    margin: Array | None = None
+    slowest: Array | None = None
+    fastest: Array | None = None
+
+    @property
+    def centre(self) -> Array:
+        """Middle of each range [rad or m] (peng2024 eq. 4)."""
+        return np.asarray((self.lower + self.upper) / 2)
+
+    @property
+    def extent(self) -> Array:
+        """Width of each range [rad or m] (peng2024 eq. 5)."""
+        return np.asarray(self.upper - self.lower)
+
+    @property
+    def swings(self) -> Array:
+        """Margin, slowest and fastest peak speed of a random motion (3, n_joints)."""
+        margin = 0.1 * self.extent if self.margin is None else self.margin
+        slowest = 0.5 * self.speed if self.slowest is None else self.slowest
+        return np.stack([margin, slowest, self.speed if self.fastest is None else self.fastest])
+
+
 class Kinematics(Protocol):
     """Geometry of an arm; joint vectors are in the robot's own joint order."""
 
     @property
     def crtk_from_base(self) -> Array:
         """Pose (4, 4) of the base frame in the frame of the robot's CRTK topics [m]."""
-        ...
 
     def forward(self, joint: ArrayLike) -> Array:
         """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
-        ...
 
     def jacobian(self, joint: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +214,10 @@ class Robot:
         Names in the order of the robot's own state message; joints and any unused channel.
     positioning : tuple of str
         Joints that mainly place the tool, and that a calibration corrects by default.
-    transmission, kinematics
-        None where unknown.
+    transmission, kinematics, workspace
+        None where unknown; the workspace is where a calibration moves.
     effort : {"joint", "motor"}
         Where the effort that the robot reports acts: on the joint itself, or at the motor.
-    workspace : Workspace, optional
-        Where a calibration moves; None where unknown.
 
     Raises
     ------
@@ -226,27 +271,10 @@ class Robot:
     def from_dict(
         cls, values: Mapping[str, Any], source: str = "robot", *, folder: Path | None = None
     ) -> Robot:
-        """Robot of plain data, each value checked.
+        """Robot of plain data, as `to_dict` gives or a robot file has (docs/robots.md).
 
-        Parameters
-        ----------
-        values : mapping
-            As `to_dict` gives, or as a robot file has: docs/robots.md lists the keys.
-        source : str
-            What errors name.
-        folder : Path, optional
-            Where a URDF is searched that the kinematics name; none may be named without it.
-
-        Raises
-        ------
-        RobotError
-            Naming source, key and the rule that it breaks.
-
-        Examples
-        --------
-        >>> tool = {"name": "tool", "joints": [{"name": "jaw", "unit": "deg", "upper": 90}]}
-        >>> Robot.from_dict(tool).joint_names
-        ('jaw',)
+        The kinematics may name a URDF in `folder`. Raises RobotError, naming `source`, key and the
+        rule that it breaks.
         """
         _check_keys(values, _KEYS, ("name", "joints"), source)
         joints = _tables(values["joints"], f"{source}: joints")
@@ -273,12 +301,9 @@ class Robot:
         """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
         joints, limitless = [asdict(joint) for joint in self.joints], (math.inf, -math.inf)
         values: dict[str, Any] = {
-            "name": self.name,
-            "arm": self.arm,
             "joints": [{k: v for k, v in joint.items() if v not in limitless} for joint in joints],
-            "channels": list(self.channels),
-            "positioning": list(self.positioning),
-            "effort": self.effort,
+            **{key: getattr(self, key) for key in ("name", "arm", "effort")},
+            **{key: list(getattr(self, key)) for key in ("channels", "positioning")},
         }
         if self.transmission is not None:
             values["transmission"] = self.transmission.matrix.tolist()
@@ -344,8 +369,7 @@ class Robot:
 def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """Robot of a TOML file, which may also name its ``arms`` and a URDF for its kinematics.
 
-    Of the arms `arm`, in any case, is wanted; empty where they are alike or there is one. Errors
-    name `source`, the path by default.
+    `arm`, in any case, is one of these; errors name `source`, the path by default.
     """
     values = read_toml(path, RobotError)
     source = source or str(path)
@@ -454,8 +478,7 @@ def _tables(values: Any, where: str) -> Sequence[Mapping[str, Any]]:
     good = isinstance(values, list | tuple) and all(isinstance(row, Mapping) for row in values)
     if not good or not 0 < len(values) <= MAX_JOINTS:
         raise RobotError(f"{where} are {values!r:.40}; want 1 to {MAX_JOINTS} tables")
-    rows: Sequence[Mapping[str, Any]] = values
-    return rows
+    return list(values)
 
 
 def _name(value: Any, where: str) -> str:

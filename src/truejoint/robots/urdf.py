@@ -23,9 +23,8 @@ _PARALLEL: Final = 1e-9
 def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "") -> SerialChain:
     """Kinematics of the chain from link `base` to link `tip` of a URDF; its first and last link.
 
-    `kinds` are those of the robot's joints, by the names that they have in the URDF; joints after
-    the tip move nothing. Raises RobotError if the file is no URDF, has no such chain, or moves
-    others on it.
+    `kinds` are those of the robot's joints, by name; joints after the tip move nothing. Raises
+    RobotError if the file is no URDF, has no such chain, or moves others on it.
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
     data = read_small(path, RobotError, MAX_BYTES, "a URDF")

@@ -47,6 +47,11 @@ def within_limits(side: Side, fraction: np.ndarray) -> np.ndarray:
     return robot.lower + fraction * (robot.upper - robot.lower)
 
 
+def crtk_pose(side: Side, joints: np.ndarray) -> np.ndarray:
+    arm = raven2.kinematics(side)
+    return arm.crtk_from_base @ arm.forward(joints)
+
+
 def pose_away_from_singularities(kinematics: Raven2Kinematics, joint: np.ndarray) -> np.ndarray:
     """Pose of joints whose inverse exists: see `SINGULAR` for those left out."""
     pose = kinematics.forward(joint)
@@ -72,7 +77,7 @@ def test_tool_is_where_the_recording_says(dataset_folder: Callable[[str], Path])
 @pytest.mark.parametrize("side", SIDES)
 def test_homed_arm_reports_the_known_crtk_pose(side: Side) -> None:
     joints, position, quaternion = HOMED[side]
-    pose = raven2.kinematics(side).forward_crtk(joints)
+    pose = crtk_pose(side, joints)
     np.testing.assert_allclose(pose[:3, 3], position, atol=6e-4)
     off = Rotation.from_quat(quaternion).inv() * Rotation.from_matrix(pose[:3, :3])
     assert np.degrees(off.magnitude()) < 4
@@ -81,8 +86,7 @@ def test_homed_arm_reports_the_known_crtk_pose(side: Side) -> None:
 def test_arms_mirror_each_other() -> None:
     joints = np.random.default_rng(6).uniform([0.0, 0.8, 0.25], [1.5, 2.3, 0.55], (50, 3))
     joints = np.hstack([joints, np.zeros((50, 4))])
-    left = raven2.kinematics("left").forward_crtk(joints)[:, :3, 3]
-    right = raven2.kinematics("right").forward_crtk(joints)[:, :3, 3]
+    left, right = (crtk_pose(side, joints)[:, :3, 3] for side in ("left", "right"))
     np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-12)
 
 

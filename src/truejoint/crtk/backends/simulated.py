@@ -8,9 +8,8 @@ from typing import Final
 
 from truejoint.array_types import Array
 from truejoint.crtk.arm import Arm
-from truejoint.crtk.messages import OperatingState
 from truejoint.crtk.protocol import Listener
-from truejoint.crtk.states import StateCommand, next_state
+from truejoint.crtk.states import OperatingState, StateCommand, next_state
 from truejoint.robots import Robot
 from truejoint.simulation import Twin, make_twin
 

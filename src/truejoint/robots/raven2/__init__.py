@@ -2,15 +2,7 @@
 
 from truejoint.robots.raven2.arm import ARMS as ARMS
 from truejoint.robots.raven2.arm import CHANNELS as CHANNELS
-from truejoint.robots.raven2.arm import JOINTS as JOINTS
-from truejoint.robots.raven2.arm import POSITIONING as POSITIONING
-from truejoint.robots.raven2.arm import WORKSPACE as WORKSPACE
 from truejoint.robots.raven2.arm import build as build
-from truejoint.robots.raven2.hardware import CONTROL_PERIOD as CONTROL_PERIOD
-from truejoint.robots.raven2.hardware import CRTK_MAX_INCREMENT_ANGLE as CRTK_MAX_INCREMENT_ANGLE
-from truejoint.robots.raven2.hardware import (
-    CRTK_MAX_INCREMENT_INSERTION as CRTK_MAX_INCREMENT_INSERTION,
-)
 from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV as ENCODER_COUNTS_PER_REV
 from truejoint.robots.raven2.hardware import GRAVITY as GRAVITY
 from truejoint.robots.raven2.hardware import HOMING_RAMP as HOMING_RAMP
@@ -18,8 +10,6 @@ from truejoint.robots.raven2.hardware import HOMING_RETURN as HOMING_RETURN
 from truejoint.robots.raven2.hardware import HOMING_SETTLE as HOMING_SETTLE
 from truejoint.robots.raven2.hardware import JOINT_ENCODERS as JOINT_ENCODERS
 from truejoint.robots.raven2.hardware import Drive as Drive
-from truejoint.robots.raven2.hardware import JointEncoder as JointEncoder
-from truejoint.robots.raven2.hardware import Link as Link
 from truejoint.robots.raven2.hardware import drives as drives
 from truejoint.robots.raven2.hardware import links as links
 from truejoint.robots.raven2.kinematics import Raven2Kinematics as Raven2Kinematics

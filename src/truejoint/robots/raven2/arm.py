@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from truejoint.errors import RobotError
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.kinematics import kinematics
-from truejoint.robots.robot import Joint, Robot, Transmission
-from truejoint.robots.workspace import Workspace
+from truejoint.robots.robot import Joint, Robot, Transmission, Workspace
 
 # Arm by every name it goes by; without a name it is the left, the one that peng2024 used.
 ARMS: Final[Mapping[str, Literal["left", "right"]]] = {
@@ -68,17 +67,8 @@ def build(arm: str) -> Robot:
 
 @cache
 def _build(side: Literal["left", "right"]) -> Robot:
-    return Robot(
-        "raven2",
-        JOINTS,
-        side,
-        CHANNELS,
-        POSITIONING,
-        Transmission(_motor_from_joint(side)),
-        kinematics(side),
-        effort="motor",
-        workspace=WORKSPACE,
-    )
+    arm = side, CHANNELS, POSITIONING, Transmission(_motor_from_joint(side)), kinematics(side)
+    return Robot("raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE)
 
 
 def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
@@ -91,10 +81,8 @@ def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
     # Motion of the cables, in joint units, that each joint's motor has to follow.
     cable = np.eye(7)
     cable[elbow, shoulder] = hardware.ELBOW_PER_SHOULDER
-    cable[insertion, [shoulder, elbow]] = (
-        hardware.INSERTION_PER_SHOULDER,
-        hardware.INSERTION_PER_ELBOW,
-    )
+    cable[insertion, shoulder] = hardware.INSERTION_PER_SHOULDER
+    cable[insertion, elbow] = hardware.INSERTION_PER_ELBOW
     ratios = np.array([drive.transmission_ratio for drive in hardware.drives(arm)])
     motor = ratios[:, None] * cable
     side = 1.0 if arm == "left" else -1.0

@@ -100,9 +100,7 @@ ELBOW_PER_SHOULDER: Final = 0.14545
 INSERTION_PER_SHOULDER: Final = 0.0077973826  # m/rad
 INSERTION_PER_ELBOW: Final = 0.008077387  # m/rad
 # Turn of a tool's motor that keeps its joint still while the insertion's motor turns by 1.
-TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / (
-    _GEAR_LARGE / _CAPSTAN_LARGE
-)
+TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / INSERTION_RATIO
 
 
 def drives(arm: Literal["left", "right"]) -> tuple[Drive, ...]:

@@ -70,10 +70,10 @@ class Raven2Kinematics(SerialChain):
     def solutions(self, pose: ArrayLike, opening: float = 0.0) -> Array:
         """All joint positions (n_solutions, 7) that reach a pose; up to 8, angles in [-pi, pi].
 
-        The eight are two bends of the wrist, two sides of the remote centre and two bends of the
-        elbow (UWEETR-2012-0006). Joint limits are not applied. `pose` (4, 4) [m] is the tool's in
-        frame 0, `opening` the sum of the jaw positions [rad], on which the pose does not depend.
-        Raises RobotError if `pose` is not a rigid transform or no solution exists, and says why.
+        Two bends of wrist and elbow and two sides of the remote centre (UWEETR-2012-0006), without
+        joint limits. `pose` (4, 4) [m] is the tool's in frame 0, `opening` the sum of the jaw
+        positions [rad], on which it does not depend. Raises RobotError if `pose` is not rigid or
+        out of reach.
         """
         target = _rigid(pose)
         axes = np.full((8, 6), np.nan)
@@ -102,8 +102,7 @@ class Raven2Kinematics(SerialChain):
         axes = self.solutions(pose, opening) @ self.axis_from_joint.T
         axes[:, _TURNS] = origin[_TURNS] + _wrapped(axes[:, _TURNS] - origin[_TURNS])
         nearest = int(np.argmin((((axes - origin) * _WEIGHTS) ** 2).sum(axis=1)))
-        joints: Array = _joints(axes[nearest : nearest + 1], opening)[0]
-        return joints
+        return np.asarray(_joints(axes[nearest : nearest + 1], opening)[0])
 
 
 def kinematics(arm: Arm) -> Raven2Kinematics:
@@ -133,8 +132,7 @@ def _joints(axes: Array, opening: float) -> Array:
 
 
 def _wrapped(angle: Array) -> Array:
-    wrapped: Array = np.remainder(angle + np.pi, 2 * np.pi) - np.pi
-    return wrapped
+    return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
 
 
 def _rigid(pose: ArrayLike) -> Array:

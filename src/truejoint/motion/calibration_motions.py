@@ -1,20 +1,23 @@
-"""Zig-zag paths that cover the calibration workspace evenly (peng2024 II-B)."""
+"""Motions in the calibration workspace: zig-zags to calibrate, a random one to test (peng2024)."""
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from importlib.metadata import version
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
-from truejoint.motion.trajectory import Trajectory, generated, workspace_of
+from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot, Workspace
 
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
 """Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
 
 _MOST_DIVISIONS: Final = 50
+_LONGEST: Final = 24 * 3600.0  # [s]
 
 _EDGE: Final = 1.0 / np.sqrt(3.0)
 _HALF_DIAGONAL: Final = 1.0 / np.sqrt(6.0)
@@ -27,7 +30,7 @@ def zigzag(
     *,
     workspace: Workspace | None = None,
 ) -> Trajectory:
-    """Zig-zag path: strokes along `direction` on an even grid across it.
+    """Zig-zag path: strokes along `direction` on an even grid; 2 (1/sparsity + 1)^2 corners.
 
     Every direction has the same centre (peng2024 eq. 4) and covers the same volume, 1/sqrt(27)
     of the workspace: a box whose joint ranges are, as shares of the workspace's (eq. 5),
@@ -50,11 +53,6 @@ def zigzag(
         divided evenly, so that 1/sparsity is rounded to the nearest whole number: 0.33 is 1/3.
     workspace : Workspace, optional
         Where to move; by default `workspace_of(robot)`.
-
-    Returns
-    -------
-    Trajectory
-        A path, by its 2 (1/sparsity + 1)^2 corners.
 
     Raises
     ------
@@ -82,14 +80,63 @@ def zigzag(
     meta = {"kind": "zigzag", "direction": direction, "sparsity": 1.0 / divisions}
     ends = {"lower": space.lower.tolist(), "upper": space.upper.tolist()}
     name, positions = f"zigzag {direction} 1/{divisions}", space.centre + space.extent * shares
-    return generated(robot, space, positions, name=name, meta=meta | ends)
+    return _generated(robot, space, positions, name=name, meta=meta | ends)
+
+
+def random_motion(
+    robot: Robot, duration: float = 1200.0, seed: int = 0, *, rate: float = 20.0
+) -> Trajectory:
+    """Random sinusoidal motion of the positioning joints, each on its own (peng2024 IV-A).
+
+    Every joint swings between the two ends of its workspace. For each swing the turning point is
+    drawn within a margin of the end and the peak speed from the joint's range of speeds; the
+    swing is half a period of a cosine, so that the joint turns back smoothly. It starts at the
+    centre and never leaves the workspace, which also states margins and speeds.
+
+    Parameters
+    ----------
+    robot : Robot
+        One whose calibration workspace is known.
+    duration : float
+        Up to a day [s].
+    seed : int
+        The same seed gives the same motion; a longer one begins with the shorter one.
+    rate : float
+        Points per second [Hz]; straight lines between them deviate by less than 1e-3 deg at 20 Hz.
+
+    Raises
+    ------
+    TrajectoryError
+        If duration, rate or seed is out of range or the robot's ranges are not known.
+
+    Examples
+    --------
+    >>> random_motion(truejoint.get_robot("raven2"), duration=10.0, seed=1).joints
+    ('shoulder', 'elbow', 'insertion')
+    """
+    if not 1.0 <= duration <= _LONGEST:
+        raise TrajectoryError(f"duration {duration} s must be within [1, {_LONGEST:.0f}] s")
+    if not 1.0 <= rate <= 1000.0:
+        raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
+    if seed < 0:
+        raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
+    space = workspace_of(robot)
+    times = np.arange(round(duration * rate) + 1) / rate
+    streams = np.random.SeedSequence(seed).spawn(len(space.joints))
+    bounds = np.column_stack([space.lower, space.upper, *space.swings])
+    positions = [
+        _swings(times, np.random.default_rng(stream), *bound)
+        for bound, stream in zip(bounds, streams, strict=True)
+    ]
+    name = f"random {duration / 60:.3g} min, seed {seed}"
+    meta = {"kind": "random", "duration": duration, "seed": seed}
+    return _generated(robot, space, np.column_stack(positions), times, name=name, meta=meta)
 
 
 def zigzag_box(direction: str) -> Array:
     """Edges (3, 3) of the box that a zig-zag covers, as shares of the joints' ranges.
 
-    One edge a column, one joint a row: the first edge is the stroke, the strokes of a layer lie
-    along the second, the layers along the third.
+    A column each: along the strokes, along the strokes of a layer, along the layers.
     """
     moving = [int(part[1]) - 1 for part in direction.split("-")]
     if len(moving) == 3:
@@ -107,9 +154,9 @@ def zigzag_box(direction: str) -> Array:
 def _triple_box() -> Array:
     """Edges (3, 3) whose rows have absolute sum 1 and whose volume is 1/sqrt(27).
 
-    Signed cyclic shifts of (a, a, b) with 2 a + b = 1 have the volume (a + b)^2 (2 a - b); of the
-    two solutions the nearer to a cube is taken. Among all boxes with these ranges and this
-    volume, it has the smallest deviation of the edges' inner products from those of a cube.
+    Signed cyclic shifts of (a, a, b) with 2 a + b = 1 have the volume (a + b)^2 (2 a - b); the
+    solution nearer to a cube is taken. Of all such boxes its edges' inner products deviate least
+    from a cube's.
     """
     # (1 - a)^2 (4 a - 1) = 1 / sqrt(27)
     roots = np.roots([4.0, -9.0, 6.0, -1.0 - 1.0 / np.sqrt(27.0)]).real
@@ -130,3 +177,39 @@ def _unit_snake(divisions: int) -> Array:
     across = np.repeat(np.column_stack([row, layer]) / divisions, 2, axis=0)
     along = np.resize([0.0, 1.0, 1.0, 0.0], len(across))
     return np.column_stack([along, across])
+
+
+def _swings(
+    times: Array, random: np.random.Generator, lower: float, upper: float, *ranges: float
+) -> Array:
+    """Positions (n,) at `times` (n,) of one joint that starts at the centre."""
+    widest, slowest, fastest = ranges
+    turns, knots = [0.0], [(lower + upper) / 2]
+    upwards = bool(random.integers(2))
+    while turns[-1] <= times[-1]:
+        margin = random.uniform(0.0, widest)
+        target = upper - margin if upwards else lower + margin
+        peak = random.uniform(slowest, fastest)
+        turns.append(turns[-1] + np.pi * abs(target - knots[-1]) / (2.0 * peak))
+        knots.append(target)
+        upwards = not upwards
+    begin, knot = np.array(turns), np.array(knots)
+    swing = np.searchsorted(begin, times, side="right") - 1
+    phase = np.pi * (times - begin[swing]) / np.diff(begin)[swing]
+    start, end = knot[swing], knot[swing + 1]
+    return np.asarray(start + (end - start) * (1.0 - np.cos(phase)) / 2.0)
+
+
+def _generated(
+    robot: Robot,
+    space: Workspace,
+    positions: Array,
+    times: Array | None = None,
+    *,
+    name: str,
+    meta: Mapping[str, Any],
+) -> Trajectory:
+    """Trajectory through `positions` (n, n_joints) [rad or m] of `space`, saying who made it."""
+    units = tuple(robot.joint(joint).unit for joint in space.joints)
+    origin = {"robot": robot.name, "arm": robot.arm, "version": version("truejoint")}
+    return Trajectory(space.joints, units, positions, times, name, {**meta, **origin})

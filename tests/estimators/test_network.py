@@ -11,8 +11,7 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.network import effective_batch
-from truejoint.estimators.training import EPSILON, Layers, loss_and_gradient, train
+from truejoint.estimators.network import EPSILON, Layers, effective_batch, loss_and_gradient
 
 SIZES = (4, 6, 5, 3)
 
@@ -105,10 +104,9 @@ class _InOrder(np.random.RandomState):
 
 
 def _train(layers, X, y, batch, decay, epochs):
-    return train(
-        layers, X, y, weight_decay=decay, learning_rate=1e-2, batch_size=batch, epochs=epochs,
-        rng=_InOrder(0), progress=lambda _fraction: None,
-    )  # fmt: skip
+    network = NeuralNetwork(weight_decay=decay, learning_rate=1e-2, epochs=epochs)
+    network.batch_size_ = batch
+    network.train(layers, X, y, _InOrder(0), lambda _fraction: None)
 
 
 def test_network_predicts_its_own_layers_in_double_precision():
