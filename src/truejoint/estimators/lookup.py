@@ -6,7 +6,7 @@ from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered
 from truejoint.estimators.wrapped import WrappedRegressor, joint_regressor
-from truejoint.plugins import load_plugin
+from truejoint.plugins import call_plugin, load_plugin
 
 
 def get_estimator(name: str) -> JointRegressor:
@@ -19,9 +19,10 @@ def get_estimator(name: str) -> JointRegressor:
     """
     if name not in estimator_names():
         raise CalibrationError(unknown("estimator", name, estimator_names()))
-    return joint_regressor(
-        registered(name) if name in OWN else load_plugin(plugged_in()[name], type)()
-    )
+    if name in OWN:
+        return joint_regressor(registered(name))
+    point = plugged_in()[name]
+    return joint_regressor(call_plugin(point, load_plugin(point, type)))
 
 
 def class_of(family: str) -> type[JointRegressor]:
