@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, check_precision, write_files
+from truejoint.extras import require
 from truejoint.models.family import EstimatorData
 from truejoint.models.polynomial import polynomial_factors
 
@@ -59,28 +60,18 @@ def export_onnx(
 
     Raises
     ------
+    TruejointError
+        If the package onnx is not installed.
     ExportError
-        If the package onnx is not installed, the estimator is no regressor of features, or the file
-        exists or cannot be written.
+        If the estimator is no regressor of features, or the file exists or cannot be written.
     """
     check_precision(precision)
-    onnx = _onnx()
+    require("onnx.checker", "onnx", "an ONNX graph")
+    onnx = require("onnx", "onnx", "an ONNX graph")
     path = Path(path)
     model = _Graph(onnx, precision).build(calibration)
     write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
     return path
-
-
-def _onnx() -> ModuleType:
-    try:
-        import onnx  # noqa: PLC0415  # an optional extra
-        import onnx.checker  # noqa: PLC0415
-    except ImportError:
-        raise ExportError(
-            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
-        ) from None
-    module: ModuleType = onnx
-    return module
 
 
 class _Graph:
