@@ -11,6 +11,7 @@ import pytest
 
 import truejoint
 from truejoint import Calibration, Recording, TruejointError, write_calibration
+from truejoint.runtime import Corrector
 
 
 def motion(seed: int) -> Recording:
@@ -87,7 +88,8 @@ def test_a_corrected_recording_as_a_table(model: Calibration) -> None:
 
 
 def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
-    for value in (model, motion(1), truejoint.evaluate(model, motion(1))):
+    robot = truejoint.get_robot("dvrk_psm")
+    for value in (model, motion(1), truejoint.evaluate(model, motion(1)), Corrector(model), robot):
         assert "jaw" in repr(value)
         assert len(repr(value)) < 800
         assert len(repr(value).splitlines()) < 14

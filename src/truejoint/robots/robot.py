@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.workspace import Workspace
+from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
@@ -152,8 +153,8 @@ class Kinematics(Protocol):
         ...
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Summarised):
     """One arm of a robot.
 
     Attributes
@@ -308,6 +309,19 @@ class Robot:
                 **{key: np.asarray(getattr(chain, key)).tolist() for key in _MATRIX_KEYS},
             }
         return values
+
+    def summary(self) -> dict[str, str]:
+        """Joints, which of them place the tool, and what else is known of the robot, by label."""
+        known = [
+            what for what in ("transmission", "kinematics", "workspace") if getattr(self, what)
+        ]
+        return {
+            "robot": self.title,
+            "joints": ", ".join(f"{joint.name} [{joint.unit}]" for joint in self.joints),
+            "positioning": ", ".join(self.positioning),
+            "effort": f"of the {self.effort}",
+            "known": ", ".join(known) or "-",
+        }
 
     @property
     def title(self) -> str:
