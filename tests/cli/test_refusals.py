@@ -67,13 +67,18 @@ def test_evaluate_refuses_a_joint_that_the_model_does_not_correct(
     assert "did you mean 'elbow'?" in result.err
 
 
-def test_a_joint_that_no_file_can_have_is_refused_after_the_first(
-    call: Call, session: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("option", "wrong", "right"),
+    [("--joint", "elbw", "elbow"), ("--feature", "rate(effort/elbw, 0.1)", "effort/elbow")],
+)
+def test_a_name_that_no_file_can_have_is_refused_after_the_first(
+    call: Call, session: Path, tmp_path: Path, option: str, wrong: str, right: str
 ) -> None:
-    files = [session / "zigzag.parquet", session / "random.parquet"]
-    result = call("calibrate", *files, "--joint", "elbw", "-o", tmp_path / "m.st")
+    (tmp_path / "unreadable.parquet").write_text("")
+    files = [session / "zigzag.parquet", tmp_path / "unreadable.parquet"]
+    result = call("calibrate", *files, option, wrong, "-o", tmp_path / "m.st")
     assert result.code == 2
-    assert "did you mean 'elbow'?" in result.err
+    assert f"did you mean {right!r}?" in result.err
 
 
 @pytest.mark.parametrize("text", ["50,50", "(50, 50)", "[50,50]", "(50,50,)"])

@@ -20,7 +20,7 @@ from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import session_of, source_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, meant
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.lookup import get_estimator
 from truejoint.estimators.registry import BASELINES, DEFAULT
@@ -266,13 +266,18 @@ def _chosen_features(
 ) -> FeatureSet:
     feature_set = default_features(robot, recordings[0]) if features is None else features
     for recording in recordings:
-        missing = [s for s in feature_set.signals if s not in recording.table.columns]
-        if missing:
-            raise CalibrationError(
-                f"{source_of(recording)} lacks {', '.join(missing)}, which the features need; it "
-                f"has {', '.join(recording.units)}"
-            )
+        check_signals(recording, feature_set)
     return feature_set
+
+
+def check_signals(recording: Recording, feature_set: FeatureSet) -> None:
+    """Raise CalibrationError if a recording lacks a column that the features need."""
+    missing = [s for s in feature_set.signals if s not in recording.table.columns]
+    if missing:
+        raise CalibrationError(
+            f"{source_of(recording)} lacks {', '.join(missing)}, which the features need;"
+            f"{meant(missing[0], recording.units)} it has {', '.join(recording.units)}"
+        )
 
 
 def _common_units(

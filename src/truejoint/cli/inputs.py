@@ -46,13 +46,15 @@ class Files:
         split: str | None = None,
         held_out: bool = True,
         joints: Sequence[str] = (),
+        inputs: truejoint.models.FeatureSet | None = None,
     ) -> Read:
         """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
 
         What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
         set's recommended `split`, that to judge on if `held_out`. Raises RecordingError or
         RobotError here if one is not there or is named twice, the part is not ``FROM:TO``, or the
-        robot lacks one of the `joints`.
+        robot lacks one of the `joints`. It also ends at the first recording that lacks one of
+        these, or a signal of the `inputs`.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -65,6 +67,8 @@ class Files:
             return _split_side(only_dataset(names), split, held_out)
 
         def read() -> list[truejoint.Recording]:
+            from truejoint.calibration.fitting import check_signals  # noqa: PLC0415  # imports much
+
             recordings: list[truejoint.Recording] = []
             what = names[0] if len(names) == 1 else f"{len(names)} recordings"
             with progress(f"Reading {what}") as done:
@@ -72,6 +76,8 @@ class Files:
                     recordings += reader()
                     for recording in recordings:
                         recording.robot.index(list(joints))
+                        if inputs is not None:
+                            check_signals(recording, inputs)
                     done(count / len(names))
             for recording in recordings:
                 say_dropped(recording)
