@@ -108,9 +108,10 @@ def borrow(_typing: Any, array: Any) -> Any:
     return array(array), generate
 
 
+# NumPy's `target[:] = source` compiles for seconds.
 @compiled
 def copy(source: Array, target: Array, count: int) -> None:
-    """Copy numbers one by one; NumPy's `target[:] = source` compiles for seconds."""
+    """Copy numbers one by one."""
     for i in range(count):
         target[i] = source[i]
 

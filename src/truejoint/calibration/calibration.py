@@ -60,6 +60,13 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
     Made by `calibrate` or `read_calibration`. See `CalibrationData` for what it holds.
+
+    Examples
+    --------
+    >>> model.estimator, model.joints
+    ('linear', ('jaw',))
+    >>> model.correct(test).shape  # rows, joints [rad or m]
+    (400, 1)
     """
 
     @property
