@@ -67,6 +67,8 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.evaluate(model, motion(1), tolerance=0.2), "{'jaw': 0.2}"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jaw": "1"}), "positive"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jw": 1}), "'jaw'?"),
+        (lambda model: write_calibration("jaw.safetensors", model), "a str is no Calibration"),
+        (lambda model: truejoint.calibrate(motion(1), joints="jw"), "called 'jw'; did you mean"),
         (lambda model: write_calibration(model, "model.onnx"), "call it model.safetensors"),
     ],
 )

@@ -327,7 +327,7 @@ def write_calibration(
     ModelFileError
         If the file exists and `overwrite` is false, or it cannot be written.
     CalibrationError
-        If no installed package has the family of the estimator.
+        If it is no calibration, or no installed package has the family of its estimator.
 
     Examples
     --------
@@ -335,6 +335,10 @@ def write_calibration(
     >>> read_calibration("jaw.safetensors").estimator
     'linear'
     """
+    if not isinstance(calibration, Calibration):
+        raise CalibrationError(
+            f"a {type(calibration).__name__} is no Calibration; give what `calibrate` gives"
+        )
     find_family(calibration.model.family.name)
     description, arrays = encode(calibration)
     write_model_file(path, description, arrays, overwrite=overwrite)
