@@ -53,8 +53,8 @@ def evaluate(
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:
         check_free(report, force, "--report")
-    files = Files(reader, columns, robot, arm)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
+    files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(
