@@ -40,6 +40,7 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         (["-o", "m.onnx"], "call it m.safetensors"),
         (["-o", "model.csv"], "call it model.safetensors"),
         (["-o", "m.st"], "--force"),
+        (["-o", "nosuch/m.st"], "the folder nosuch does not exist"),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, list) else "",
 )
@@ -55,6 +56,14 @@ def test_calibrate(
     assert result.code == 2
     assert said in result.err
     assert len(result.err.strip().splitlines()) == 1
+
+
+@pytest.mark.usefixtures("nothing_is_read")
+def test_evaluate_refuses_a_folder_that_is_not_there(call: Call, session: Path) -> None:
+    files = [session / "m.st", session / "random.parquet"]
+    result = call("evaluate", *files, "--report", "nosuch/report.html")
+    assert result.code == 2
+    assert "the folder nosuch does not exist" in result.err
 
 
 @pytest.mark.usefixtures("nothing_is_read")

@@ -13,6 +13,7 @@ from typing import TypeAlias
 import truejoint
 from truejoint.cli.console import progress, say
 from truejoint.errors import RecordingError, TruejointError, unknown
+from truejoint.files import check_target
 from truejoint.units import display_unit
 
 Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
@@ -131,11 +132,17 @@ def check_free(path: Path, force: bool, option: str = "--out") -> None:
         raise TruejointError(f"{path}: is there already; choose another {option}, or --force")
 
 
+def check_writable(path: Path, force: bool, option: str = "--out") -> None:
+    """Refuse as `check_free` does, and a path that cannot become a file."""
+    check_free(path, force, option)
+    check_target(path, overwrite=True)
+
+
 def check_model_free(path: Path, force: bool, option: str = "--out") -> None:
-    """Refuse as `check_free` does, and a name that is not for a model file."""
+    """Refuse as `check_writable` does, and a name that is not for a model file."""
     from truejoint.calibration.model_file import check_name  # noqa: PLC0415  # needs NumPy
 
-    check_free(check_name(path), force, option)
+    check_writable(check_name(path), force, option)
 
 
 def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
