@@ -88,6 +88,10 @@ def test_the_loop_needs_neither_extras_nor_the_training_stack(folder: Path) -> N
             ["calibrate", "run.csv", "--robot", "arm.toml", "-o", "other.safetensors"],
             'a URDF needs pytransform3d, which is not installed: pip install "truejoint[urdf]"',
         ),
+        (
+            ["export", "jaw.safetensors", "--to", "onnx", "--out", "graph"],
+            'an ONNX graph needs onnx, which is not installed: pip install "truejoint[onnx]"',
+        ),
     ],
 )  # fmt: skip
 def test_what_needs_an_extra_says_which(

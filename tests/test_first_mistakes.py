@@ -11,6 +11,7 @@ import pytest
 
 import truejoint
 from truejoint import Calibration, Recording, TruejointError, write_calibration
+from truejoint.runtime import Corrector
 
 
 def motion(seed: int) -> Recording:
@@ -66,6 +67,8 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.evaluate(model, motion(1), tolerance=0.2), "{'jaw': 0.2}"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jaw": "1"}), "positive"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jw": 1}), "'jaw'?"),
+        (lambda model: write_calibration("jaw.safetensors", model), "a str is no Calibration"),
+        (lambda model: truejoint.calibrate(motion(1), joints="jw"), "called 'jw'; did you mean"),
         (lambda model: write_calibration(model, "model.onnx"), "call it model.safetensors"),
     ],
 )
@@ -87,7 +90,8 @@ def test_a_corrected_recording_as_a_table(model: Calibration) -> None:
 
 
 def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
-    for value in (model, motion(1), truejoint.evaluate(model, motion(1))):
+    robot = truejoint.get_robot("dvrk_psm")
+    for value in (model, motion(1), truejoint.evaluate(model, motion(1)), Corrector(model), robot):
         assert "jaw" in repr(value)
         assert len(repr(value)) < 800
         assert len(repr(value).splitlines()) < 14

@@ -89,10 +89,65 @@ def test_a_plug_in_that_cannot_be_loaded_is_named_and_the_rest_works(example: Pa
     result = run(example, "-c", READ, "broken", "number", "example_lever", "raven2")
     names, broken, number, *works = result.stdout.splitlines()
     assert {"broken", "example_lever", "example_counts"} <= {*names.split()}
-    assert "truejoint.robots 'broken' of package broken-one cannot be loaded (Module" in broken
+    assert "truejoint.robots 'broken' of package broken-one does not work (Module" in broken
     assert "truejoint.robots 'number' of package broken-one is a float" in number
     assert works == ["example_lever", "raven2 (left arm)"]
     assert result.stderr == ""
+
+
+RAISES = """
+from pathlib import Path
+from truejoint.recordings import Format
+def robot(arm):
+    raise ValueError("no\\nlever")
+def read(path):
+    raise KeyError("motor")
+FORMAT = Format("raises", "nothing", read)
+class Estimator:
+    def __init__(self, needed):
+        pass
+"""
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        ("get_robot('raises', 'left')", "robots 'raises' of package raises does not work with left "
+         "(ValueError: no lever)"),
+        ("get_robot('leaves')", "robots 'leaves' of package raises does not work (SystemExit: 3)"),
+        ("read_recording('run.txt', 'raises')", "formats 'raises' of package raises does not work "
+         "with run.txt (KeyError: 'motor')"),
+        ("get_estimator('raises')", "estimators 'raises' of package raises does not work (TypeErr"),
+    ],
+)  # fmt: skip
+def test_what_code_of_others_raises_is_one_line(tmp_path: Path, call: str, said: str) -> None:
+    (tmp_path / "raises.py").write_text(RAISES)
+    (tmp_path / "leaves.py").write_text("raise SystemExit(3)\n")
+    (tmp_path / "run.txt").write_text("1 2\n")
+    install(
+        tmp_path,
+        "raises",
+        {
+            "truejoint.robots": {"raises": "raises:robot", "leaves": "leaves:ROBOT"},
+            "truejoint.formats": {"raises": "raises:FORMAT"},
+            "truejoint.estimators": {"raises": "raises:Estimator"},
+        },
+    )
+    code = f"""
+import os
+from truejoint import get_robot, read_recording
+from truejoint.estimators import get_estimator
+from truejoint.errors import TruejointError
+os.chdir({str(tmp_path)!r})
+try:
+    {call}
+except TruejointError as error:
+    print(error)
+"""
+    result = run(tmp_path, "-c", code)
+    assert result.stderr == ""
+    assert said in result.stdout
+    assert result.stdout.count("\n") == 1
 
 
 def test_two_with_one_name_are_named_once_and_the_rest_works(example: Path) -> None:

@@ -108,10 +108,10 @@ def borrow(_typing: Any, array: Any) -> Any:
     return array(array), generate
 
 
+# NumPy's `target[:] = source` compiles for seconds.
 @compiled
 def copy(source: Array, target: Array, count: int) -> None:
     """Copy the first `count` elements."""
-    # NumPy's `target[:] = source` makes numba compile for seconds.
     for i in range(count):
         target[i] = source[i]
 

@@ -15,9 +15,13 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     "no estimator called 'lin'; did you mean 'linear'? known: offset, linear"
     """
     names = list(known)
-    near = get_close_matches(name, names, 1)
-    meant = f" did you mean {near[0]!r}?" if near else ""
-    return f"no {kind} called {name!r:.60};{meant} known: {', '.join(names) or 'none'}"
+    return f"no {kind} called {name!r:.60};{meant(name, names)} known: {', '.join(names) or 'none'}"
+
+
+def meant(name: str, known: Iterable[str]) -> str:
+    """Ask whether the known name nearest to `name` is meant, after a blank; empty if none is."""
+    near = get_close_matches(name, list(known), 1)
+    return f" did you mean {near[0]!r}?" if near else ""
 
 
 class TruejointError(ValueError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from collections import defaultdict
+from collections.abc import Callable
 from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any, Literal
@@ -56,15 +57,35 @@ def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
         If it cannot be imported or is none of `kinds`; the message names the package and the
         cause.
     """
-    where = f"{point.group} {point.name!r} of package {_package(point)}"
-    try:
-        loaded = point.load()
-    except Exception as error:  # noqa: BLE001  # code of others may raise anything
-        cause = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        raise TruejointError(f"{where} cannot be loaded ({cause}); mend or uninstall it") from None
+    loaded = call_plugin(point, point.load)
     if not isinstance(loaded, kinds):
-        raise TruejointError(f"{where} is a {type(loaded).__name__}, which is of no use there")
+        what = type(loaded).__name__
+        raise TruejointError(f"{_where(point)} is a {what}, which is of no use there")
     return loaded
+
+
+def call_plugin(point: EntryPoint, function: Callable[..., Any], *given: Any, **named: Any) -> Any:
+    """Call `function` of the package behind an entry point, which may raise anything.
+
+    Raises
+    ------
+    TruejointError
+        The function's own one line, or one that names the package, what it was given and the cause.
+    """
+    try:
+        return function(*given, **named)
+    except TruejointError:
+        raise
+    except (Exception, SystemExit) as error:  # noqa: BLE001  # code of others
+        cause = " ".join(f"{type(error).__name__}: {error}".split())[:200]
+        on = f" with {given[0]}" if given and given[0] else ""
+        raise TruejointError(
+            f"{_where(point)} does not work{on} ({cause}); mend or uninstall it"
+        ) from None
+
+
+def _where(point: EntryPoint) -> str:
+    return f"{point.group} {point.name!r} of package {_package(point)}"
 
 
 def _package(point: EntryPoint) -> str:

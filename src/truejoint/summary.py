@@ -9,6 +9,8 @@ from html import escape
 class Summarised:
     """Base of values that show themselves as a few labelled lines, or as a table in a notebook."""
 
+    __slots__ = ()
+
     @abstractmethod
     def summary(self) -> dict[str, str]:
         """Give what a person wants to know first, by label."""

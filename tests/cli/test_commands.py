@@ -17,6 +17,7 @@ from typer.main import get_command
 from truejoint import read_calibration, read_recording
 from truejoint.cli.app import app
 from truejoint.motion import read_trajectory
+from truejoint.robots import catalogue
 
 
 def _walk(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -243,3 +244,21 @@ def test_no_words_are_answered_with_the_help(call: Call) -> None:
     assert result.code == 2
     assert "Commands" in result.out
     assert not result.err
+
+
+def test_the_robot_of_a_file_is_known_by_the_model_that_carries_it(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue, "_described", {})
+    monkeypatch.chdir(tmp_path)
+    Path("tool.toml").write_text('name = "my_tool"\njoints = [{ name = "jaw" }]\n')
+    t = np.arange(200) * 0.02
+    rows = np.column_stack([t, np.sin(t), 1.1 * np.sin(t)])
+    header = "t,measured/jaw,truth/jaw"
+    np.savetxt("run.csv", rows, delimiter=",", header=header, comments="")
+    made = call("calibrate", "run.csv", "--robot", "tool.toml", "-e", "linear", "-o", "m.st")
+    assert made.code == 0, made.err
+    catalogue._described.clear()
+    for command in ("evaluate", "check"):
+        result = call(command, "m.st", "run.csv", "--robot", "my_tool")
+        assert result.code != 2, result.err

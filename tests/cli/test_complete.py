@@ -35,6 +35,8 @@ def complete(call: Call, session: Path, monkeypatch: pytest.MonkeyPatch) -> Comp
         (["calibrate", "davinci_grasper_umn", "--split", ""], ["frequency", "load"]),
         (["calibrate", "davinci_grasper_umn", "--joint", ""], ["jaw"]),
         (["calibrate", "zigzag.parquet", "--joint", "e"], ["elbow"]),
+        (["calibrate", "zigzag.parquet", "--feature", "effort/e"], ["effort/elbow"]),
+        (["calibrate", "--feature", "kuka"], ["kuka_kr300_dual_encoder"]),
         (["datasets", "show", "kuka"], ["kuka_kr300_dual_encoder"]),
         (["evaluate", "m.st", "random.parquet", "--tolerance", "i"], ["insertion="]),
         (["export", "m.st", "--to", ""], ["c", "onnx"]),

@@ -40,6 +40,7 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         (["-o", "m.onnx"], "call it m.safetensors"),
         (["-o", "model.csv"], "call it model.safetensors"),
         (["-o", "m.st"], "--force"),
+        (["-o", "nosuch/m.st"], "the folder nosuch does not exist"),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, list) else "",
 )
@@ -58,6 +59,14 @@ def test_calibrate(
 
 
 @pytest.mark.usefixtures("nothing_is_read")
+def test_evaluate_refuses_a_folder_that_is_not_there(call: Call, session: Path) -> None:
+    files = [session / "m.st", session / "random.parquet"]
+    result = call("evaluate", *files, "--report", "nosuch/report.html")
+    assert result.code == 2
+    assert "the folder nosuch does not exist" in result.err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
 def test_evaluate_refuses_a_joint_that_the_model_does_not_correct(
     call: Call, session: Path
 ) -> None:
@@ -67,13 +76,18 @@ def test_evaluate_refuses_a_joint_that_the_model_does_not_correct(
     assert "did you mean 'elbow'?" in result.err
 
 
-def test_a_joint_that_no_file_can_have_is_refused_after_the_first(
-    call: Call, session: Path, tmp_path: Path
+@pytest.mark.parametrize(
+    ("option", "wrong", "right"),
+    [("--joint", "elbw", "elbow"), ("--feature", "rate(effort/elbw, 0.1)", "effort/elbow")],
+)
+def test_a_name_that_no_file_can_have_is_refused_after_the_first(
+    call: Call, session: Path, tmp_path: Path, option: str, wrong: str, right: str
 ) -> None:
-    files = [session / "zigzag.parquet", session / "random.parquet"]
-    result = call("calibrate", *files, "--joint", "elbw", "-o", tmp_path / "m.st")
+    (tmp_path / "unreadable.parquet").write_text("")
+    files = [session / "zigzag.parquet", tmp_path / "unreadable.parquet"]
+    result = call("calibrate", *files, option, wrong, "-o", tmp_path / "m.st")
     assert result.code == 2
-    assert "did you mean 'elbow'?" in result.err
+    assert f"did you mean {right!r}?" in result.err
 
 
 @pytest.mark.parametrize("text", ["50,50", "(50, 50)", "[50,50]", "(50,50,)"])

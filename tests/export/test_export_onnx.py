@@ -8,7 +8,7 @@ import sys
 import numpy as np
 import pytest
 
-from truejoint.errors import ExportError
+from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.export.export_onnx import export_onnx
 
@@ -83,7 +83,7 @@ def test_nothing_is_overwritten_unless_told(tmp_path):
 def test_without_onnx_the_refusal_says_how_to_install_it(tmp_path, monkeypatch):
     fitted = calibration(FixedOffset())
     monkeypatch.setitem(sys.modules, "onnx", None)
-    with pytest.raises(ExportError, match=r"pip install 'truejoint\[onnx\]'") as caught:
+    with pytest.raises(TruejointError, match=r'pip install "truejoint\[onnx\]"') as caught:
         export_onnx(fitted, tmp_path / "m.onnx")
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())

@@ -106,7 +106,7 @@ def test_a_damaged_part_is_computed_again(toy, tmp_path):
 def test_wrong_calls_are_refused(toy):
     with pytest.raises(StudyError, match="0 jobs"):
         run_study(toy.study, jobs=0)
-    with pytest.raises(StudyError, match="no study 'nosuch'"):
+    with pytest.raises(StudyError, match="no study called 'nosuch'"):
         run_study("nosuch")
     with pytest.raises(StudyError, match="no parts"):
         run_study(toy.study, {"count": 0})

@@ -64,6 +64,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     Examples
     --------
+    >>> model.estimator, model.joints
+    ('linear', ('jaw',))
+    >>> model.correct(test).shape  # rows, joints [rad or m]
+    (400, 1)
     >>> list(model.correct_table(test).columns)
     ['t', 'corrected/jaw', 'half_width/jaw']
     """
@@ -255,7 +259,7 @@ def write_calibration(
     ModelFileError
         If the file exists and `overwrite` is false, or it cannot be written.
     CalibrationError
-        If no installed package has the family of the estimator.
+        If it is no calibration, or no installed package has the family of its estimator.
 
     Examples
     --------
@@ -263,6 +267,10 @@ def write_calibration(
     >>> read_calibration("jaw.safetensors").estimator
     'linear'
     """
+    if not isinstance(calibration, Calibration):
+        raise CalibrationError(
+            f"a {type(calibration).__name__} is no Calibration; give what `calibrate` gives"
+        )
     find_family(calibration.model.family.name)
     description, arrays = encode(calibration)
     write_model_file(path, description, arrays, overwrite=overwrite)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import residual_statistics
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, meant
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -380,8 +380,8 @@ def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> N
     missing = [column for column in columns if column not in recording.table.columns]
     if missing:
         raise CalibrationError(
-            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose}; it has "
-            f"{', '.join(recording.units)}"
+            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose};"
+            f"{meant(missing[0], recording.units)} it has {', '.join(recording.units)}"
         )
 
 

@@ -73,7 +73,7 @@ def calibrate(
     features : FeatureSet or iterable of str, optional
         Inputs of the model; measured position and effort of every channel by default, or those
         that the estimator was made for.
-    joints : sequence of str, optional
+    joints : sequence of str or str, optional
         Joints to correct; by default the robot's positioning joints that have truth.
     target : {"error", "position"}, optional
         Predict truth minus measured (peng2024, II-J: more accurate), or the position itself; by
@@ -223,8 +223,8 @@ def _chosen_joints(
                 "; a calibration needs the true position of a joint that positions the tool"
             )
     else:
-        robot.index(list(joints))
-        chosen = tuple(dict.fromkeys(joints))
+        chosen = tuple(dict.fromkeys([joints] if isinstance(joints, str) else joints))
+        robot.index(chosen)
         if not chosen:
             raise CalibrationError(
                 f"no joints to correct; {robot.title} has {', '.join(robot.joint_names)}"

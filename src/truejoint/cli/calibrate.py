@@ -45,6 +45,7 @@ def calibrate(
             help="Input of the model, such as 'measured/jaw' or 'play(measured/jaw, 0.02)'; give "
             "it once for each, or the name of a public data set for the features that suit it. "
             "Default: measured position and effort of every channel.",
+            autocompletion=complete.features,
         ),
     ] = None,
     joints: Annotated[
@@ -99,7 +100,7 @@ def calibrate(
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
     inputs = chosen_features(features)
     read_training = files.find(
-        recordings, part=part, split=split, held_out=False, joints=joints or []
+        recordings, part=part, split=split, held_out=False, joints=joints or [], inputs=inputs
     )
     read_testing, read_unseen = files.find(test or []), files.find(interval or [])
     training, testing, unseen = read_training(), read_testing(), read_unseen()

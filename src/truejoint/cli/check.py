@@ -69,8 +69,8 @@ def check(
         check_model_free(rezero, force, "--rezero")
         if against is not None:
             raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
-    files = Files(reader, columns, robot, arm)
     calibration = truejoint.read_calibration(model)
+    files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
     other = None if against is None else truejoint.read_calibration(against)
     level = level_percent / 100.0
     if calibration.interval is not None:

@@ -37,14 +37,13 @@ def splits(context: typer.Context) -> list[str]:
 
 def joints(context: typer.Context) -> list[str]:
     """List the joints with truth in the headers of the recordings that the command line names."""
-    known = truejoint.recordings.datasets.DATASETS
-    columns: list[str] = []
-    for name in _named(context):
-        if name in known:
-            columns += [feature.replace("measured/", "truth/") for feature in known[name].features]
-        else:
-            columns += _header(Path(name))
-    return list(dict.fromkeys(c[6:] for c in columns if c.startswith("truth/")))
+    return [c.removeprefix("truth/") for c in _columns(context) if c.startswith("truth/")]
+
+
+def features(context: typer.Context) -> list[str]:
+    """List the signals of the recordings that the command line names, then the data sets."""
+    signals = [c for c in _columns(context) if "/" in c and not c.startswith("truth/")]
+    return [*signals, *datasets()]
 
 
 def tolerances(context: typer.Context) -> list[str]:
@@ -65,6 +64,19 @@ def percent_levels(context: typer.Context) -> list[str]:
 def _named(context: typer.Context) -> list[str]:
     """Words of the command line that belong to no option; unsorted while one lacks its value."""
     return [*(context.params.get("recordings") or []), *context.args]
+
+
+def _columns(context: typer.Context) -> list[str]:
+    """Columns of the recordings that the command line names, each once."""
+    known = truejoint.recordings.datasets.DATASETS
+    columns: list[str] = []
+    for name in _named(context):
+        if name in known:
+            columns += known[name].features
+            columns += [c.replace("measured/", "truth/") for c in known[name].features]
+        else:
+            columns += _header(Path(name))
+    return list(dict.fromkeys(columns))
 
 
 def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:

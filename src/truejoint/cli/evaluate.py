@@ -11,7 +11,7 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import Files, check_free, parse_tolerances
+from truejoint.cli.inputs import Files, check_writable, parse_tolerances
 from truejoint.errors import CalibrationError
 
 CHECK_FAILED = 1
@@ -52,9 +52,9 @@ def evaluate(
 ) -> None:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:
-        check_free(report, force, "--report")
-    files = Files(reader, columns, robot, arm)
+        check_writable(report, force, "--report")
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
+    files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(

@@ -13,6 +13,7 @@ from typing import TypeAlias
 import truejoint
 from truejoint.cli.console import progress, say
 from truejoint.errors import RecordingError, TruejointError, unknown
+from truejoint.files import check_target
 from truejoint.units import display_unit
 
 Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
@@ -42,12 +43,14 @@ class Files:
         split: str | None = None,
         held_out: bool = True,
         joints: Sequence[str] = (),
+        inputs: truejoint.models.FeatureSet | None = None,
     ) -> Read:
         """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
 
         What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
         set's recommended `split`, that to judge on if `held_out`. What is wrong with names, part or
-        `joints` is raised here, before anything is read.
+        `joints` is raised here, before anything is read; reading ends at the first recording that
+        lacks one of these, or a signal of the `inputs`.
         """
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -60,6 +63,8 @@ class Files:
             return _split_side(only_dataset(names), split, held_out)
 
         def read() -> list[truejoint.Recording]:
+            from truejoint.calibration.conformal import check_columns  # noqa: PLC0415  # imports much
+
             recordings: list[truejoint.Recording] = []
             what = names[0] if len(names) == 1 else f"{len(names)} recordings"
             with progress(f"Reading {what}") as done:
@@ -67,6 +72,8 @@ class Files:
                     recordings += reader()
                     for recording in recordings:
                         recording.robot.index(list(joints))
+                        if inputs is not None:
+                            check_columns(recording, inputs.signals, "features need")
                     done(count / len(names))
             for recording in recordings:
                 say_dropped(recording)
@@ -120,11 +127,17 @@ def check_free(path: Path, force: bool, option: str = "--out") -> None:
         raise TruejointError(f"{path}: is there already; choose another {option}, or --force")
 
 
+def check_writable(path: Path, force: bool, option: str = "--out") -> None:
+    """Refuse as `check_free` does, and a path that cannot become a file."""
+    check_free(path, force, option)
+    check_target(path, overwrite=True)
+
+
 def check_model_free(path: Path, force: bool, option: str = "--out") -> None:
-    """Refuse as `check_free` does, and a name that is not for a model file."""
+    """Refuse as `check_writable` does, and a name that is not for a model file."""
     from truejoint.calibration.model_file import check_name  # noqa: PLC0415  # needs NumPy
 
-    check_free(check_name(path), force, option)
+    check_writable(check_name(path), force, option)
 
 
 def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:

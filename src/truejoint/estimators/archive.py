@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import zipfile
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
@@ -13,6 +12,7 @@ from sklearn.gaussian_process import kernels
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
+from truejoint.extras import require
 from truejoint.models.scikit_learn import MAX_BYTES
 
 MAX_UNPACKED: Final = 512 * 2**20
@@ -55,7 +55,7 @@ def from_words(words: Array, n_bytes: int) -> list[Any]:
     if not ((words >= 0) & (words < 2**32) & (words == np.floor(words))).all():
         raise CalibrationError("the archive of the regressor is damaged: it is no bytes")
     data = words.astype("<u4").tobytes()[:n_bytes]
-    skops = _skops("this calibration")
+    skops = require("skops.io", "skops", "this calibration")
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(entry.file_size for entry in archive.infolist())
@@ -93,20 +93,11 @@ def one_line(error: Exception) -> str:
 
 def _dumped(regressor: Any) -> bytes | str:
     """Archive of a regressor, or what in it cannot be saved."""
-    skops = _skops(type(regressor[0] if isinstance(regressor, list) else regressor).__name__)
+    kind = type(regressor[0] if isinstance(regressor, list) else regressor).__name__
+    skops = require("skops.io", "skops", f"keeping {kind} in a file")
     try:
         data: bytes = skops.dumps(regressor, compression=zipfile.ZIP_DEFLATED)
         odd = [kind for kind in skops.get_untrusted_types(data=data) if kind not in _TRUSTED]
     except Exception as error:  # noqa: BLE001  # objects of others may raise anything
         return one_line(error)
     return odd[-1] if odd else data
-
-
-def _skops(name: str) -> Any:
-    try:
-        return import_module("skops.io")
-    except ModuleNotFoundError as error:
-        raise CalibrationError(
-            f"{name} needs {error.name}, which is not installed, to be kept in a file: "
-            'pip install "truejoint[skops]"'
-        ) from None

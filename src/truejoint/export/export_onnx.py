@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Callable, Mapping
-from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -16,6 +15,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, check_precision, write_files
+from truejoint.extras import require
 from truejoint.models.family import EstimatorData
 from truejoint.models.polynomial import polynomial_factors
 
@@ -43,18 +43,14 @@ def export_onnx(
     ``features`` (rows, n_features) and, where the model predicts the error of the measured
     position, ``measured`` (rows, n_joints). The metadata name what stands in each column.
 
-    Inputs, weights and output have the `precision`. Raises ExportError if the package onnx is not
-    installed, the estimator is no regressor of features, or the file exists (without `overwrite`)
-    or cannot be written.
+    Inputs, weights and output have the `precision`. Raises TruejointError if the package onnx is
+    not installed, ExportError if the estimator is no regressor of features, or the file exists
+    (without `overwrite`) or cannot be written.
     """
     check_precision(precision)
+    require("onnx.checker", "onnx", "an ONNX graph")
+    onnx = require("onnx", "onnx", "an ONNX graph")
     path = Path(path)
-    try:
-        onnx = import_module("onnx")
-    except ImportError:
-        raise ExportError(
-            "the package onnx is not installed; install it with: pip install 'truejoint[onnx]'"
-        ) from None
     model = _Graph(onnx, precision).build(calibration)
     write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
     return path

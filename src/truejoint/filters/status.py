@@ -9,6 +9,11 @@ class FilterStatus(IntFlag):
     """Bits of the status of one filter step; 0 means that everything in `z` was used.
 
     Whatever the bits, state and covariance stay finite and the covariance positive semidefinite.
+
+    Examples
+    --------
+    >>> FilterStatus(6).name
+    'PARTIAL|GATED'
     """
 
     OK = 0

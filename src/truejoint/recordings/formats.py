@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError, unknown
-from truejoint.plugins import load_plugin, plugins
+from truejoint.plugins import call_plugin, load_plugin, plugins
 from truejoint.recordings.array_files import VERSION5_MARK
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
@@ -155,7 +156,7 @@ def _get_format(name: str) -> Format:
     if name not in others:
         raise RecordingError(unknown("format", name, format_names()))
     entry: Format = load_plugin(others[name], Format)
-    return entry
+    return replace(entry, read=partial(call_plugin, others[name], entry.read))
 
 
 def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:

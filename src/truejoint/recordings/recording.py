@@ -131,6 +131,13 @@ class Recording(Summarised):
     ------
     RecordingError
         If the table breaks one of these rules; the message names column, row and value.
+
+    Examples
+    --------
+    >>> columns = {"t": [0.0, 0.01], "measured/jaw": [0.2, 0.3], "truth/jaw": [0.21, 0.31]}
+    >>> recording = Recording.from_columns(columns, "davinci_grasper")
+    >>> recording.error(["jaw"]).round(3).tolist()
+    [[0.01], [0.01]]
     """
 
     table: pd.DataFrame

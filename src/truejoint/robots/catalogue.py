@@ -12,7 +12,7 @@ from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RobotError, unknown
-from truejoint.plugins import load_plugin, plugins
+from truejoint.plugins import call_plugin, load_plugin, plugins
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
@@ -133,7 +133,7 @@ def _build(name: str, arm: str) -> Robot:
             f"{unknown('robot', name, robot_names())}, or the path of a robot file (.toml)"
         )
     found = load_plugin(point, (Path, FunctionType))
-    robot = read_robot(found, arm) if isinstance(found, Path) else found(arm)
+    robot = read_robot(found, arm) if isinstance(found, Path) else call_plugin(point, found, arm)
     if not isinstance(robot, Robot) or robot.name != name:
         raise RobotError(f"truejoint.robots {name!r} of {point.value}: is no robot of that name")
     return robot

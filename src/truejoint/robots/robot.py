@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
+from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
@@ -37,6 +38,7 @@ _CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
 _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
                 "kinematics", "workspace")  # fmt: skip
+_FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
 _WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest")
 
 
@@ -198,8 +200,8 @@ class Kinematics(Protocol):
         """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
 
 
-@dataclass(frozen=True, eq=False)
-class Robot:
+@dataclass(frozen=True, eq=False, repr=False)
+class Robot(Summarised):
     """One arm of a robot.
 
     Attributes
@@ -223,7 +225,7 @@ class Robot:
     ------
     RobotError
         If a name stands twice, a joint has no channel, a positioning joint is none of the joints,
-        or the transmission is for another number of joints.
+        the transmission is for another number of joints, or the workspace is beyond the limits.
 
     Examples
     --------
@@ -247,11 +249,9 @@ class Robot:
             object.__setattr__(self, "channels", self.joint_names)
         if not self.positioning:
             object.__setattr__(self, "positioning", self.joint_names)
-        for what in ("joint_names", "channels", "positioning"):
-            names = getattr(self, what)
-            twice = [name for name in names if names.count(name) > 1]
-            if twice:
-                raise RobotError(f"{self.name}: {twice[0]!r} is twice among its {what}; keep one")
+        _check_once(self.joint_names, f"{self.name}: joints")
+        _check_once(self.channels, f"{self.name}: channels")
+        _check_once(self.positioning, f"{self.name}: positioning")
         if tuple(name for name in self.channels if name in self.joint_names) != self.joint_names:
             raise RobotError(
                 f"{self.name}: its channels must hold every joint, in order: "
@@ -264,8 +264,21 @@ class Robot:
                 f"{self.name}: transmission of shape {self.transmission.matrix.shape} does not "
                 f"fit its {n} joints; want one row and one column for each"
             )
+        if self.workspace is not None:
+            self._check_workspace(self.workspace)
         if self.effort not in get_args(Effort):
             raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
+
+    def _check_workspace(self, space: Workspace) -> None:
+        rows = zip(space.joints, space.lower, space.upper, space.speed, strict=True)
+        for name, lower, upper, speed in rows:
+            joint = self.joint(name)
+            if lower < joint.lower or upper > joint.upper or speed > joint.max_speed:
+                raise RobotError(
+                    f"workspace.{name}: {lower:g} to {upper:g} {joint.unit} at {speed:g} "
+                    f"{joint.unit}/s is beyond what the joint can: {joint.lower:g} to "
+                    f"{joint.upper:g} at {joint.max_speed:g}"
+                )
 
     @classmethod
     def from_dict(
@@ -322,6 +335,19 @@ class Robot:
             }
         return values
 
+    def summary(self) -> dict[str, str]:
+        """Joints, which of them place the tool, and what else is known of the robot, by label."""
+        known = [
+            what for what in ("transmission", "kinematics", "workspace") if getattr(self, what)
+        ]
+        return {
+            "robot": self.title,
+            "joints": ", ".join(f"{joint.name} [{joint.unit}]" for joint in self.joints),
+            "positioning": ", ".join(self.positioning),
+            "effort": f"of the {self.effort}",
+            "known": ", ".join(known) or "-",
+        }
+
     @property
     def title(self) -> str:
         """Name and arm for a person, for instance ``"raven2 (left arm)"``."""
@@ -373,7 +399,9 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """
     values = read_toml(path, RobotError)
     source = source or str(path)
+    _check_keys(values, _FILE_KEYS, (), source)
     arms = _names(values.pop("arms", []), f"{source}: arms")
+    _check_once(arms, f"{source}: arms")
     wanted = arm.strip().lower()
     if wanted and wanted not in arms:
         known = ", ".join(arms) or "none: leave the arm empty"
@@ -460,6 +488,14 @@ def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
         if matrices[k].shape != expected:
             shape = matrices[k].shape
             raise RobotError(f"kinematics: {key} is of shape {shape}, expected {expected}")
+    if "axis_from_joint" not in values:
+        kinds = [joint.kind for joint in joints[: len(axes)]]
+        if [axis.kind for axis in axes] != kinds:
+            raise RobotError(
+                f"kinematics: axes {', '.join(axis.kind for axis in axes)} do not fit the joints "
+                f"{', '.join(joint.kind for joint in joints)}; say what moves each by "
+                "axis_from_joint"
+            )
     return SerialChain(tuple(axes), *matrices)
 
 
@@ -472,6 +508,12 @@ def _check_keys(
     for key in needed:
         if key not in values:
             raise RobotError(f"{where}: {key!r} is missing; add it")
+
+
+def _check_once(names: Sequence[str], where: str) -> None:
+    twice = [name for name in names if names.count(name) > 1]
+    if twice:
+        raise RobotError(f"{where}: {twice[0]!r} stands twice; keep one")
 
 
 def _tables(values: Any, where: str) -> Sequence[Mapping[str, Any]]:

@@ -17,12 +17,13 @@ from truejoint.runtime.correction import correct_sample, forget
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
+from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
 
 
-class Corrector:
+class Corrector(Summarised):
     """Corrects joint positions sample by sample, as fast as the loop that calls it.
 
     Everything is compiled, or taken from the disk, when it is made; `step` allocates nothing,
@@ -111,6 +112,15 @@ class Corrector:
         self._statuses = _Statuses()
         self._apply_homing()
         self.warm_up()
+
+    def summary(self) -> dict[str, str]:
+        """Give what goes in and out, and where it stands, by label."""
+        return {
+            "signals": ", ".join(self.signals),
+            "joints": ", ".join(self.joints),
+            "position": str(self.position),
+            "homing": str(self._homing.status.name),
+        }
 
     def step(self, t: float, sample: ArrayLike) -> Status:
         """Correct one `sample` (n_signals,), taken at `t` [s], into `position` and `half_width`.

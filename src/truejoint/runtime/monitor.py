@@ -95,7 +95,13 @@ _RECALIBRATE: Final = np.array([3.0, 3.0, 0.5, 4.0, math.inf])
 
 
 class Alarm(IntEnum):
-    """What is advised."""
+    """What is advised.
+
+    Examples
+    --------
+    >>> Alarm(1).name
+    'CHECK'
+    """
 
     NONE = 0
     CHECK = 1
@@ -105,7 +111,13 @@ class Alarm(IntEnum):
 
 
 class Reason(IntFlag):
-    """What an alarm is about."""
+    """What an alarm is about.
+
+    Examples
+    --------
+    >>> Reason.FRICTION in Reason(3)
+    True
+    """
 
     NOTHING = 0
     SHIFT = 1

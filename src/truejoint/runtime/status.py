@@ -10,6 +10,11 @@ class Status(IntFlag):
 
     With any bit set the measured position passes through as it is, and its half-width is
     infinite. docs/status.md says what is seen, what happens and when it recovers.
+
+    Examples
+    --------
+    >>> Status(80).name
+    'SPIKE|OUT_OF_RANGE'
     """
 
     OK = 0

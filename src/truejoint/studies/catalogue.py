@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from truejoint.errors import StudyError
+from truejoint.errors import StudyError, unknown
 from truejoint.studies.study import Option, Study
 
 _SPECIMEN: Final = Option(
@@ -89,5 +89,5 @@ def get_study(name: str) -> Study:
     'yan2020, Table 2, figures 6 and 7'
     """
     if name not in STUDIES:
-        raise StudyError(f"no study {name!r:.60}; known: {', '.join(STUDIES)}")
+        raise StudyError(unknown("study", name, STUDIES))
     return STUDIES[name]
