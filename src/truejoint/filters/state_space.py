@@ -12,7 +12,7 @@ from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
 from truejoint.array_types import Array
-from truejoint.compiled import address, compiled, matrix
+from truejoint.compiled import address, compiled, inlined, matrix
 from truejoint.filters.factors import semidefinite_cholesky
 from truejoint.filters.fields import MEASUREMENT, PROCESS_NOISE, TRANSITION
 from truejoint.filters.sigma_points import FilterError
@@ -166,7 +166,7 @@ def _compile(
     return place
 
 
-@compiled
+@inlined
 def _add_row(total: float, A: Array, i: int, x: Array) -> float:
     # The sum stays in a register: through memory each term would wait for the one before.
     for j in range(len(x)):
