@@ -6,15 +6,15 @@ from importlib import import_module
 from importlib.metadata import EntryPoint
 from typing import Any, Final
 
+from truejoint.models.names import OFFSET
 from truejoint.plugins import plugins
 
-BASELINES: Final = ("offset", "linear", "poly2")
+BASELINES: Final = (OFFSET, "linear", "poly2")
 """What every calibration carries along to be compared with."""
-OFFSET: Final = BASELINES[0]  # what errors are given as a percentage of
 DEFAULT: Final = "dnn"  # what is fitted where none is named
 
 _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
-    "offset": ("polynomial", "FixedOffset", {}),
+    OFFSET: ("polynomial", "FixedOffset", {}),
     "linear": ("polynomial", "PolynomialRegressor", {"degree": 1}),
     "poly2": ("polynomial", "PolynomialRegressor", {}),
     "dnn": ("network", "NeuralNetwork", {}),
@@ -37,7 +37,7 @@ _ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
 OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
 
 TITLES: Final = {
-    "offset": ("Fixed offset", "the fixed offset"),
+    OFFSET: ("Fixed offset", "the fixed offset"),
     "linear": ("Linear", "the linear model"),
     "poly2": ("2nd-order polynomial", "the 2nd-order polynomial"),
     "dnn": ("Neural network", "the neural network"),

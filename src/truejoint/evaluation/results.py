@@ -12,11 +12,12 @@ from scipy.special import stdtrit
 
 from truejoint.array_types import Array
 from truejoint.estimators import registry
+from truejoint.models import names
 from truejoint.summary import Summarised
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
 RAW: Final = "raw"
-OFFSET: Final = registry.OFFSET
+OFFSET: Final = names.OFFSET
 # Always in the table, in this order; what was chosen stands after them.
 BASELINES: Final = (RAW, *registry.BASELINES)
 

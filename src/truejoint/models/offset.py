@@ -7,6 +7,7 @@ from typing import Final
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, vector
 from truejoint.layout import Layout
+from truejoint.models import names
 from truejoint.models.family import Family
 
 LAYOUT: Final = Layout()
@@ -23,7 +24,7 @@ def offset_row(
 
 
 FAMILY: Final = Family(
-    "offset",
+    names.OFFSET,
     rules={},
     shapes=lambda _params, _n_features, n_outputs: {"offset": (n_outputs,)},
     pack=lambda _params, arrays, _k, _n: LAYOUT.pack(**arrays),
