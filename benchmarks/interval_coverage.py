@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint import calibrate
-from truejoint.calibration import Calibration, cross_check, measure_coverage, with_interval
+from truejoint.calibration import Calibration, compare_calibrations, measure_coverage, with_interval
 from truejoint.crtk import Arm, simulated_arm
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
@@ -149,7 +149,7 @@ def main() -> None:
     print("|---|---|---|---|---|")
     for pair in pairs:
         first, second = (with_interval(one, sessions) for one in pair)
-        found = cross_check(first, second, sessions[0], LEVEL)
+        found = compare_calibrations(first, second, sessions[0], LEVEL)
         for k, joint in enumerate(first.joints):
             shown = display_unit(first.units[f"measured/{joint}"])
             print(

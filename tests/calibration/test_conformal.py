@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from truejoint.calibration import (
     Calibration,
     calibrate,
-    cross_check,
+    compare_calibrations,
     measure_coverage,
     needed_trajectories,
     read_calibration,
@@ -291,11 +291,11 @@ def test_two_calibrations_that_differ_by_more_than_they_state_are_found(
 ):
     other = with_interval(calibrate(build(1500, 77), "linear", features=FEATURES), motions)
     first = with_interval(calibration, motions)
-    agreement = cross_check(first, other, motions[0])
+    agreement = compare_calibrations(first, other, motions[0])
     assert agreement.consistent.all()
     apart = 3.0 * first.interval.half_width(0.9).max()
     wrong = rezeroed(other, shifted(motions[0], apart))
-    found = cross_check(first, wrong, motions[0])
+    found = compare_calibrations(first, wrong, motions[0])
     assert not found.consistent.any()
     difference = first.correct(motions[0]) - wrong.correct(motions[0])
     assert found.difference == pytest.approx(np.sqrt((difference**2).mean(axis=0)))
@@ -304,4 +304,4 @@ def test_two_calibrations_that_differ_by_more_than_they_state_are_found(
 def test_calibrations_of_different_joints_are_not_compared(calibration, recording, motions):
     elbow = calibrate(recording, "linear", features=FEATURES, joints=["elbow"])
     with pytest.raises(CalibrationError, match="compare two of the same joints"):
-        cross_check(calibration, elbow, motions[0])
+        compare_calibrations(calibration, elbow, motions[0])

@@ -2,9 +2,9 @@ from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
 from .calibration import read_calibration as read_calibration
 from .calibration import write_calibration as write_calibration
+from .conformal import Agreement as Agreement
 from .conformal import Coverage as Coverage
-from .conformal import CrossCheck as CrossCheck
-from .conformal import cross_check as cross_check
+from .conformal import compare_calibrations as compare_calibrations
 from .conformal import measure_coverage as measure_coverage
 from .conformal import with_interval as with_interval
 from .fitting import calibrate as calibrate

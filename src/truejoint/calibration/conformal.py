@@ -14,6 +14,7 @@ from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import residual_statistics
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.errors import CalibrationError, meant
+from truejoint.models.names import OFFSET
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -181,7 +182,7 @@ def measure_coverage(
 
 
 @dataclass(frozen=True, eq=False)
-class CrossCheck:
+class Agreement:
     """Whether two independent calibrations disagree more than their intervals allow.
 
     Attributes
@@ -196,7 +197,7 @@ class CrossCheck:
 
     Examples
     --------
-    >>> cross_check(model, model, test).difference.tolist()
+    >>> compare_calibrations(model, model, test).difference.tolist()
     [0.0]
     """
 
@@ -211,9 +212,9 @@ class CrossCheck:
         return np.asarray(self.inside >= self.level)
 
 
-def cross_check(
+def compare_calibrations(
     first: Calibration, second: Calibration, recording: Recording, level: float = 0.9
-) -> CrossCheck:
+) -> Agreement:
     """Compare two calibrations of one arm, made independently, on a recording without truth.
 
     Errors that are independent add in squares, and so do intervals. Two calibrations that differ
@@ -227,7 +228,7 @@ def cross_check(
 
     Examples
     --------
-    >>> cross_check(model, model, test).consistent.tolist()
+    >>> compare_calibrations(model, model, test).consistent.tolist()
     [True]
     """
     if first.joints != second.joints:
@@ -237,7 +238,7 @@ def cross_check(
         )
     difference = first.correct(recording) - second.correct(recording)
     allowed = np.hypot(first.half_widths(recording, level), second.half_widths(recording, level))
-    return CrossCheck(
+    return Agreement(
         level,
         np.sqrt(np.mean(difference**2, axis=0)),
         np.sqrt(np.mean(allowed**2, axis=0)),
@@ -335,10 +336,10 @@ def known_error(
 
 def _scores(calibration: Calibration, recording: Recording, rezero: float, growth: float) -> Array:
     """Scores (3, n_joints, m) of the model, the fixed offset and the measured position."""
-    if "offset" not in calibration.baseline_models:
+    if OFFSET not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
     error, rows = scored_error(calibration, recording, rezero)
-    offset_error, _ = scored_error(calibration.baselines["offset"], recording, rezero)
+    offset_error, _ = scored_error(calibration.baselines[OFFSET], recording, rezero)
     widening = 1.0 + growth * calibration.range_excess(recording)[rows]
     raw_error = recording.error(calibration.joints)[rows]
     return np.abs([error.T / widening, offset_error.T, raw_error.T])

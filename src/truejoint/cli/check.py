@@ -80,7 +80,9 @@ def check(
         raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
     if other is not None:
         with progress("Comparing the two calibrations"):
-            agreement = truejoint.calibration.cross_check(calibration, other, loaded[0], level)
+            agreement = truejoint.calibration.compare_calibrations(
+                calibration, other, loaded[0], level
+            )
         _report_agreement(calibration, agreement, as_json)
         holds: bool | None = bool(agreement.consistent.all())
     else:
@@ -139,7 +141,7 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
 
 
 def _report_agreement(
-    calibration: truejoint.Calibration, found: truejoint.calibration.CrossCheck, as_json: bool
+    calibration: truejoint.Calibration, found: truejoint.calibration.Agreement, as_json: bool
 ) -> None:
     names = ("difference", "allowed", "inside", "consistent")
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
