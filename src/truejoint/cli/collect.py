@@ -13,6 +13,7 @@ from truejoint.cli.inputs import check_free, say_dropped
 from truejoint.cli.options import Arm as ArmOption
 from truejoint.cli.options import Force, Json, RobotName, Seed
 from truejoint.errors import RecordingError
+from truejoint.robots.catalogue import DEFAULT
 
 
 def record(
@@ -53,7 +54,7 @@ def collect(
     output: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for one Parquet file a trajectory.")
     ],
-    robot: RobotName = "raven2",
+    robot: RobotName = DEFAULT,
     arm: ArmOption = "",
     seed: Seed = 0,
     load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,

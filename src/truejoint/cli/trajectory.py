@@ -13,6 +13,7 @@ import truejoint
 from truejoint.cli.console import out, result_json, say
 from truejoint.cli.options import Arm, Force, Json, RobotName
 from truejoint.errors import TrajectoryError
+from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
 
 app = typer.Typer(no_args_is_help=True, help="Make, look at and plot trajectories.")
@@ -42,7 +43,7 @@ def make_zigzag(
         str, typer.Option(help="Joints that move, such as J2, J1-J3 or J1-J2-J3.")
     ] = "J2-J3",
     sparsity: Annotated[str, typer.Option(help="Line spacing as a share of the range.")] = "1/4",
-    robot: RobotName = "raven2",
+    robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,
     force: Force = False,
@@ -61,7 +62,7 @@ def make_random(
     output: Output,
     minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 20.0,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.")] = 0,
-    robot: RobotName = "raven2",
+    robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,
     force: Force = False,
@@ -76,7 +77,7 @@ def make_random(
 @app.command("show", epilog="Example: `truejoint trajectory show zigzag.csv --plot zigzag.html`")
 def show(
     path: Annotated[Path, typer.Argument(help="Trajectory file.")],
-    robot: RobotName = "raven2",
+    robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,
     as_json: Json = False,

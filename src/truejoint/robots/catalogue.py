@@ -18,6 +18,7 @@ if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
 
 _MODELS: Final = files(__package__) / "models"
+DEFAULT: Final = "raven2"  # the robot of a command or a twin where none is named
 _CODED: Final = {"raven2": "truejoint.robots.raven2:build"}
 """Robots whose kinematics are compiled, by what gives an arm; imported when first asked for."""
 _OWN: Final = (*_CODED, *sorted(f.name.removesuffix(".toml") for f in _MODELS.iterdir()))

@@ -7,7 +7,7 @@ from pkgutil import resolve_name
 from typing import Final
 
 from truejoint.errors import RobotError
-from truejoint.robots import get_robot
+from truejoint.robots.catalogue import DEFAULT, get_robot
 from truejoint.simulation.twin import Twin
 
 # Imported when first asked for: each brings the compiler and its kernels.
@@ -29,7 +29,7 @@ def twin_names() -> tuple[str, ...]:
 
 
 def make_twin(
-    robot: str = "raven2",
+    robot: str = DEFAULT,
     arm: str = "",
     *,
     parameters: str | Path | None = None,

@@ -11,6 +11,7 @@ from truejoint.crtk.arm import Arm
 from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import OperatingState, StateCommand, next_state
 from truejoint.robots import Robot
+from truejoint.robots.catalogue import DEFAULT
 from truejoint.simulation import Twin, make_twin
 
 
@@ -73,7 +74,7 @@ class SimulatedBackend:
 
 
 def simulated_arm(
-    robot: str = "raven2",
+    robot: str = DEFAULT,
     arm: str = "",
     *,
     parameters: str | Path | None = None,
