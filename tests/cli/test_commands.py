@@ -262,3 +262,22 @@ def test_the_robot_of_a_file_is_known_by_the_model_that_carries_it(
     for command in ("evaluate", "check"):
         result = call(command, "m.st", "run.csv", "--robot", "my_tool")
         assert result.code != 2, result.err
+
+
+@pytest.mark.parametrize("command", ["evaluate", "check"])
+def test_a_file_that_does_not_say_is_of_the_robot_of_the_model(
+    call: Call, session: Path, tmp_path: Path, command: str
+) -> None:
+    recording = read_recording(session / "random.parquet")
+    path, other = tmp_path / "run.csv", tmp_path / "other.toml"
+    recording.table.to_csv(path, index=False)
+    assert call(command, session / "m.st", path).code in {0, 1}
+    right = call(command, session / "m.st", path, "--arm", "right")
+    assert right.code == 2
+    assert "is of raven2 (right arm)" in right.err
+    lines = ['robot = "dvrk_psm"', "[columns]"]
+    lines += [f'"{name}" = "{name}"' for name in recording.table.columns]
+    other.write_text("\n".join(lines))
+    mapped = call(command, session / "m.st", path, "--columns", other)
+    assert mapped.code == 2
+    assert "dvrk_psm" in mapped.err

@@ -70,7 +70,7 @@ def check(
         if against is not None:
             raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
     calibration = truejoint.read_calibration(model)
-    files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
+    files = Files(reader, columns, robot, arm, calibration)  # a model may carry its robot
     other = None if against is None else truejoint.read_calibration(against)
     level = level_percent / 100.0
     if calibration.interval is not None:

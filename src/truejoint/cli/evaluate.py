@@ -54,7 +54,7 @@ def evaluate(
     if report is not None:
         check_writable(report, force, "--report")
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
-    files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
+    files = Files(reader, columns, robot, arm, models[0])  # a model may carry its robot
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(

@@ -21,12 +21,16 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 @dataclass(frozen=True)
 class Files:
-    """What a person says of recordings whose files do not say it themselves."""
+    """What a person says of recordings whose files do not say it themselves.
+
+    What neither says of robot and arm is that of the `model` which is to correct them.
+    """
 
     format: str | None = None
     columns: Path | None = None
     robot: str | None = None
     arm: str = ""
+    model: truejoint.Calibration | None = None
 
     def __post_init__(self) -> None:
         if self.robot is not None:
@@ -99,9 +103,19 @@ class Files:
             raise RecordingError(
                 f"{name}: no such file or folder, and {unknown('data set', wanted, sets.DATASETS)}"
             )
+        return lambda: [self._read(Path(path)) for path in paths]
+
+    def _read(self, path: Path) -> truejoint.Recording:
+        sets = truejoint.recordings
+        kind = self.format or sets.detect_format(path, with_map=self.columns is not None)
         context = {"robot": self.robot, "arm": self.arm or None, "column_map": self.columns}
         given = {key: value for key, value in context.items() if value is not None}
-        return lambda: [truejoint.read_recording(path, self.format, **given) for path in paths]
+        said = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
+        if self.model is not None and not said and kind in sets.FORMATS:
+            for key, name in (("robot", self.model.robot), ("arm", self.model.arm)):
+                if name and key in sets.FORMATS[kind].options:
+                    given.setdefault(key, name)
+        return sets.read_recording(path, kind, **given)
 
 
 def say_dropped(recording: truejoint.Recording) -> None:

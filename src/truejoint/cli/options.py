@@ -51,7 +51,7 @@ Columns = Annotated[
 ]
 FilesRobot = Annotated[
     str | None,
-    typer.Option("--robot", help="For plain CSV files.", autocompletion=complete.robots),
+    typer.Option("--robot", help="For files that do not say it.", autocompletion=complete.robots),
 ]
 Part = Annotated[
     str | None,
