@@ -100,6 +100,8 @@ from pathlib import Path
 from truejoint.recordings import Format
 def robot(arm):
     raise ValueError("no\\nlever")
+class Nothing:
+    pass
 def read(path):
     raise KeyError("motor")
 FORMAT = Format("raises", "nothing", read)
@@ -118,6 +120,7 @@ class Estimator:
         ("read_recording('run.txt', 'raises')", "formats 'raises' of package raises does not work "
          "with run.txt (KeyError: 'motor')"),
         ("get_estimator('raises')", "estimators 'raises' of package raises does not work (TypeErr"),
+        ("get_estimator('nothing')", "estimators 'nothing' of package raises: <raises.Nothing"),
     ],
 )  # fmt: skip
 def test_what_code_of_others_raises_is_one_line(tmp_path: Path, call: str, said: str) -> None:
@@ -130,7 +133,7 @@ def test_what_code_of_others_raises_is_one_line(tmp_path: Path, call: str, said:
         {
             "truejoint.robots": {"raises": "raises:robot", "leaves": "leaves:ROBOT"},
             "truejoint.formats": {"raises": "raises:FORMAT"},
-            "truejoint.estimators": {"raises": "raises:Estimator"},
+            "truejoint.estimators": {"raises": "raises:Estimator", "nothing": "raises:Nothing"},
         },
     )
     code = f"""

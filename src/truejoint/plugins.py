@@ -60,7 +60,7 @@ def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
     loaded = call_plugin(point, point.load)
     if not isinstance(loaded, kinds):
         what = type(loaded).__name__
-        raise TruejointError(f"{_where(point)} is a {what}, which is of no use there")
+        raise TruejointError(f"{origin(point)} is a {what}, which is of no use there")
     return loaded
 
 
@@ -80,11 +80,12 @@ def call_plugin(point: EntryPoint, function: Callable[..., Any], *given: Any, **
         cause = " ".join(f"{type(error).__name__}: {error}".split())[:200]
         on = f" with {given[0]}" if given and given[0] else ""
         raise TruejointError(
-            f"{_where(point)} does not work{on} ({cause}); mend or uninstall it"
+            f"{origin(point)} does not work{on} ({cause}); mend or uninstall it"
         ) from None
 
 
-def _where(point: EntryPoint) -> str:
+def origin(point: EntryPoint) -> str:
+    """Group, name and package of an entry point, for a message."""
     return f"{point.group} {point.name!r} of package {_package(point)}"
 
 

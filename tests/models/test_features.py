@@ -81,7 +81,9 @@ def test_arbitrary_text_is_a_feature_or_an_error(text):
     assert Feature.parse(str(feature)) == feature
 
 
-@pytest.mark.parametrize("texts", [[], ["measured/jaw", "measured/jaw"], ["a/b"] * 600])
+@pytest.mark.parametrize(
+    "texts", [[], ["measured/jaw", "measured/jaw"], ["a/b"] * 600, 3, [3], [None]]
+)
 def test_sets_that_are_empty_repeated_or_huge_are_refused(texts):
     with pytest.raises(CalibrationError):
         FeatureSet.parse(texts)

@@ -51,6 +51,11 @@ def test_a_recording_needs_time_and_rows() -> None:
         Recording.from_columns({"t": [0.0], "measured/joint1": [1.0]}, BROS)
 
 
+def test_a_recording_is_of_something() -> None:
+    with pytest.raises(RecordingError, match="None is no provenance; give the robot's name"):
+        Recording.from_columns(columns(), None)  # type: ignore[arg-type]
+
+
 def test_columns_of_different_length_are_refused() -> None:
     with pytest.raises(RecordingError, match=r"'measured/joint1' has shape \(2,\), 't' has \(3,\)"):
         Recording.from_columns(columns(measured__joint1=[1.0, 2.0]), BROS)

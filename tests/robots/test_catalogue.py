@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from typing import Any
 
 import numpy as np
 import pytest
@@ -93,6 +94,12 @@ def test_unknown_robot_is_refused_with_the_known_ones(name: str) -> None:
 def test_unknown_arm_is_refused_with_the_known_ones(name: str, arm: str, advice: str) -> None:
     with pytest.raises(RobotError, match=advice):
         get_robot(name, arm)
+
+
+@pytest.mark.parametrize("given", [(3,), (None,), ("raven2", None)])
+def test_what_is_no_name_is_refused(given: tuple[Any, ...]) -> None:
+    with pytest.raises(RobotError, match=f"robot {given[0]!r}, arm .*: give the robot's name"):
+        get_robot(*given)
 
 
 def test_robot_without_kinematics_does_not_import_the_compiler() -> None:

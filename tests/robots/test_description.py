@@ -164,6 +164,11 @@ def test_a_file_that_changed_replaces_itself_but_no_other(tool: Path, tmp_path: 
         ("workspace.lift", "workspace.lid", "workspace.lid: want a table for one of the joints"),
         ("upper = 200", "upper = 20", "workspace.lift: lower must be below upper"),
         ("speed = 25", "", "'speed' is missing"),
+        (
+            "speed = 25",
+            "speed = 25\nmargin = 9\n[workspace.jaw]\nlower = 0\nupper = 20\nspeed = 5",
+            "workspace: margin is missing for jaw; state it for every joint or for none",
+        ),
     ],
 )
 def test_what_breaks_a_rule_is_named_in_one_line(

@@ -19,7 +19,7 @@ from truejoint.estimators.conversion import convert, is_convertible_step
 from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered
 from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
-from truejoint.plugins import call_plugin, load_plugin
+from truejoint.plugins import call_plugin, load_plugin, origin
 
 _TRIED: Final = 1000  # most rows on which a regressor is tried before a long fit, and compared
 
@@ -252,7 +252,11 @@ def get_estimator(name: str) -> JointRegressor:
     if name in OWN:
         return joint_regressor(registered(name))
     point = plugged_in()[name]
-    return joint_regressor(call_plugin(point, load_plugin(point, type)))
+    made = call_plugin(point, load_plugin(point, type))
+    try:
+        return joint_regressor(made)
+    except CalibrationError as error:
+        raise CalibrationError(f"{origin(point)}: {error}") from None
 
 
 def class_of(family: str) -> type[JointRegressor]:

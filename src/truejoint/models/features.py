@@ -112,6 +112,8 @@ class Feature:
 
         Raises CalibrationError if the text is none of the known forms.
         """
+        if not isinstance(text, str):
+            raise CalibrationError(f"feature {text!r:.80} is no text; write one of {_FORMS}")
         text = text.strip()
         call = _CALL.fullmatch(text)
         if call is None:
@@ -174,6 +176,8 @@ class FeatureSet:
     @classmethod
     def parse(cls, texts: Iterable[str]) -> FeatureSet:
         """Feature set of the texts of its features; raises CalibrationError."""
+        if not isinstance(texts, Iterable):
+            raise CalibrationError(f"features are {texts!r:.80}; give a list, each one of {_FORMS}")
         return cls(tuple(Feature.parse(text) for text in texts))
 
     def __len__(self) -> int:

@@ -178,6 +178,10 @@ class Recording(Summarised):
         """
         if isinstance(provenance, str):
             provenance = Provenance(provenance)
+        if not isinstance(provenance, Provenance):
+            raise RecordingError(
+                f"{provenance!r:.60} is no provenance; give the robot's name or a Provenance"
+            )
         try:
             arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
         except (AttributeError, TypeError, ValueError) as error:

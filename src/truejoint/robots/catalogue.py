@@ -54,14 +54,19 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
     Raises
     ------
     RobotError
-        If there is no such robot or arm, the message then names those that exist, or the file
-        breaks a rule.
+        If there is no such robot or arm, the message then names those that exist, the file
+        breaks a rule, or either is no text.
 
     Examples
     --------
     >>> get_robot("raven2", "gold").title
     'raven2 (left arm)'
     """
+    if not isinstance(name, str | os.PathLike) or not isinstance(arm, str):
+        raise RobotError(
+            f"robot {name!r:.60}, arm {arm!r:.60}: give the robot's name or the path of a robot "
+            "file, and the arm's name, empty for the robot's default"
+        )
     text = os.fspath(name).strip()
     if text.lower().endswith(".toml"):
         from truejoint.robots.robot import read_robot  # noqa: PLC0415  # as above

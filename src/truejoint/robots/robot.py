@@ -432,7 +432,14 @@ def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
         rows.append({k: _number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
         if not (rows[-1]["lower"] < rows[-1]["upper"] and rows[-1]["speed"] > 0):
             raise RobotError(f"{where}: lower must be below upper, and speed above 0")
-    shared = [key for key in _WORKSPACE_KEYS if all(key in row for row in rows)]
+    shared = [key for key in _WORKSPACE_KEYS if any(key in row for row in rows)]
+    for key in shared:
+        without = [name for name, row in zip(values, rows, strict=True) if key not in row]
+        if without:
+            raise RobotError(
+                f"workspace: {key} is missing for {', '.join(without)}; state it for every joint "
+                "or for none"
+            )
     return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
 
 
