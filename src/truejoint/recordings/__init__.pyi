@@ -4,11 +4,11 @@ from .column_map import MappedColumn as MappedColumn
 from .column_map import read_column_map as read_column_map
 from .formats import FORMATS as FORMATS
 from .formats import Format as Format
-from .formats import detect_format as detect_format
 from .formats import format_names as format_names
-from .formats import read_recording as read_recording
 from .parquet import read_parquet as read_parquet
 from .parquet import write_parquet as write_parquet
+from .reading import detect_format as detect_format
+from .reading import read_recording as read_recording
 from .recorder import Recorder as Recorder
 from .recording import Provenance as Provenance
 from .recording import Recording as Recording

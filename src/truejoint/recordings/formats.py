@@ -1,29 +1,18 @@
-"""Recordings from files: every layout by name, found out from the file when none is given."""
+"""Every file layout by name; its reader is imported when it is first called."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
-from typing import Any, Final
+from pkgutil import resolve_name
+from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RecordingError, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
-from truejoint.recordings.array_files import VERSION5_MARK
-from truejoint.recordings.files import read_head, require_file
-from truejoint.recordings.numeric_text import first_line, is_number, split_fields
-from truejoint.recordings.parquet import PARQUET_MAGIC, read_parquet
-from truejoint.recordings.readers import (
-    davinci_grasper,
-    double_encoder,
-    dvrk_berkeley,
-    kflex,
-    mapped,
-    raven_csv,
-)
-from truejoint.recordings.recording import Recording
+
+if TYPE_CHECKING:  # a list of the names needs no NumPy
+    from truejoint.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -55,87 +44,42 @@ class Format:
     folder: bool = False
 
 
+def _own(
+    name: str, summary: str, reader: str, options: tuple[str, ...] = (), *, folder: bool = False
+) -> Format:
+    """Layout whose reader, a function of a module of this package, is imported when called."""
+
+    def read(*given: Any, **named: Any) -> Recording:
+        found: Recording = resolve_name(f"truejoint.recordings.{reader}")(*given, **named)
+        return found
+
+    return Format(name, summary, read, options, folder)
+
+
 _MAPPED: Final = ("robot", "arm", "column_map")
-_TRUTH: Final = ("arm", "truth_unit")
 FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
-        Format("parquet", "what truejoint writes", read_parquet),
-        Format("csv", "header, or column map", mapped.read_csv, _MAPPED),
-        Format("arrays", ".npy or .mat with a column map", mapped.read_arrays, _MAPPED),
-        Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
-        Format(
-            "raven_csv_252", "RAVEN-II state with external encoders", raven_csv.read_252, _TRUTH
+        _own("parquet", "what truejoint writes", "parquet:read_parquet"),
+        _own("csv", "header, or column map", "readers.mapped:read_csv", _MAPPED),
+        _own("arrays", ".npy or .mat with a column map", "readers.mapped:read_arrays", _MAPPED),
+        _own("raven_csv_240", "RAVEN-II state", "readers.raven_csv:read_240", ("arm",)),
+        _own(
+            "raven_csv_252",
+            "RAVEN-II state with external encoders",
+            "readers.raven_csv:read_252",
+            ("arm", "truth_unit"),
         ),
-        Format("davinci_grasper_umn", "da Vinci grasper bench", davinci_grasper.read),
-        Format("dvrk_psm_berkeley", "dVRK PSM, .npy folder", dvrk_berkeley.read, folder=True),
-        Format("bros_dual_encoder", "two-joint haptic arm, .mat", double_encoder.read_bros),
-        Format("kuka_kr300_dual_encoder", "KUKA KR300, .mat", double_encoder.read_kuka),
-        Format("kflex_tendon_sheath", "K-FLEX bending joint", kflex.read),
+        _own("davinci_grasper_umn", "da Vinci grasper bench", "readers.davinci_grasper:read"),
+        _own(
+            "dvrk_psm_berkeley", "dVRK PSM, .npy folder", "readers.dvrk_berkeley:read", folder=True
+        ),
+        _own("bros_dual_encoder", "two-joint haptic arm, .mat", "readers.double_encoder:read_bros"),
+        _own("kuka_kr300_dual_encoder", "KUKA KR300, .mat", "readers.double_encoder:read_kuka"),
+        _own("kflex_tendon_sheath", "K-FLEX bending joint", "readers.kflex:read"),
     )
 }
 """Every layout of truejoint's own by name."""
-
-PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
-"""What a caller may state about any file, and that replaces what the file says."""
-
-
-def read_recording(
-    path: str | os.PathLike[str],
-    format: str | None = None,  # noqa: A002 - the word that a person types
-    **context: Any,
-) -> Recording:
-    """Read a recording from a file or folder of any known layout into SI units.
-
-    Parameters
-    ----------
-    path : path-like
-    format : str, optional
-        One of `format_names`; found out from the content by default, if it is truejoint's own.
-    **context
-        What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
-        formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
-        ``notes`` for any.
-
-    Raises
-    ------
-    RecordingError
-        One line that names the file, what is wrong with it and what to do.
-
-    Examples
-    --------
-    >>> test.table.to_csv("run.csv", index=False)
-    >>> read_recording("run.csv", robot="davinci_grasper").joints_of("truth")
-    ('jaw',)
-    """
-    if not isinstance(path, str | os.PathLike):
-        raise RecordingError(
-            f"a {type(path).__name__} is no path; Recording.from_columns(table, robot) makes a "
-            "recording of a table"
-        )
-    source = Path(path)
-    if not source.exists():
-        raise RecordingError(f"{source}: there is no such file or folder; check the path")
-    name = format or detect_format(source, with_map="column_map" in context)
-    entry = _get_format(name)
-    about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
-    wrong = [key for key in context if key not in entry.options]
-    if wrong:
-        allowed = ", ".join((*entry.options, *PROVENANCE_OPTIONS))
-        raise RecordingError(f"{source}: format {name!r} takes no {wrong[0]!r}; it takes {allowed}")
-    if not entry.folder:
-        require_file(source)
-    try:
-        recording = entry.read(source, **context)
-    except RecordingError as error:
-        # The rules of a recording name it as its provenance does; a person wants the path.
-        text = str(error)
-        if text.startswith(f"{source.name}:") and str(source) != source.name:
-            raise RecordingError(str(source) + text.removeprefix(source.name)) from None
-        raise
-    if not about:  # nor check the table again
-        return recording
-    return replace(recording, provenance=replace(recording.provenance, **about))
 
 
 def format_names() -> tuple[str, ...]:
@@ -149,7 +93,8 @@ def format_names() -> tuple[str, ...]:
     return (*FORMATS, *plugins("truejoint.formats", tuple(FORMATS)))
 
 
-def _get_format(name: str) -> Format:
+def get_format(name: str) -> Format:
+    """Layout called `name`; raises RecordingError naming those that there are."""
     if name in FORMATS:
         return FORMATS[name]
     others = plugins("truejoint.formats", tuple(FORMATS))
@@ -157,70 +102,3 @@ def _get_format(name: str) -> Format:
         raise RecordingError(unknown("format", name, format_names()))
     entry: Format = load_plugin(others[name], Format)
     return replace(entry, read=partial(call_plugin, others[name], entry.read))
-
-
-def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
-    """Name of the layout that a file or folder has.
-
-    Parameters
-    ----------
-    path : path-like
-    with_map : bool
-        A column map comes with it: text is then plain CSV, and what is not text are arrays.
-
-    Raises
-    ------
-    RecordingError
-        If it is none of `FORMATS`; the message lists them.
-
-    Examples
-    --------
-    >>> write_parquet(test, "test.parquet")
-    >>> detect_format("test.parquet")
-    'parquet'
-    """
-    source = Path(path)
-    if source.is_dir():
-        if all((source / name).is_file() for name in dvrk_berkeley.FILES):
-            return "dvrk_psm_berkeley"
-        raise _unknown(source, f"a folder without {', '.join(dvrk_berkeley.FILES)}")
-    head = read_head(require_file(source))
-    if head.startswith(PARQUET_MAGIC):
-        return "parquet"
-    if with_map:
-        return "arrays" if b"\0" in head else "csv"
-    if head.startswith(VERSION5_MARK):
-        return "kuka_kr300_dual_encoder"
-    # A version 4 MAT file starts with a number below 5000 and five rows named data_<k>.
-    if head[20:25] == b"data_":
-        return "bros_dual_encoder"
-    if b"\0" in head:
-        raise _unknown(source, "not text and of no known binary layout")
-    return _detect_text(source, head.decode("utf-8-sig", errors="replace"))
-
-
-def _detect_text(source: Path, head: str) -> str:
-    if head.startswith("%") and davinci_grasper.HEADER_MARK in head:
-        return "davinci_grasper_umn"
-    line = first_line(source, "#")[1]
-    fields = split_fields(line, ",")
-    if not all(is_number(field) for field in fields):
-        names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
-        if "t" in names:
-            return "csv"
-        raise _unknown(source, "a header without 't'; give a column map")
-    count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
-    if count in ravens:
-        return f"raven_csv_{count}"
-    if count in kflex.LAYOUTS:
-        return "kflex_tendon_sheath"
-    counts = ", ".join(map(str, (*ravens, *kflex.LAYOUTS)))
-    raise _unknown(
-        source, f"{count} columns without a header, expected {counts}; give a column map"
-    )
-
-
-def _unknown(source: Path, found: str) -> RecordingError:
-    return RecordingError(
-        f"{source}: format not recognised ({found}); known: {', '.join(format_names())}"
-    )

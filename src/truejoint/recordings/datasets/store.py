@@ -20,7 +20,7 @@ from truejoint.recordings.datasets.catalogue import (
     get_dataset,
 )
 from truejoint.recordings.files import sha256_of
-from truejoint.recordings.formats import read_recording
+from truejoint.recordings.reading import read_recording
 from truejoint.recordings.recording import Recording
 
 DATA_VARIABLE: Final = "TRUEJOINT_DATA"
