@@ -67,6 +67,14 @@ def test_evaluate_refuses_a_folder_that_is_not_there(call: Call, session: Path) 
 
 
 @pytest.mark.usefixtures("nothing_is_read")
+def test_a_report_is_a_page(call: Call, session: Path) -> None:
+    files = [session / "m.st", session / "random.parquet"]
+    result = call("evaluate", *files, "--report", "report.pdf")
+    assert result.code == 2
+    assert "report.pdf: a report is an HTML page; call it report.html" in result.err
+
+
+@pytest.mark.usefixtures("nothing_is_read")
 def test_evaluate_refuses_a_joint_that_the_model_does_not_correct(
     call: Call, session: Path
 ) -> None:

@@ -52,7 +52,9 @@ def evaluate(
 ) -> None:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:
-        check_writable(report, force, "--report")
+        from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
+
+        check_writable(check_name(report), force, "--report")
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     files = Files(reader, columns, robot, arm, models[0])  # a model may carry its robot
     first = models[0]

@@ -57,7 +57,8 @@ def write_report(
     CalibrationError
         If `evaluation` is something else.
     RecordingError
-        If a file is there and may not be replaced, or the folder does not exist.
+        If the name does not end in .html or .htm, a file is there and may not be replaced, or the
+        folder does not exist.
 
     Examples
     --------
@@ -68,12 +69,20 @@ def write_report(
         raise CalibrationError(
             f"a {type(evaluation).__name__} is no Evaluation; give what `evaluate` gives"
         )
-    target = Path(path)
+    target = check_name(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
     page = render_report(evaluation, training=training, checks=checks, command=command)
     write = partial(Path.write_text, data=page, encoding="utf-8")
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
     return target
+
+
+def check_name(path: str | Path) -> Path:
+    """Path of a report to write; raises RecordingError when its ending is not that of a page."""
+    path = Path(path)
+    if path.suffix.lower() not in {".html", ".htm"}:
+        raise RecordingError(f"{path}: a report is an HTML page; call it {path.stem}.html")
+    return path
 
 
 def render_report(
