@@ -164,3 +164,12 @@ def test_two_with_one_name_are_named_once_and_the_rest_works(example: Path) -> N
     assert "none of them is used" in second
     assert "no robot called 'example_lever'" in result.stdout.splitlines()[1]
     assert result.stdout.splitlines()[3] == "bros"
+
+
+def test_a_clash_is_told_where_the_name_is_looked_up_and_nowhere_else(tmp_path: Path) -> None:
+    install(tmp_path, "other-one", {"truejoint.estimators": {"dnn": "math:pi"}})
+    program = "import sys; from truejoint.cli.app import main; main()"
+    listed = run(tmp_path, "-c", program, "datasets")
+    assert (listed.returncode, listed.stderr) == (0, "")
+    fitted = run(tmp_path, "-c", program, "calibrate", str(tmp_path), "-e", "dnn", "-o", "m.st")
+    assert "truejoint.estimators 'dnn' of other-one: the name is taken" in fitted.stderr

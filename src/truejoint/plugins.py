@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import logging
 from collections import defaultdict
 from collections.abc import Callable
 from functools import cache
-from importlib.metadata import EntryPoint, entry_points
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from truejoint.errors import TruejointError
 
-Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators", "truejoint.models"]
+if TYPE_CHECKING:  # a shell that completes a word waits for what is imported
+    from importlib.metadata import EntryPoint
 
-_log = logging.getLogger("truejoint")
+Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators", "truejoint.models"]
 
 
 @cache
@@ -31,6 +30,9 @@ def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
     dict
         Without the names that two packages claim, or that are taken; a warning names them once.
     """
+    import logging  # noqa: PLC0415
+    from importlib.metadata import entry_points  # noqa: PLC0415
+
     claims: defaultdict[str, list[EntryPoint]] = defaultdict(list)
     for point in entry_points(group=group):
         claims[point.name].append(point)
@@ -41,7 +43,7 @@ def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
             continue
         packages = " and ".join(_package(point) for point in points)
         used = "that of truejoint" if name in taken else "none of them"
-        _log.warning(
+        logging.getLogger("truejoint").warning(
             "%s %r of %s: the name is taken, %s is used; uninstall what you do not need",
             group, name, packages, used,
         )  # fmt: skip

@@ -36,7 +36,16 @@ def test_help_imports_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "words", ["truejoint ", "truejoint calibrate -e ", "truejoint collect --robot "]
+    "words",
+    [
+        "truejoint ",
+        "truejoint calibrate -e ",
+        "truejoint calibrate --format ",
+        "truejoint calibrate --set ",
+        "truejoint collect --robot ",
+        "truejoint collect --arm ",
+        "truejoint trajectory zigzag --direction ",
+    ],
 )
 def test_completion_imports_nothing_heavy(words):
     number = str(len(words.split()))

@@ -19,7 +19,7 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
-from truejoint.estimators.registry import BASELINES, DEFAULT, TITLES
+from truejoint.estimators.registry import BASELINES, DEFAULT, OWN, TITLES, parameter_names
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.
@@ -89,3 +89,8 @@ def test_nothing_else_names_an_estimator():
         if names & set(text.replace(":", " ").replace(",", " ").split())
     ]
     assert not found
+
+
+@pytest.mark.parametrize("name", OWN)
+def test_parameters_are_known_without_importing_what_learns(name: str) -> None:
+    assert sorted(parameter_names(name)) == sorted(get_estimator(name).get_params())

@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.errors import TrajectoryError
-from truejoint.motion import DIRECTIONS, Workspace, nominal_duration, workspace_of, zigzag
+from truejoint.motion import DIRECTIONS, nominal_duration, workspace_of, zigzag
 from truejoint.motion.calibration_motions import zigzag_box
-from truejoint.robots import get_robot
+from truejoint.robots import Workspace, get_robot
 
 ROBOT = get_robot("raven2", "left")
 SPACE = workspace_of(ROBOT)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, get_robot, robot_names
+from truejoint.robots import Robot, arm_names, get_robot, robot_names
 
 ARMS = [(name, "") for name in robot_names()] + [
     ("raven2", "left"),
@@ -72,6 +72,15 @@ def test_kinematics_and_transmission_take_the_robots_joint_vector(robot: Robot) 
 )
 def test_other_names_of_an_arm_find_it(name: str, arm: str, same_as: tuple[str, str]) -> None:
     assert get_robot(name, arm) is get_robot(*same_as)
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_every_name_of_an_arm_is_one_of_the_robot(name: str) -> None:
+    assert all(get_robot(name, arm).name == name for arm in arm_names(name))
+
+
+def test_a_robot_that_is_not_known_has_no_arms() -> None:
+    assert arm_names("nothing") == ()
 
 
 def test_psm_without_a_name_is_not_taken_for_a_named_one() -> None:

@@ -14,7 +14,7 @@ from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import Files, check_model_free, only_dataset
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.registry import DEFAULT
+from truejoint.estimators.registry import DEFAULT, OWN
 
 
 def calibrate(
@@ -25,7 +25,7 @@ def calibrate(
         typer.Option(
             "--estimator",
             "-e",
-            help=f"One of {', '.join(truejoint.estimators.estimator_names())}.",
+            help=f"One of {', '.join(OWN)}, or of an installed package.",
             autocompletion=truejoint.estimators.estimator_names,
         ),
     ] = DEFAULT,
@@ -35,6 +35,7 @@ def calibrate(
             "--set",
             metavar="NAME=VALUE",
             help="Its parameter, as epochs=400 or hidden_layer_sizes=50,50.",
+            autocompletion=complete.settings,
         ),
     ] = None,
     features: Annotated[

@@ -5,18 +5,48 @@ Only names and headers of files are read: a shell waits for each of these.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import typer
 
 import truejoint
 from truejoint.errors import TruejointError
+from truejoint.estimators import registry
+from truejoint.robots.catalogue import DEFAULT
 
 
 def robots() -> list[str]:
     """Names of robots."""
     return list(truejoint.robots.robot_names())
+
+
+def arms(context: typer.Context) -> list[str]:
+    """List the arms of the robot, or else of the model, that the command line names."""
+    robot = context.params.get("robot")
+    if robot is None and "model" in context.params:
+        robot = _model_file(context)[0].get("robot", {}).get("name")
+    try:
+        return list(truejoint.robots.arm_names(robot or DEFAULT))
+    except TruejointError:
+        return []
+
+
+def formats() -> list[str]:
+    """Names of file formats."""
+    return list(truejoint.recordings.format_names())
+
+
+def directions() -> list[str]:
+    """Directions of a zig-zag."""
+    return list(truejoint.motion.DIRECTIONS)
+
+
+def settings(context: typer.Context) -> list[str]:
+    """List the parameters of the estimator on the command line, as ``NAME=``."""
+    name = context.params.get("estimator") or registry.DEFAULT
+    return [f"{parameter}=" for parameter in registry.parameter_names(name)]
 
 
 def datasets() -> list[str]:
@@ -81,13 +111,18 @@ def _columns(context: typer.Context) -> list[str]:
 
 def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:
     """Joints and levels of the model file; empty where it cannot be read."""
+    description, arrays = _model_file(context)
+    return description.get("joints", ()), arrays.get("interval/levels", ())
+
+
+def _model_file(context: typer.Context) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
+    """Header and arrays of the model file that the command line names; empty if unreadable."""
     from truejoint.calibration.model_file import read_model_file  # noqa: PLC0415  # needs NumPy
 
     try:
-        description, arrays = read_model_file(context.params.get("model") or context.args[0])
+        return read_model_file(context.params.get("model") or context.args[0])
     except (IndexError, TruejointError):
-        return (), ()
-    return description.get("joints", ()), arrays.get("interval/levels", ())
+        return {}, {}
 
 
 def _header(path: Path) -> list[str]:

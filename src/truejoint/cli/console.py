@@ -8,23 +8,38 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, cast
 
-from rich.console import Console
-from rich.table import Table
+if TYPE_CHECKING:  # a shell that completes a word waits for what is imported
+    from rich.console import Console
 
 # A file or pipe has no width of its own; tables are not to be folded there.
 _LOG_WIDTH = 132
 
 
-def _console(stderr: bool) -> Console:
-    """Console that prints names of files and data as they are: brackets in them are no markup."""
-    terminal = (sys.stderr if stderr else sys.stdout).isatty()
-    width = None if terminal else _LOG_WIDTH
-    return Console(stderr=stderr, width=width, markup=False, highlight=False)
+class _Console:
+    """Console that prints names of files and data as they are: brackets in them are no markup.
+
+    It is made when something is first printed.
+    """
+
+    def __init__(self, *, stderr: bool) -> None:
+        self._stderr = stderr
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._made, name)
+
+    @cached_property
+    def _made(self) -> Console:
+        from rich.console import Console  # noqa: PLC0415
+
+        terminal = (sys.stderr if self._stderr else sys.stdout).isatty()
+        width = None if terminal else _LOG_WIDTH
+        return Console(stderr=self._stderr, width=width, markup=False, highlight=False)
 
 
-out, err = _console(stderr=False), _console(stderr=True)
+out, err = cast("Console", _Console(stderr=False)), cast("Console", _Console(stderr=True))
 
 ProgressCallback = Callable[[float], None]
 
@@ -70,6 +85,8 @@ def print_table(
     header: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None
 ) -> None:
     """Print a table: texts in the first column, numbers in the others."""
+    from rich.table import Table  # noqa: PLC0415
+
     table = Table(title=title, title_justify="left")
     for name in header:
         table.add_column(name, justify="left" if name == header[0] else "right")

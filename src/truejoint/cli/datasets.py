@@ -6,7 +6,6 @@ from contextlib import suppress
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 import truejoint
 from truejoint.cli.console import out, progress, result_json
@@ -25,6 +24,8 @@ def listing(context: typer.Context, as_json: Json = False) -> None:
     if as_json:
         result_json({"datasets": [_facts(dataset) for dataset in known]})
         return
+    from rich.table import Table  # noqa: PLC0415  # as in console
+
     table = Table("name", "what", "MB", "licence", "here")
     for dataset in known:
         size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
@@ -41,6 +42,8 @@ def show(name: DatasetName, as_json: Json = False) -> None:
     if as_json:
         result_json(facts)
         return
+    from rich.table import Table  # noqa: PLC0415  # as in console
+
     table = Table(show_header=False, title=dataset.title, title_justify="left")
     for key, value in facts.items():
         text = "\n".join(map(str, value)) if isinstance(value, list) else str(value)

@@ -15,7 +15,12 @@ RobotName = Annotated[
         "--robot", help="Robot model, or a robot file (.toml).", autocompletion=complete.robots
     ),
 ]
-Arm = Annotated[str, typer.Option("--arm", help="Which arm; default: the robot's first.")]
+Arm = Annotated[
+    str,
+    typer.Option(
+        "--arm", help="Which arm; default: the robot's first.", autocompletion=complete.arms
+    ),
+]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.")]
@@ -43,7 +48,12 @@ Recordings = Annotated[
     ),
 ]
 Format = Annotated[
-    str | None, typer.Option("--format", help="Reader by name; default: found from the file.")
+    str | None,
+    typer.Option(
+        "--format",
+        help="Reader by name; default: found from the file.",
+        autocompletion=complete.formats,
+    ),
 ]
 Columns = Annotated[
     Path | None,

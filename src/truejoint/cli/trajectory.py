@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.table import Table
 
 import truejoint
-from truejoint.cli.console import out, result_json, say
+from truejoint.cli import complete
+from truejoint.cli.console import out, print_table, result_json, say
 from truejoint.cli.options import Arm, Force, Json, RobotName
 from truejoint.errors import TrajectoryError
 from truejoint.robots.catalogue import DEFAULT
@@ -40,7 +40,11 @@ def parse_sparsity(text: str) -> float:
 def make_zigzag(
     output: Output,
     direction: Annotated[
-        str, typer.Option(help="Joints that move, such as J2, J1-J3 or J1-J2-J3.")
+        str,
+        typer.Option(
+            help="Joints that move, such as J2, J1-J3 or J1-J2-J3.",
+            autocompletion=complete.directions,
+        ),
     ] = "J2-J3",
     sparsity: Annotated[str, typer.Option(help="Line spacing as a share of the range.")] = "1/4",
     robot: RobotName = DEFAULT,
@@ -115,9 +119,9 @@ def _tell(
         result_json({**result, **plain, "duration": duration})
         return
     header = ("joint", "from", "to", "path", "unit")
-    table = Table(*header, title=trajectory.name, title_justify="left")
+    rows = []
     for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
         shown = display_unit(robot.joint(name).unit)
-        table.add_row(name, *(f"{value * shown.scale:.2f}" for value in values), shown.name)
-    out.print(table)
+        rows.append((name, *(f"{value * shown.scale:.2f}" for value in values), shown.name))
+    print_table(header, rows, title=trajectory.name)
     out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}")

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 from importlib import import_module
-from importlib.metadata import EntryPoint
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.models.names import OFFSET
 from truejoint.plugins import plugins
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
 
 BASELINES: Final = (OFFSET, "linear", "poly2")
 """What every calibration carries along to be compared with."""
@@ -60,6 +64,23 @@ def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
     module, cls, own = _ESTIMATORS[name]
     return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
+
+
+def parameter_names(name: str) -> tuple[str, ...]:
+    """Parameters of one of truejoint's own names, read from its source; none of another name.
+
+    A shell that completes a word cannot wait for what learns to be imported.
+    """
+    module, cls, _ = _ESTIMATORS.get(name, ("registry", "", {}))
+    source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+    classes = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
+    found: dict[str, None] = {}
+    while cls in classes:  # what it inherits from within the module
+        for node in classes[cls].body:
+            if isinstance(node, ast.AnnAssign) and "ClassVar" not in ast.unparse(node.annotation):
+                found[ast.unparse(node.target)] = None
+        cls = ast.unparse(classes[cls].bases[0])
+    return tuple(found)
 
 
 def plugged_in() -> dict[str, EntryPoint]:

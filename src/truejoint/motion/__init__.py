@@ -1,23 +1,6 @@
 """Trajectories as data, and what drives an arm along them."""
 
-from truejoint.motion.calibration_motions import DIRECTIONS, random_motion, zigzag
-from truejoint.motion.files import read_trajectory, write_trajectory
-from truejoint.motion.follow import TrackingReport, follow, nominal_duration
-from truejoint.motion.plotting import plot_trajectories
-from truejoint.motion.trajectory import Trajectory, workspace_of
-from truejoint.robots import Workspace
+import lazy_loader
 
-__all__ = [
-    "DIRECTIONS",
-    "TrackingReport",
-    "Trajectory",
-    "Workspace",
-    "follow",
-    "nominal_duration",
-    "plot_trajectories",
-    "random_motion",
-    "read_trajectory",
-    "workspace_of",
-    "write_trajectory",
-    "zigzag",
-]
+# Imported on first use; the names stand in the stub beside this file.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -10,11 +10,9 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
+from truejoint.motion.directions import DIRECTIONS
 from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot, Workspace
-
-DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
-"""Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
 
 _MOST_DIVISIONS: Final = 50
 _LONGEST: Final = 24 * 3600.0  # [s]

@@ -13,14 +13,19 @@ from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import RobotError, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
+from truejoint.toml_file import read_toml
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
 
 _MODELS: Final = files(__package__) / "models"
 DEFAULT: Final = "raven2"  # the robot of a command or a twin where none is named
-_CODED: Final = {"raven2": "truejoint.robots.raven2:build"}
-"""Robots whose kinematics are compiled, by what gives an arm; imported when first asked for."""
+# Without a name the arm of a RAVEN-II is the left, the one that peng2024 used.
+_CODED: Final[Mapping[str, Mapping[str, str]]] = {
+    "raven2": {"": "left", "left": "left", "gold": "left", "right": "right", "green": "right"}
+}
+"""Robots whose kinematics are compiled: arm by every name it goes by. The package of that name,
+imported when first asked for, has a `build` that takes an arm."""
 _OWN: Final = (*_CODED, *sorted(f.name.removesuffix(".toml") for f in _MODELS.iterdir()))
 
 # Robots that a file described to this process, and what they were first seen in.
@@ -36,6 +41,26 @@ def robot_names() -> tuple[str, ...]:
     True
     """
     return (*_OWN, *plugins("truejoint.robots", _OWN))
+
+
+def arm_names(name: str) -> tuple[str, ...]:
+    """Names that `get_robot` takes for the arms of a robot of truejoint's own, or of a robot file.
+
+    Raises RobotError if the file cannot be read.
+
+    Examples
+    --------
+    >>> arm_names("raven2")
+    ('left', 'gold', 'right', 'green')
+    """
+    known = name.strip().lower()
+    if known in _CODED:
+        return tuple(filter(None, _CODED[known]))
+    if not known.endswith(".toml") and known not in _OWN:
+        return ()
+    with as_file(_MODELS / f"{known}.toml" if known in _OWN else Path(name.strip())) as path:
+        arms = read_toml(path, RobotError).get("arms", [])
+    return tuple(map(str, arms)) if isinstance(arms, list) else ()
 
 
 def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
@@ -128,7 +153,10 @@ def _build(name: str, arm: str) -> Robot:
     from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
     if name in _CODED:
-        own: Robot = resolve_name(_CODED[name])(arm)
+        if arm not in _CODED[name]:
+            known = ", ".join(arm_names(name))
+            raise RobotError(f"{name} has no arm called {arm!r}; its arms: {known}")
+        own: Robot = resolve_name(f"truejoint.robots.{name}:build")(_CODED[name][arm])
         return own
     if name in _OWN:
         with as_file(_MODELS / f"{name}.toml") as path:

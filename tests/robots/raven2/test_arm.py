@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.recordings.datasets import read_dataset
-from truejoint.robots import Robot, Transmission, get_robot, raven2
+from truejoint.robots import Robot, Transmission, get_robot
 
 Side = Literal["left", "right"]
 
@@ -82,7 +82,3 @@ def test_coupling_is_the_published_one(side: Side, motor: list[float]) -> None:
     ]
     joint = transmission_of(get_robot("raven2", side)).joint_from_motor(motor)
     np.testing.assert_allclose(joint, [shoulder, elbow, insertion, *tool], rtol=1e-6, atol=1e-6)
-
-
-def test_every_name_of_an_arm_is_one_of_two() -> None:
-    assert set(raven2.ARMS.values()) == {"left", "right"}

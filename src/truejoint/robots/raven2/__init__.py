@@ -1,6 +1,5 @@
 """RAVEN-II, the cable-driven surgical research robot: both arms, and its hardware's numbers."""
 
-from truejoint.robots.raven2.arm import ARMS as ARMS
 from truejoint.robots.raven2.arm import CHANNELS as CHANNELS
 from truejoint.robots.raven2.arm import build as build
 from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV as ENCODER_COUNTS_PER_REV

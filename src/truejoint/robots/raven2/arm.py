@@ -3,23 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import cache
 from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.errors import RobotError
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.kinematics import kinematics
 from truejoint.robots.robot import Joint, Robot, Transmission, Workspace
-
-# Arm by every name it goes by; without a name it is the left, the one that peng2024 used.
-ARMS: Final[Mapping[str, Literal["left", "right"]]] = {
-    **dict.fromkeys(("", "left", "gold"), "left"),
-    **dict.fromkeys(("right", "green"), "right"),
-}
 
 # Order within the arm's half of a ``ravenstate`` message
 # (uw-biorobotics/raven2:include/raven/defines.h).
@@ -57,16 +49,9 @@ WORKSPACE: Final = Workspace(
 )
 
 
-def build(arm: str) -> Robot:
-    """Give the arm of a name; raises RobotError naming those that there are."""
-    if arm not in ARMS:
-        names = ", ".join(filter(None, ARMS))
-        raise RobotError(f"raven2 has no arm called {arm!r}; its arms: {names}")
-    return _build(ARMS[arm])
-
-
 @cache
-def _build(side: Literal["left", "right"]) -> Robot:
+def build(side: Literal["left", "right"]) -> Robot:
+    """Give the arm of a side."""
     arm = side, CHANNELS, POSITIONING, Transmission(_motor_from_joint(side)), kinematics(side)
     return Robot("raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE)
 

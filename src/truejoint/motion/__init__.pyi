@@ -1,0 +1,11 @@
+from .calibration_motions import random_motion as random_motion
+from .calibration_motions import zigzag as zigzag
+from .directions import DIRECTIONS as DIRECTIONS
+from .files import read_trajectory as read_trajectory
+from .files import write_trajectory as write_trajectory
+from .follow import TrackingReport as TrackingReport
+from .follow import follow as follow
+from .follow import nominal_duration as nominal_duration
+from .plotting import plot_trajectories as plot_trajectories
+from .trajectory import Trajectory as Trajectory
+from .trajectory import workspace_of as workspace_of

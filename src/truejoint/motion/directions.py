@@ -1,0 +1,8 @@
+"""Names of a zig-zag's directions; imports nothing, so that a shell completes them at once."""
+
+from __future__ import annotations
+
+from typing import Final
+
+DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
+"""Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
