@@ -91,11 +91,14 @@ def test_a_corrected_recording_as_a_table(model: Calibration) -> None:
 
 def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
     robot = truejoint.get_robot("dvrk_psm")
-    for value in (model, motion(1), truejoint.evaluate(model, motion(1)), Corrector(model), robot):
+    check = truejoint.evaluation.check_data(motion(1))
+    judged = truejoint.evaluate(model, motion(1))
+    for value in (model, motion(1), judged, Corrector(model), robot, model.feature_set, check):
         assert "jaw" in repr(value)
         assert len(repr(value)) < 800
         assert len(repr(value).splitlines()) < 14
         assert value._repr_html_().startswith("<table>")
+    assert len(repr(model.training_domain).splitlines()) < 6
     assert "<b>" not in Recording.from_columns({"t": [0, 1]}, "bros")._repr_html_()
 
 

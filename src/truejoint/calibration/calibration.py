@@ -85,13 +85,12 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def summary(self) -> dict[str, str]:
         """Robot, model, training, and how far off it may be where that is known, by label."""
-        facts, names = self.metadata, self.feature_set.names
-        some = ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+        facts = self.metadata
         about = {
             "robot": self.title,
             "estimator": f"{self.estimator}, predicts the {self.target}",
             "joints": ", ".join(self.joints),
-            "features": f"{len(names)}: {some}",
+            **self.feature_set.summary(),
         }
         rows, duration = facts.get("rows"), facts.get("duration")
         if isinstance(rows, int) and isinstance(duration, float):

@@ -13,6 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
+from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 SMALLEST_VARIANCE: Final = 1e-4  # of standardised features in any direction; less counts as this
 
 
-@dataclass(frozen=True, eq=False)
-class TrainingDomain:
+@dataclass(frozen=True, eq=False, repr=False)
+class TrainingDomain(Summarised):
     """Bounds of the training rows, all observed, none assumed."""
 
     dt: float  # median time between rows [s]
@@ -40,6 +41,15 @@ class TrainingDomain:
     distance: float  # largest length of a whitened row
     error_lower: Array  # (n_joints,), range of truth minus measured [rad or m]
     error_upper: Array
+
+    def summary(self) -> dict[str, str]:
+        """How often there was a row, and of how much bounds are known, by label."""
+        return {
+            "a row every": f"{self.dt:.4g} s",
+            "signals": str(len(self.signal_lower)),
+            "features": str(len(self.feature_mean)),
+            "joints": str(len(self.error_lower)),
+        }
 
 
 def fit_training_domain(

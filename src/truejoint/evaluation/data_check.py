@@ -16,6 +16,7 @@ from truejoint.errors import RecordingError
 from truejoint.evaluation.results import json_values
 from truejoint.evaluation.signals import GAP_STEPS, direction, gaps, velocity
 from truejoint.recordings.recording import Recording, as_recordings, runs
+from truejoint.summary import Summarised
 
 _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
 _BINS: Final = 20
@@ -106,8 +107,8 @@ class JointCoverage:
     duration: float
 
 
-@dataclass(frozen=True)
-class DataCheck:
+@dataclass(frozen=True, repr=False)
+class DataCheck(Summarised):
     """Findings, worst first, and what each joint covers.
 
     Examples
@@ -124,6 +125,17 @@ class DataCheck:
     def failed(self) -> bool:
         """Whether a finding is of level ``"fail"``."""
         return any(finding.level == "fail" for finding in self.findings)
+
+    def summary(self) -> dict[str, str]:
+        """How many findings there are of each level, the worst of them, and the joints."""
+        levels: list[str] = [finding.level for finding in self.findings]
+        about = {
+            "joints": ", ".join(coverage.joint for coverage in self.coverage),
+            "findings": ", ".join(f"{levels.count(level)} {level}" for level in _ORDER),
+        }
+        if self.findings:
+            about["the worst"] = f"{self.findings[0].where}: {self.findings[0].what}"
+        return about
 
     def to_dict(self) -> dict[str, Any]:
         """Values for JSON; SI units."""

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.models import feature_kernels as kernels
+from truejoint.summary import Summarised
 
 if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
     from truejoint.recordings import Recording
@@ -147,8 +148,8 @@ class FeatureState:
     clock: Array  # (2,), whether a sample was seen, and its time stamp [s]
 
 
-@dataclass(frozen=True)
-class FeatureSet:
+@dataclass(frozen=True, repr=False)
+class FeatureSet(Summarised):
     """Features in the order of a model's inputs.
 
     Raises
@@ -182,6 +183,11 @@ class FeatureSet:
 
     def __len__(self) -> int:
         return len(self.features)
+
+    def summary(self) -> dict[str, str]:
+        """How many features there are, and the first of them."""
+        some = ", ".join(self.names[:3]) + (", ..." if len(self) > 3 else "")
+        return {"features": f"{len(self)}: {some}"}
 
     @cached_property
     def names(self) -> tuple[str, ...]:
