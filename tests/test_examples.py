@@ -20,8 +20,10 @@ PACKAGES = (
     "truejoint",
     "truejoint.calibration",
     "truejoint.crtk",
+    "truejoint.errors",
     "truejoint.estimators",
     "truejoint.evaluation",
+    "truejoint.export",
     "truejoint.filters",
     "truejoint.models",
     "truejoint.motion",
@@ -30,13 +32,17 @@ PACKAGES = (
     "truejoint.robots",
     "truejoint.runtime",
     "truejoint.simulation",
+    "truejoint.studies",
+    "truejoint.units",
 )
 
 
 def _public(package: str) -> dict[str, Any]:
     """Functions and classes of a package; a protocol is shown by what satisfies it."""
     module = import_module(package)
-    values = {name: getattr(module, name) for name in module.__all__}
+    defined = [n for n, v in vars(module).items() if getattr(v, "__module__", "") == package]
+    own = [name for name in defined if not name.startswith("_")]
+    values = {name: getattr(module, name) for name in getattr(module, "__all__", own)}
     return {
         name: value
         for name, value in values.items()

@@ -19,7 +19,13 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
 
 
 def meant(name: str, known: Iterable[str]) -> str:
-    """Ask whether the known name nearest to `name` is meant, after a blank; empty if none is."""
+    """Ask whether the known name nearest to `name` is meant, after a blank; empty if none is.
+
+    Examples
+    --------
+    >>> meant("elbo", ["shoulder", "elbow"])
+    " did you mean 'elbow'?"
+    """
     near = get_close_matches(name, list(known), 1)
     return f" did you mean {near[0]!r}?" if near else ""
 
@@ -40,32 +46,88 @@ class TruejointError(ValueError):
 
 
 class RobotError(TruejointError):
-    """A robot, an arm, a joint or a pose that does not exist or cannot be reached."""
+    """A robot, an arm, a joint or a pose that does not exist or cannot be reached.
+
+    Examples
+    --------
+    >>> get_robot("raven2", "middle")
+    Traceback (most recent call last):
+    truejoint.errors.RobotError: ...
+    """
 
 
 class CommandRefused(TruejointError):
-    """An arm refused a command; the message says which rule the command broke."""
+    """An arm refused a command; the message says which rule the command broke.
+
+    Examples
+    --------
+    >>> arm.move_jp([0.0])
+    Traceback (most recent call last):
+    truejoint.errors.CommandRefused: ...
+    """
 
 
 class TrajectoryError(TruejointError):
-    """A trajectory that is malformed or leaves a robot's limits."""
+    """A trajectory that is malformed or leaves a robot's limits.
+
+    Examples
+    --------
+    >>> truejoint.motion.zigzag(get_robot("raven2"), "J9")
+    Traceback (most recent call last):
+    truejoint.errors.TrajectoryError: ...
+    """
 
 
 class RecordingError(TruejointError):
-    """A recording that cannot be read or does not hold what is asked of it."""
+    """A recording that cannot be read or does not hold what is asked of it.
+
+    Examples
+    --------
+    >>> test.column("truth/elbow")
+    Traceback (most recent call last):
+    truejoint.errors.RecordingError: ...
+    """
 
 
 class ModelFileError(TruejointError):
-    """A model file that is damaged, from a newer version or made for something else."""
+    """A model file that is damaged, from a newer version or made for something else.
+
+    Examples
+    --------
+    >>> read_calibration("none.safetensors")
+    Traceback (most recent call last):
+    truejoint.errors.ModelFileError: ...
+    """
 
 
 class CalibrationError(TruejointError):
-    """A calibration that cannot be fitted to, or applied to, the recordings given."""
+    """A calibration that cannot be fitted to, or applied to, the recordings given.
+
+    Examples
+    --------
+    >>> calibrate(training, "lienar")
+    Traceback (most recent call last):
+    truejoint.errors.CalibrationError: ...
+    """
 
 
 class StudyError(TruejointError):
-    """A study that does not exist, cannot be run as asked, or of which a part failed."""
+    """A study that does not exist, cannot be run as asked, or of which a part failed.
+
+    Examples
+    --------
+    >>> truejoint.studies.get_study("forceps")
+    Traceback (most recent call last):
+    truejoint.errors.StudyError: ...
+    """
 
 
 class ExportError(TruejointError):
-    """A calibration that cannot be written as asked for use outside of Python."""
+    """A calibration that cannot be written as asked for use outside of Python.
+
+    Examples
+    --------
+    >>> truejoint.export.export_c(model, "controller", prefix="2")
+    Traceback (most recent call last):
+    truejoint.errors.ExportError: ...
+    """

@@ -9,7 +9,13 @@ from typing import Final
 
 @dataclass(frozen=True)
 class DisplayUnit:
-    """How an SI unit is shown: multiply an SI value by `scale` to get it in `name`."""
+    """How an SI unit is shown: multiply an SI value by `scale` to get it in `name`.
+
+    Examples
+    --------
+    >>> DisplayUnit("mm", 1e3).name
+    'mm'
+    """
 
     name: str
     scale: float
@@ -35,6 +41,11 @@ def display_unit(unit: str) -> DisplayUnit:
     -------
     DisplayUnit
         Degrees for radians and millimetres for metres; any other unit is shown as it is.
+
+    Examples
+    --------
+    >>> display_unit("m")
+    DisplayUnit(name='mm', scale=1000.0)
     """
     return _DISPLAY.get(unit, DisplayUnit(unit, 1.0))
 
@@ -54,12 +65,24 @@ def with_unit(value: float, unit: str) -> str:
 
 
 def shown(value: float, unit: str) -> str:
-    """Quantity in `unit` (SI) as a person reads it, for instance ``"92.5 deg"``."""
+    """Quantity in `unit` (SI) as a person reads it.
+
+    Examples
+    --------
+    >>> shown(0.0125, "m")
+    '12.5 mm'
+    """
     display = display_unit(unit)
     return f"{value * display.scale:.4g} {display.name}"
 
 
 def shown_range(low: float, high: float, unit: str) -> str:
-    """Range in `unit` (SI) as a person reads it, for instance ``"[0, 90] deg"``."""
+    """Range in `unit` (SI) as a person reads it.
+
+    Examples
+    --------
+    >>> shown_range(0.0, 0.0125, "m")
+    '[0, 12.5] mm'
+    """
     display = display_unit(unit)
     return f"[{low * display.scale:.4g}, {high * display.scale:.4g}] {display.name}"

@@ -55,9 +55,8 @@ def export(
             "--level and --range-margin are for --to c; an ONNX graph has no interval and no checks"
         )
     # Imported here because they compile.
+    from truejoint.export import check_command, default_prefix, export_c, export_onnx  # noqa: PLC0415
     from truejoint.export.c_source import check_prefix  # noqa: PLC0415
-    from truejoint.export.export_c import check_command, default_prefix, export_c  # noqa: PLC0415
-    from truejoint.export.export_onnx import export_onnx  # noqa: PLC0415
 
     calibration = truejoint.read_calibration(model)
     if kind == "c":

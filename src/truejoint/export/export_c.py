@@ -59,14 +59,37 @@ def export_c(
 ) -> tuple[Path, ...]:
     """Write a calibration as C99 source that does what `Corrector` does, and what checks it.
 
-    `folder`, made if it does not exist, receives ``<prefix>.h``, ``<prefix>.c``,
-    ``<prefix>_vectors.h`` and ``<prefix>_check.c``, which are returned; `prefix`, by default
-    `default_prefix`, begins every name in the source. `precision` is that of the arithmetic (time
-    stamps are double in either), `level` and `range_margin` are as `Corrector` takes them.
+    Parameters
+    ----------
+    calibration : Calibration
+    folder : path-like
+        Made if it does not exist.
+    prefix : str, optional
+        Begins every name in the source and every file's; by default `default_prefix`.
+    precision : {"double", "float"}
+        Of the arithmetic; time stamps are double in either.
+    level, range_margin : float
+        As `truejoint.runtime.Corrector` takes them.
+    overwrite : bool
+        Whether files that are there may be replaced.
 
-    Raises ExportError if the estimator has no C source, the interval does not state that level, the
-    prefix is no name, a file exists without `overwrite`, or a number does not fit the precision,
-    and ModelFileError if the calibration lacks what the checks need.
+    Returns
+    -------
+    tuple of Path
+        ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``.
+
+    Raises
+    ------
+    ExportError
+        If the estimator has no C source, the interval does not state that level, the prefix is no
+        name, a file exists without `overwrite`, or a number does not fit the precision.
+    ModelFileError
+        If the calibration lacks what the checks need.
+
+    Examples
+    --------
+    >>> [path.name for path in export_c(model, "controller", prefix="jaw")]
+    ['jaw.h', 'jaw.c', 'jaw_vectors.h', 'jaw_check.c']
     """
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)
@@ -100,12 +123,24 @@ def export_c(
 
 
 def default_prefix(calibration: Calibration) -> str:
-    """Prefix of robot and arm, for instance ``"raven2_left"``."""
+    """Prefix of robot and arm, for instance ``"raven2_left"``.
+
+    Examples
+    --------
+    >>> default_prefix(model)
+    'davinci_grasper'
+    """
     return "_".join(part for part in (calibration.robot, calibration.arm) if part)
 
 
 def check_command(paths: Sequence[Path]) -> str:
-    """Command that compiles and runs the check of an export, of the paths it gave."""
+    """Command that compiles and runs the check of an export, of the paths it gave.
+
+    Examples
+    --------
+    >>> check_command(export_c(model, "controller", prefix="jaw"))
+    'cc -std=c99 -O2 controller/jaw.c controller/jaw_check.c -lm -o check && ./check'
+    """
     sources = " ".join(str(path) for path in paths if path.suffix == ".c")
     return f"cc -std=c99 -O2 {sources} -lm -o check && ./check"
 

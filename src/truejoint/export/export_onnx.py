@@ -43,9 +43,28 @@ def export_onnx(
     ``features`` (rows, n_features) and, where the model predicts the error of the measured
     position, ``measured`` (rows, n_joints). The metadata name what stands in each column.
 
-    Inputs, weights and output have the `precision`. Raises TruejointError if the package onnx is
-    not installed, ExportError if the estimator is no regressor of features, or the file exists
-    (without `overwrite`) or cannot be written.
+    Parameters
+    ----------
+    calibration : Calibration
+    path : path-like
+        File to write, usually ``.onnx``; its folder is made if it does not exist.
+    precision : {"double", "float"}
+        Of inputs, weights and output.
+    overwrite : bool
+        Whether a file at `path` may be replaced.
+
+    Raises
+    ------
+    TruejointError
+        If the package onnx is not installed.
+    ExportError
+        If the estimator is no regressor of features, or the file exists (without `overwrite`) or
+        cannot be written.
+
+    Examples
+    --------
+    >>> export_onnx(model, "jaw.onnx").name
+    'jaw.onnx'
     """
     check_precision(precision)
     require("onnx.checker", "onnx", "an ONNX graph")

@@ -38,7 +38,14 @@ _ARRAY: Final = "array/"
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """A study that was run; `computed` tells how many of `parts`, by key, were not kept before."""
+    """A study that was run; `computed` tells how many of `parts`, by key, were not kept before.
+
+    Examples
+    --------
+    >>> study = get_study("forceps-unloaded")
+    >>> StudyResult(study, study.settings("small"), {}, Summary(), 0).to_dict()["study"]
+    'forceps-unloaded'
+    """
 
     study: Study
     settings: Settings

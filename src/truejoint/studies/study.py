@@ -30,7 +30,13 @@ MAX_SEED: Final = 2**31 - 1
 
 @dataclass(frozen=True)
 class PartResult:
-    """What one part found: `numbers`, JSON values in SI, and `arrays` by name."""
+    """What one part found: `numbers`, JSON values in SI, and `arrays` by name.
+
+    Examples
+    --------
+    >>> PartResult({"rms": 0.01}).numbers["rms"]
+    0.01
+    """
 
     numbers: Mapping[str, Any]
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
@@ -48,6 +54,12 @@ class Part:
         Pure function of a module, which another process can import.
     arguments : mapping
         What it is called with, JSON values: everything, seeds included, that its result depends on.
+
+    Examples
+    --------
+    >>> study = get_study("forceps-unloaded")
+    >>> [part.key for part in study.parts(study.settings("small"))]
+    ['unloaded']
     """
 
     key: str
@@ -66,6 +78,11 @@ class Option:
     default, small : int, float, str or tuple of them
         Its kind is the kind of every value; a tuple is not empty. The preset ``small`` may have a
         default of its own.
+
+    Examples
+    --------
+    >>> Option("masses_g", (30.0, 50.0), "weights [g]").parse("100, 200")
+    (100.0, 200.0)
     """
 
     name: str
@@ -106,7 +123,13 @@ def _like(kind: Scalar, value: object) -> Scalar:
 
 @dataclass(frozen=True)
 class Settings:
-    """All that is asked of a study; ``settings["count"]`` is the value of an option."""
+    """All that is asked of a study; ``settings["count"]`` is the value of an option.
+
+    Examples
+    --------
+    >>> get_study("forceps-unloaded").settings("small", seed=3)["specimen"]
+    'A'
+    """
 
     preset: Preset
     seed: int
@@ -123,7 +146,13 @@ class Settings:
 
 @dataclass(frozen=True)
 class Claim:
-    """What a paper states, whether it `holds` here (None: cannot be told), and what was `found`."""
+    """What a paper states, whether it `holds` here (None: cannot be told), and what was `found`.
+
+    Examples
+    --------
+    >>> Claim("the error stays below 1 deg", "yan2020", True, "0.4 deg").verdict
+    'agrees'
+    """
 
     text: str
     source: str
@@ -138,7 +167,13 @@ class Claim:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a study makes of its parts: tables, claims, and by file name figures and recordings."""
+    """What a study makes of its parts: tables, claims, and by file name figures and recordings.
+
+    Examples
+    --------
+    >>> Summary().tables
+    ()
+    """
 
     tables: Sequence[Table] = ()
     figures: Mapping[str, Figure] = field(default_factory=dict)
@@ -164,6 +199,11 @@ class Study:
     options : tuple of Option
     version : int
         Raised when its parts compute something else from the same arguments.
+
+    Examples
+    --------
+    >>> get_study("forceps-unloaded").settings("small").to_dict()["options"]["specimen"]
+    'A'
     """
 
     name: str
