@@ -14,7 +14,7 @@ from truejoint.export.export_c import export_c
 
 COMPILER = shutil.which("gcc") or shutil.which("clang") or shutil.which("cc")
 CPP = shutil.which("g++") or shutil.which("clang++")
-STRICT = ("-Wall", "-Wextra", "-Werror", "-pedantic")
+STRICT = ("-Wall", "-Wextra", "-Wshadow", "-Werror", "-pedantic")
 FLAGS = ("-std=c99", *STRICT, "-shared", "-fPIC")
 SAME_BITS = ("-O1", "-ffp-contract=off")
 needs_compiler = pytest.mark.skipif(COMPILER is None, reason="no C compiler on this machine")

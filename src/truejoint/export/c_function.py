@@ -9,7 +9,15 @@ from typing import Any
 
 from truejoint import compiled as marks
 from truejoint.export.c_expressions import ARITHMETIC, RESERVED, Expressions
-from truejoint.export.c_statements import Block, Body, Statement, Variable, block_lines, names_in
+from truejoint.export.c_statements import (
+    NAME,
+    Block,
+    Body,
+    Statement,
+    Variable,
+    block_lines,
+    names_in,
+)
 from truejoint.export.c_structs import Handle
 from truejoint.export.c_syntax import assigned, first_use
 from truejoint.export.c_values import ORDER, UNARY, Expr, Kind, Known, Linear, Scalar, View, join
@@ -114,6 +122,15 @@ class Function(Expressions):
             ),
         )
         self.text = "\n".join(block_lines(body, self.style, 1))
+
+    def locals_printed(self) -> set[str]:
+        """Names of the parameters and variables that the text still has."""
+        return self.local_names & set(NAME.findall(" ".join([*self.head[1], self.text])))
+
+    def rename(self, name: str, other: str) -> None:
+        """Call something at file scope by another name."""
+        self.text = NAME.sub(lambda m: other if m[0] == name else m[0], self.text)
+        self.globals_used = self.globals_used - {name} | {other}
 
     @property
     def result(self) -> Any:

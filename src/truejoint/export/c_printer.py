@@ -65,13 +65,15 @@ def print_kernels(
     inputs: Iterable[str] = (),
     enums: Mapping[type, str] | None = None,
     own: Mapping[str, str] | None = None,
+    named: Mapping[str, str] | None = None,
 ) -> Program:
     """Print kernels of arguments ``numbers, memory``, of a `memory` before the first step.
 
     In C, pointers to it have the `name`, its struct the type ``<prefix>_state`` and those of its
     parts ``<prefix>_<part>_state``. `single`: in float; `inputs`: fields that are written from
     outside; `enums`: prefixes by which C knows their members; `own`: integers at the head of the
-    struct that no kernel knows, with what they mean. Raises Unprintable for what has no C.
+    struct that no kernel knows, with what they mean; `named`: names of what fields hold at first.
+    Raises Unprintable for what has no C.
     """
     struct = Struct(name, type_, memory, set(inputs))
     sides: tuple[Side, Side] = ("numbers", "memory")
@@ -81,7 +83,7 @@ def print_kernels(
         printer = Printer(Style(single), enums or {})
         names = tuple(printer.function(kernel, arguments).name for kernel in kernels)
         if sum(len(part.written) for part in struct.walk()) == before:
-            return printer.program(struct, names, own or {})
+            return printer.program(struct, names, own or {}, named or {})
 
 
 class Printer:
@@ -133,7 +135,13 @@ class Printer:
         called = re.findall(r"(\w+)\(", text)
         return any(n in self.functions and self.functions[n].has_effect for n in called)
 
-    def program(self, struct: Struct, names: tuple[str, ...], own: Mapping[str, str]) -> Program:
+    def program(
+        self,
+        struct: Struct,
+        names: tuple[str, ...],
+        own: Mapping[str, str],
+        named: Mapping[str, str],
+    ) -> Program:
         """Put the printed functions together, without those that nothing calls."""
         used, rest = set(names), list(names)
         while rest:
@@ -142,6 +150,7 @@ class Printer:
             used |= fresh
             rest += fresh
         kept = [printed for name, printed in self.functions.items() if name in used]
+        self._unhide(kept, {f.name for f in struct.members()})
         whole = "\n\n".join(self._text(printed) for printed in kept)
         if any(_is_wide(printed) for printed in kept):
             whole = f"{WIDE}\n\n{whole}"
@@ -159,11 +168,25 @@ class Printer:
                 for part in struct.walk()
                 if part.changes
             ),
-            "\n".join(struct.initial(self.style, own)),
+            "\n".join(struct.initial(self.style, own, named)),
             "\n\n".join(filter(None, ["\n".join(lines), *tables])),
             "\n\n".join([*helpers, whole]),
             names,
         )
+
+    def _unhide(self, kept: Sequence[Function], fields: set[str]) -> None:
+        """Give arrays another name that a parameter or variable of some function hides.
+
+        Functions around the program name parameters after the `fields` that they set.
+        """
+        hidden = fields.union(*(p.locals_printed() for p in kept))
+        for (struct, f), name in self.constants.arrays.items():
+            if name in hidden:
+                other = self.constants.name(f"{struct.name}_{f.name}", f"{f.name}_of_{struct.name}")
+                self.constants.arrays[struct, f] = other
+                for printed in kept:
+                    if name in printed.globals_used:
+                        printed.rename(name, other)
 
     def _text(self, printed: Function) -> str:
         """Definition of a function, its pointers restricted where no call lets them overlap."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 from truejoint.export.c_values import Kind, Style
 
-_NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")
+NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")
 
 
 @dataclass(eq=False)
@@ -119,9 +119,9 @@ def names_in(body: Body, *, targets: bool = False) -> set[str]:
     found: set[str] = set()
     for statement in walk(body):
         if isinstance(statement, Block):
-            found.update(_NAME.findall(statement.head))
+            found.update(NAME.findall(statement.head))
         elif not statement.comment:
-            found.update(_NAME.findall(statement.text))
+            found.update(NAME.findall(statement.text))
             if targets and statement.target is not None:
                 found.add(statement.target.name)
     return found
@@ -154,7 +154,7 @@ def _direct(body: Body) -> Body:
             and before.operator == "="
             and statement.target is None
             and statement.text.endswith(f"] = {before.target.name}")
-            and before.target.name not in _NAME.findall(left)
+            and before.target.name not in NAME.findall(left)
             and _is_dead(before.target.name, body[i + 1 :], at_end=before.declares)
         ):
             kept.pop()

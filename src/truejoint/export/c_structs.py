@@ -95,18 +95,24 @@ class Struct:
             lines.append(f"    {kind} {f.name}{size}; /* {f.meaning} */")
         return "\n".join([*lines, f"}} {self.type};"])
 
-    def initial(self, style: Style, own: Mapping[str, str], depth: int = 0) -> list[str]:
-        """Lines of a braced initialiser with what its fields hold before the first step."""
+    def initial(
+        self, style: Style, own: Mapping[str, str], named: Mapping[str, str], depth: int = 0
+    ) -> list[str]:
+        """Lines of a braced initialiser with what its fields hold before the first step.
+
+        C knows the numbers of some fields by a name.
+        """
         pad = "    " * depth
         lines = [f"{pad}{{", *(f"    0, /* {name} */" for name in own)]
         for f in self.members():
             if f.kind == "part":
-                lines += self.parts[f.name].initial(style, {}, depth + 1)
+                lines += self.parts[f.name].initial(style, {}, {}, depth + 1)
                 lines[-1] += f" /* {f.name} */"
                 continue
             values = self.values(f)
             texts = element_texts(f, values if values.any() else values[:1], style)
-            text = "{" + ", ".join(texts) + "}" if f.name in self.memory.shapes else texts[0]
+            single = named.get(f.name, texts[0])
+            text = "{" + ", ".join(texts) + "}" if f.name in self.memory.shapes else single
             lines += wrapped(f"{text}, /* {f.name} */", f"{pad}    ")
         return [*lines, f"{pad}}}{',' if depth else ''}"]
 

@@ -185,6 +185,8 @@ class Style:
             single = value.base == 0 and len(value.terms) == 1
             return _within(_sum_text(value), PRODUCT if single else SUM, needed)
         if isinstance(value, Expr):
+            if self.single and (value.kind, kind) == ("real", "time"):
+                return _within(f"(double){_within(value.text, value.level, UNARY)}", UNARY, needed)
             return _within(value.text, value.level, needed)
         if value.symbol:
             return _within(value.symbol, BIT_OR if "|" in value.symbol else PRIMARY, needed)

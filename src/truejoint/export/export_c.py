@@ -160,6 +160,7 @@ def _memory_context(
     program = print_kernels(
         (correct_sample, forget), memory, "state", f"{prefix}_state",
         single=precision == "float", inputs=inputs, own=_OWN,
+        named={"homing": f"{guard}_NOT_HOMED"},
         enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
     )  # fmt: skip
     return {

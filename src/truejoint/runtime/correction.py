@@ -242,7 +242,7 @@ def predict(numbers: Integers, memory: Array, dt: float) -> None:
     n = numbers[at.N_JOINTS]
     half_width = vector(memory, numbers[at.PREDICTED_WIDTH], n)
     for j in range(n):
-        grown = 1.0 + memory[at.GROWTH] * memory[at.EXCESS]
+        grown = 1.0 + memory[at.GROWTH] * memory[at.EXCESS] if memory[at.GROWTH] > 0.0 else 1.0
         half_width[j] = memory[numbers[at.BASE_WIDTH] + j] * grown
     call_row(
         numbers[at.ROW],
