@@ -50,7 +50,7 @@ def layer(source: Array, weight: Array, bias: Array, target: Array) -> None:
 @compiled
 @wide
 def add_product(x: Array, matrix: Array, out: Array) -> None:
-    """Add ``x @ matrix`` (m,) to `out` for `x` (n,), m a multiple of `BLOCK`.
+    """Add ``x @ matrix`` (m,) to `out` for `x` (n,), m a multiple of 4.
 
     Eight rows in one pass over the columns, summed in pairs, so that no addition waits for seven
     others; one order of sums for one row, a whole recording and C.
@@ -75,7 +75,7 @@ def add_product(x: Array, matrix: Array, out: Array) -> None:
 
 @compiled
 def add_triangle(x: Array, matrix: Array, out: Array) -> None:
-    """Add ``x @ matrix`` to `out` (n,) for a lower triangle (n, n), n a multiple of `BLOCK`."""
+    """Add ``x @ matrix`` to `out` (n,) for a lower triangle (n, n), n a multiple of 4."""
     for i in range(0, matrix.shape[0], 4):
         a, b, c, d = x[i], x[i + 1], x[i + 2], x[i + 3]
         row_a, row_b, row_c, row_d = matrix[i], matrix[i + 1], matrix[i + 2], matrix[i + 3]
