@@ -76,7 +76,7 @@ def simulated_arm(
     robot: str = "raven2",
     arm: str = "",
     *,
-    parameters: str | Path | None = None,
+    parameters: str | Path = "nominal",
     seed: int = 0,
     load: float = 0.0,
 ) -> Arm:

@@ -84,7 +84,7 @@ class Raven2Twin:
         self.homing_count = 0
         self._drives = drives("right" if self.robot.arm == "right" else "left")
         self._plant = build_plant(self.parameters, self.robot)
-        self._rng = np.random.default_rng([seed, 0])
+        self._rng, self._tool_rng = (np.random.default_rng([seed, part]) for part in (0, 1))
         span = (self.robot.upper - self.robot.lower)[:POSITIONING]
         spread = _LEFT_SPREAD * span * self._rng.uniform(-1.0, 1.0, POSITIONING)
         pose = self.robot.home[:POSITIONING] + spread
@@ -120,8 +120,8 @@ class Raven2Twin:
         As uw-biorobotics/raven2:src/raven/homing.cpp does it: each positioning joint moves
         towards its stop until its torque command says that it has arrived; after 0.2 s its
         motor encoder is set to the stop's nominal position, and all return within 2.5 s. The tool's
-        joints are registered without error. Rows before the registration are meaningless,
-        as on the robot.
+        joints are held where their own homing leaves them, near home. Rows before the
+        registration are meaningless, as on the robot.
         """
         search = self._search_stops()
         # The motor encoders' zeros are set, the arm standing at its hard stops.
@@ -133,6 +133,9 @@ class Raven2Twin:
         count = kernel.TURN / plant.counts
         state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
         state.integral[:] = 0.0
+        registered = np.array(self.parameters.tool.registration_sd)
+        state.tool[kernel.REGISTERED] = registered * self._tool_rng.standard_normal(4)
+        state.tool[kernel.WANDER] = 0.0
         # The robot restarts its set point at the nominal stop.
         state.command[:] = plant.motor_from_joint @ self._nominal_stop
         home = self.robot.home
