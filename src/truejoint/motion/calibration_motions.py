@@ -109,6 +109,7 @@ def random_motion(
     *,
     rate: float = 20.0,
     profile: Profile = "cosine",
+    workspace: Workspace | None = None,
 ) -> Trajectory:
     """Random sinusoidal motion of the positioning joints, each on its own (peng2024 IV-A).
 
@@ -132,6 +133,8 @@ def random_motion(
         ``"laboratory"``: constant, after a ramp of 2.4 s, until one second before the end, then in
         proportion to what is left of the way, down to a last crawl (uw-biorobotics/
         raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py).
+    workspace : Workspace, optional
+        Where to move; by default `workspace_of(robot)`.
 
     Raises
     ------
@@ -151,7 +154,7 @@ def random_motion(
         raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
     if profile not in _PROFILES:
         raise TrajectoryError(unknown("profile", profile, _PROFILES))
-    space = workspace_of(robot)
+    space = workspace or workspace_of(robot)
     times = np.arange(round(duration * rate) + 1) / rate
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
