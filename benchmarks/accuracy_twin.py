@@ -3,9 +3,9 @@
     python -m benchmarks.accuracy_twin [--twin peng2024] [--directions J2-J3 ...] [--sessions 3]
 
 A session is one homing of an arm with a seed of its own, zig-zags of sparsity 1/4, 1/5 and 1/6
-for training, then 20 minutes of a random motion of its own with the laboratory's speed profile
-as the test. Prints a Markdown table, mean and standard deviation over sessions beside the
-paper's numbers, and what of the paper it agrees with. `--json` keeps every session.
+for training, then 20 minutes of a random motion of its own as the test (`--profile`). Prints a
+Markdown table, mean and standard deviation over sessions beside the paper's numbers, and what of
+the paper it agrees with. `--json` keeps every session.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 
 from truejoint import calibrate, evaluate
 from truejoint.crtk import simulated_arm
-from truejoint.motion import DIRECTIONS, Trajectory, follow, random_motion, zigzag
+from truejoint.motion import DIRECTIONS, Profile, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.units import display_unit
@@ -51,7 +52,7 @@ def paper(name: str) -> np.ndarray:
     return np.array(PAPER[name.partition(",")[0]])
 
 
-def session(name: str, twin: str, seed: int) -> tuple[list[Recording], Recording]:
+def session(name: str, twin: str, seed: int, profile: Profile) -> tuple[list[Recording], Recording]:
     """Training and test recordings of one homing."""
     arm = simulated_arm("raven2", "left", parameters=twin, seed=seed)
     arm.enable()
@@ -65,13 +66,13 @@ def session(name: str, twin: str, seed: int) -> tuple[list[Recording], Recording
     direction, published = name.partition(",")[0], name == PUBLISHED
     paths = [zigzag(arm.robot, direction, 1 / n, published=published) for n in (4, 5, 6)]
     training = [record(path) for path in paths]
-    return training, record(random_motion(arm.robot, seed=1000 + seed, profile="laboratory"))
+    return training, record(random_motion(arm.robot, seed=1000 + seed, profile=profile))
 
 
-def errors(name: str, twin: str, seed: int, repeats: int) -> np.ndarray:
+def errors(name: str, seed: int, options: argparse.Namespace) -> np.ndarray:
     """RMSE (3, 5) of the methods in one session [deg, deg, mm]."""
-    training, test = session(name, twin, seed)
-    models = [calibrate(training, "dnn", random_state=seed + k) for k in range(repeats)]
+    training, test = session(name, options.twin, seed, options.profile)
+    models = [calibrate(training, "dnn", random_state=seed + k) for k in range(options.repeats)]
     result = evaluate({"dnn": models}, [test])
     scale = [display_unit(unit).scale for unit in result.units]
     return np.array(
@@ -106,6 +107,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     specimens = tuple(Raven2Parameters.SPECIMENS)
     parser.add_argument("--twin", default="peng2024", help=f"{', '.join(specimens)} or a file")
+    parser.add_argument("--profile", default="laboratory", choices=get_args(Profile))
     parser.add_argument("--directions", nargs="+", default=list(NAMES), choices=NAMES)
     parser.add_argument("--sessions", type=int, default=3)
     parser.add_argument("--repeats", type=int, default=1, help="networks fitted in each session")
@@ -116,7 +118,7 @@ def main() -> None:
     kept: dict[str, list[list[list[float]]]] = {}
     for name in options.directions:
         seeds = [NAMES.index(name) + len(NAMES) * k for k in range(options.sessions)]
-        runs = np.array([errors(name, options.twin, seed, options.repeats) for seed in seeds])
+        runs = np.array([errors(name, seed, options) for seed in seeds])
         kept[name] = runs.tolist()
         if options.json:
             options.json.write_text(json.dumps(kept))

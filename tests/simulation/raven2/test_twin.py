@@ -139,6 +139,20 @@ def test_sensors_have_the_robots_resolutions_and_rates() -> None:
         assert not getattr(out, name)[:, 3].any()
 
 
+def test_stamps_of_the_state_jitter_and_keep_their_order() -> None:
+    still, jittering = (homed(nominal(state_stream__jitter=j), seed=1) for j in (0.0, 3e-4))
+    goal = sway(still, 5.0)
+    exact, out = still.run(goal), jittering.run(goal)
+    np.testing.assert_array_equal(out.measured, exact.measured)
+    late = out.t - exact.t
+    assert late.std() == pytest.approx(2.6e-4, rel=0.1)  # the largest are cut off
+    assert np.abs(late).max() < 4.51e-4
+    assert np.diff(out.t).min() > 0.0
+    again = homed(nominal(state_stream__jitter=3e-4), seed=1)
+    pieces = np.concatenate([again.run(goal[a:b]).t for a, b in pairwise((0, 1, 777, 5000))])
+    np.testing.assert_array_equal(pieces, out.t)
+
+
 def test_measured_is_the_nominal_transmission_of_the_motors() -> None:
     twin = homed(seed=1)
     out = twin.run(sway(twin, 2.0))

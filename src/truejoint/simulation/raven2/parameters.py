@@ -101,6 +101,12 @@ class ExternalEncoders(NamedTuple):
     stamp_delay: Annotated[float, Bounds(0.0, 0.1)]
 
 
+class StateStream(NamedTuple):
+    """Time stamps of the robot's own state messages."""
+
+    jitter: Annotated[float, Bounds(0.0, 0.01)]
+
+
 class Tool(NamedTuple):
     """Motors of roll, wrist and jaws, and how well they keep their joints where they are."""
 
@@ -133,4 +139,5 @@ class Raven2Parameters(Parameters):
     mass: Mass
     homing: Homing
     external_encoders: ExternalEncoders
+    state_stream: StateStream
     tool: Tool
