@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
-from truejoint.errors import TruejointError
+from truejoint.errors import TruejointError, unknown
 from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
@@ -60,6 +60,9 @@ class Parameters:
         nominal = shipped_sections(cls.SPECIMENS["nominal"])
         if str(path) in cls.SPECIMENS:
             return cls._laid_over(nominal, shipped_sections(cls.SPECIMENS[str(path)]), str(path))
+        if not (Path(path).suffix or Path(path).exists()):
+            known = unknown("specimen", str(path), cls.SPECIMENS)
+            raise TruejointError(f"{known}; or give a TOML file")
         table = read_toml(Path(path), TruejointError)
         for name, values in table.items():
             if not isinstance(values, dict):

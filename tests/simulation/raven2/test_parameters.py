@@ -101,6 +101,11 @@ def test_files_of_the_wrong_form_are_refused(tmp_path: Path, text: str, reason: 
         Raven2Parameters.read(write(tmp_path / "twin.toml", text))
 
 
+def test_an_unknown_specimen_is_refused_naming_the_known() -> None:
+    with pytest.raises(TruejointError, match=r"no specimen called 'peng2042'; did you mean"):
+        Raven2Parameters.read("peng2042")
+
+
 def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TruejointError, match="cannot be read"):
         Raven2Parameters.read(tmp_path / "nowhere.toml")
