@@ -13,13 +13,12 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 
 from truejoint import calibrate, evaluate
 from truejoint.crtk import simulated_arm
-from truejoint.motion import DIRECTIONS, Profile, Trajectory, follow, random_motion, zigzag
+from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.units import display_unit
@@ -52,7 +51,7 @@ def paper(name: str) -> np.ndarray:
     return np.array(PAPER[name.partition(",")[0]])
 
 
-def session(name: str, twin: str, seed: int, profile: Profile) -> tuple[list[Recording], Recording]:
+def session(name: str, twin: str, seed: int, profile: str) -> tuple[list[Recording], Recording]:
     """Training and test recordings of one homing."""
     arm = simulated_arm("raven2", "left", parameters=twin, seed=seed)
     arm.enable()
@@ -107,7 +106,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     specimens = tuple(Raven2Parameters.SPECIMENS)
     parser.add_argument("--twin", default="peng2024", help=f"{', '.join(specimens)} or a file")
-    parser.add_argument("--profile", default="laboratory", choices=get_args(Profile))
+    parser.add_argument("--profile", default="laboratory", choices=PROFILES)
     parser.add_argument("--directions", nargs="+", default=list(NAMES), choices=NAMES)
     parser.add_argument("--sessions", type=int, default=3)
     parser.add_argument("--repeats", type=int, default=1, help="networks fitted in each session")

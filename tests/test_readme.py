@@ -55,7 +55,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
         patch.chdir(folder)
         for name, value in SHORTER.items():
             patch.setattr(demo, name, value)
-        patch.setattr(demo, "fetch", no_network)
+        patch.setattr(datasets, "fetch", no_network)
         patch.setattr(sys, "argv", ["truejoint", "demo", "--json"])
         with (folder / "said.json").open("w") as file:
             patch.setattr(sys, "stdout", file)

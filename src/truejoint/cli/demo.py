@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Final
 
-import numpy as np
 import typer
 
 import truejoint
-from truejoint.calibration import measure_coverage, rezeroed, with_interval
 from truejoint.cli.calibrate import configured, fit
 from truejoint.cli.collect import record
 from truejoint.cli.console import out, print_table, progress, result_json, say
@@ -19,16 +18,18 @@ from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation
 from truejoint.cli.options import Json, Seed
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
-from truejoint.motion import Trajectory, random_motion, workspace_of, zigzag
-from truejoint.recordings import Recorder, Recording
-from truejoint.recordings.datasets import DATASETS, fetch, read_dataset
+from truejoint.recordings import datasets
 from truejoint.units import display_unit
 
 # Three zig-zags between which all joints move; peng2024 judges each direction alone (II-E).
 DIRECTIONS: Final = ("J1", "J2-J3", "J1-J2-J3")
 SPARSITY: Final = 1 / 4
 NETWORKS: Final = 3
-TOLERANCE: Final = {"shoulder": np.deg2rad(0.25), "elbow": np.deg2rad(0.25), "insertion": 0.25e-3}
+TOLERANCE: Final = {
+    "shoulder": math.radians(0.25),
+    "elbow": math.radians(0.25),
+    "insertion": 0.25e-3,
+}
 REZERO: Final = 10.0  # s
 LOAD: Final = 0.5  # kg (peng2024, II-G)
 LEVEL: Final = 0.9
@@ -61,9 +62,11 @@ def demo(
     models = [
         fit(training, configured(DEFAULT, []), random_state=seed + k)[0] for k in range(NETWORKS)
     ]
-    models[0] = with_interval(models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO)
+    models[0] = truejoint.calibration.with_interval(
+        models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO
+    )
     truejoint.write_calibration(models[0], folder / "left_arm.safetensors", overwrite=True)
-    today = [rezeroed(model, recordings.head) for model in models]
+    today = [truejoint.calibration.rezeroed(model, recordings.head) for model in models]
 
     say("7. Judging")
     judged = {
@@ -72,11 +75,11 @@ def demo(
         )
         for name, test in tests.items()
     }
-    coverage = measure_coverage(models[0], short[MAKING:], LEVEL)
+    coverage = truejoint.calibration.measure_coverage(models[0], short[MAKING:], LEVEL)
     same_homing = [tests["inside"], tests["all over"]]
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE)
     report_evaluation(whole, folder / "report.html", models[0], same_homing, training, force=True)
-    say(f"8. The same on a real robot: {DATASETS[REAL].title}")
+    say(f"8. The same on a real robot: {datasets.DATASETS[REAL].title}")
     real = on_a_real_robot()
     chosen = advised(judged.values())
     if as_json:
@@ -100,7 +103,7 @@ def demo(
         if isinstance(real, str):
             out.print(f"\nNo real recording: {real}")
         else:
-            out.print(f"\n{DATASETS[REAL].title}: five lines of Python in README")
+            out.print(f"\n{datasets.DATASETS[REAL].title}: five lines of Python in README")
             out.print(truejoint.evaluation.score_table(real))
     if not whole.verdict.passed:
         raise typer.Exit(CHECK_FAILED)
@@ -110,10 +113,10 @@ def demo(
 class _Collected:
     """Recordings to train on, to judge on by name, brief truth before the new homing's, short."""
 
-    training: list[Recording]
-    tests: dict[str, Recording]
-    head: Recording
-    short: list[Recording]
+    training: list[truejoint.Recording]
+    tests: dict[str, truejoint.Recording]
+    head: truejoint.Recording
+    short: list[truejoint.Recording]
 
 
 def _collected(folder: Path, seed: int) -> _Collected:
@@ -124,27 +127,29 @@ def _collected(folder: Path, seed: int) -> _Collected:
     arm.enable()
     arm.home()
 
-    def recorded(path: Trajectory, name: str) -> Recording:
+    def recorded(path: truejoint.motion.Trajectory, name: str) -> truejoint.Recording:
         truejoint.motion.write_trajectory(path, folder / f"{name}.csv", overwrite=True)
         target = folder / f"{name}.parquet"
         recording, report = record(arm, path, target, load=twin.load, label=f"   {path.name}")
         say(f"   {len(recording)} rows; {report}")
         return recording
 
-    def at_random(minutes: float, k: int, **options: Any) -> Trajectory:
+    def at_random(minutes: float, k: int, **options: Any) -> truejoint.motion.Trajectory:
         motion = 1000 * seed + k
-        return random_motion(arm.robot, 60 * minutes, motion, profile="laboratory", **options)
+        return truejoint.motion.random_motion(
+            arm.robot, 60 * minutes, motion, profile="laboratory", **options
+        )
 
     say("2. Zig-zags for training, temporary encoders on the joints")
     training = [
-        recorded(zigzag(arm.robot, direction, SPARSITY), f"zigzag_{direction}")
+        recorded(truejoint.motion.zigzag(arm.robot, direction, SPARSITY), f"zigzag_{direction}")
         for direction in DIRECTIONS
     ]
     say(
         "3. Motions that the models never see: well inside the workspace, and the paper's, all over"
     )
-    space = workspace_of(arm.robot)
-    half, margin = space.extent / np.sqrt(12.0), space.swings[0] / np.sqrt(3.0)
+    space = truejoint.motion.workspace_of(arm.robot)
+    half, margin = space.extent / math.sqrt(12.0), space.swings[0] / math.sqrt(3.0)
     inner = replace(space, lower=space.centre - half, upper=space.centre + half, margin=margin)
     tests = {
         "inside": recorded(at_random(LONG, 0, workspace=inner), "inside"),
@@ -155,7 +160,7 @@ def _collected(folder: Path, seed: int) -> _Collected:
     with progress("   Homing and moving") as done:
         for k in range(MAKING + JUDGING):
             arm.home()
-            with Recorder(arm, session=f"homing {k}") as recorder:
+            with truejoint.recordings.Recorder(arm, session=f"homing {k}") as recorder:
                 truejoint.motion.follow(arm, at_random(SHORT, 100 + k))
             short.append(recorder.recording(f"homing {k}"))
             done((k + 1) / (MAKING + JUDGING))
@@ -172,14 +177,14 @@ def on_a_real_robot() -> truejoint.evaluation.Evaluation | str:
     """Calibrate one recording of a real robot and judge another, or say why not."""
     try:
         try:
-            training, test = read_dataset(REAL)
+            training, test = datasets.read_dataset(REAL)
         except RecordingError:
-            with progress(f"   Fetching {DATASETS[REAL].size / 1e6:.0f} MB") as done:
-                fetch(REAL, progress=done)
-            training, test = read_dataset(REAL)
+            with progress(f"   Fetching {datasets.DATASETS[REAL].size / 1e6:.0f} MB") as done:
+                datasets.fetch(REAL, progress=done)
+            training, test = datasets.read_dataset(REAL)
     except RecordingError as error:
         return str(error)
-    model = truejoint.calibrate(training, "linear", features=DATASETS[REAL].features)
+    model = truejoint.calibrate(training, "linear", features=datasets.DATASETS[REAL].features)
     return truejoint.evaluate(model, test)
 
 

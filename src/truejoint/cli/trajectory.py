@@ -66,8 +66,7 @@ def make_random(
     minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 20.0,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.")] = 0,
     profile: Annotated[
-        truejoint.motion.Profile,
-        typer.Option(help="Speed along a swing: half a cosine, or as peng2024's controller moves."),
+        str, typer.Option(help="Speed along a swing: cosine, or laboratory as in peng2024.")
     ] = "cosine",
     robot: RobotName = "raven2",
     arm: Arm = "",

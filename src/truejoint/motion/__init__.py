@@ -1,6 +1,6 @@
 """Trajectories as data, and what drives an arm along them."""
 
-from truejoint.motion.calibration_motions import DIRECTIONS, Profile, random_motion, zigzag
+from truejoint.motion.calibration_motions import DIRECTIONS, PROFILES, random_motion, zigzag
 from truejoint.motion.files import read_trajectory, write_trajectory
 from truejoint.motion.follow import TrackingReport, follow, nominal_duration
 from truejoint.motion.plotting import plot_trajectories
@@ -9,7 +9,7 @@ from truejoint.robots import Workspace
 
 __all__ = [
     "DIRECTIONS",
-    "Profile",
+    "PROFILES",
     "TrackingReport",
     "Trajectory",
     "Workspace",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -18,7 +18,8 @@ from truejoint.robots import Robot, Workspace
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
 """Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
 
-Profile = Literal["cosine", "laboratory"]
+PROFILES: Final = ("cosine", "laboratory")
+"""How the speed of a random motion goes along a swing; see `random_motion`."""
 
 _MOST_DIVISIONS: Final = 50
 _LONGEST: Final = 24 * 3600.0  # [s]
@@ -108,7 +109,7 @@ def random_motion(
     seed: int = 0,
     *,
     rate: float = 20.0,
-    profile: Profile = "cosine",
+    profile: str = "cosine",
     workspace: Workspace | None = None,
 ) -> Trajectory:
     """Random sinusoidal motion of the positioning joints, each on its own (peng2024 IV-A).
@@ -128,8 +129,9 @@ def random_motion(
         The same seed gives the same motion; a longer one begins with the shorter one.
     rate : float
         Points per second [Hz]; straight lines between them deviate by less than 1e-3 deg at 20 Hz.
-    profile : {"cosine", "laboratory"}
-        Speed along a swing. ``"cosine"``: half a period, so that a joint dwells at the ends.
+    profile : str
+        One of `PROFILES`, the speed along a swing. ``"cosine"``: half a period, so that a joint
+        dwells at the ends.
         ``"laboratory"``: constant, after a ramp of 2.4 s, until one second before the end, then in
         proportion to what is left of the way, down to a last crawl (uw-biorobotics/
         raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py).
@@ -152,14 +154,14 @@ def random_motion(
         raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
     if seed < 0:
         raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
-    if profile not in _PROFILES:
-        raise TrajectoryError(unknown("profile", profile, _PROFILES))
+    if profile not in PROFILES:
+        raise TrajectoryError(unknown("profile", profile, PROFILES))
     space = workspace or workspace_of(robot)
     times = np.arange(round(duration * rate) + 1) / rate
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
     positions = [
-        _swings(times, np.random.default_rng(stream), _PROFILES[profile], *bound)
+        _swings(times, np.random.default_rng(stream), _SWINGS[profile], *bound)
         for bound, stream in zip(bounds, streams, strict=True)
     ]
     name = f"random {duration / 60:.3g} min, seed {seed}"
@@ -319,7 +321,9 @@ class _Laboratory:
         )
 
 
-_PROFILES: Final[Mapping[str, type[_Swing]]] = {"cosine": _Cosine, "laboratory": _Laboratory}
+_SWINGS: Final[Mapping[str, type[_Swing]]] = dict(
+    zip(PROFILES, (_Cosine, _Laboratory), strict=True)
+)
 
 
 def _generated(
