@@ -1,23 +1,26 @@
 """Table I of peng2024 on the digital twin: seven directions, three sparsities, random test.
 
-    python -m benchmarks.accuracy_twin [--directions J2-J3 ...] [--seeds 5] [--twin-seed 0]
+    python -m benchmarks.accuracy_twin [--twin peng2024] [--directions J2-J3 ...] [--sessions 3]
 
-Each direction is a session of its own: one homing, zig-zags of sparsity 1/4, 1/5 and 1/6 for
-training, then 20 minutes of random motion as the test. Prints a Markdown table beside the
-paper's numbers.
+A session is one homing of an arm with a seed of its own, zig-zags of sparsity 1/4, 1/5 and 1/6
+for training, then 20 minutes of a random motion of its own as the test (`--profile`). Prints a
+Markdown table, mean and standard deviation over sessions beside the paper's numbers, and what of
+the paper it agrees with. `--json` keeps every session.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
+from pathlib import Path
 
 import numpy as np
 
 from truejoint import calibrate, evaluate
 from truejoint.crtk import simulated_arm
-from truejoint.evaluation import Evaluation
-from truejoint.motion import DIRECTIONS, Trajectory, follow, random_motion, zigzag
+from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
+from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.units import display_unit
 
 # peng2024, Table I: RMSE of DNN, 2nd-order polynomial, linear, fixed offset, raw.
@@ -37,53 +40,99 @@ PAPER = {
     "J1-J2-J3": ((0.143, 0.145, 0.221, 0.866, 2.219), (0.130, 0.148, 0.169, 1.038, 7.945),
                  (0.164, 0.274, 0.168, 0.469, 11.703)),
 }  # fmt: skip
+PUBLISHED = "J1-J2-J3, published box"
+NAMES = (*DIRECTIONS, PUBLISHED)
 METHODS = ("dnn", "poly2", "linear", "offset", "raw")
+FITTED_TO = ("J1", "J2-J3")  # directions that the specimen "peng2024" was fitted to
 
 
-def session(direction: str, twin_seed: int) -> tuple[list[Recording], Recording]:
+def paper(name: str) -> np.ndarray:
+    """RMSE (3, 5) in the paper of a direction [deg, deg, mm]."""
+    return np.array(PAPER[name.partition(",")[0]])
+
+
+def session(name: str, twin: str, seed: int, profile: str) -> tuple[list[Recording], Recording]:
     """Training and test recordings of one homing."""
-    arm = simulated_arm("raven2", "left", seed=twin_seed)
+    arm = simulated_arm("raven2", "left", parameters=twin, seed=seed)
     arm.enable()
     arm.home()
 
     def record(trajectory: Trajectory) -> Recording:
-        with Recorder(arm, session=trajectory.name, homing_id=str(twin_seed)) as recorder:
+        with Recorder(arm, session=trajectory.name) as recorder:
             follow(arm, trajectory)
         return recorder.recording()
 
-    training = [record(zigzag(arm.robot, direction, 1 / n)) for n in (4, 5, 6)]
-    return training, record(random_motion(arm.robot, seed=1000 + twin_seed))
+    direction, published = name.partition(",")[0], name == PUBLISHED
+    paths = [zigzag(arm.robot, direction, 1 / n, published=published) for n in (4, 5, 6)]
+    training = [record(path) for path in paths]
+    return training, record(random_motion(arm.robot, seed=1000 + seed, profile=profile))
 
 
-def direction_row(direction: str, seeds: int, twin_seed: int) -> Evaluation:
-    """Evaluate one direction."""
-    training, test = session(direction, twin_seed)
-    models = [calibrate(training, "dnn", random_state=seed) for seed in range(seeds)]
-    return evaluate({"dnn": models}, [test])
+def errors(name: str, seed: int, options: argparse.Namespace) -> np.ndarray:
+    """RMSE (3, 5) of the methods in one session [deg, deg, mm]."""
+    training, test = session(name, options.twin, seed, options.profile)
+    models = [calibrate(training, "dnn", random_state=seed + k) for k in range(options.repeats)]
+    result = evaluate({"dnn": models}, [test])
+    scale = [display_unit(unit).scale for unit in result.units]
+    return np.array(
+        [
+            [result.score(method, joint).rmse * factor for method in METHODS]
+            for joint, factor in zip(result.joints, scale, strict=True)
+        ]
+    )
+
+
+def agreement(found: dict[str, np.ndarray]) -> str:
+    """How the means (3, 5) of directions compare with the paper's: as one Markdown table."""
+    rows = ["| directions | " + " | ".join(METHODS) + " | network against linear as in the paper |"]
+    rows.append("|---|" + "---|" * (len(METHODS) + 1))
+    others = [name for name in found if name in DIRECTIONS and name not in FITTED_TO]
+    published = [name for name in found if name == PUBLISHED]
+    for label, names in (("fitted to", FITTED_TO), ("the others", others), ("", published)):
+        if not all(name in found for name in names) or not names:
+            continue
+        ours = np.concatenate([found[name] for name in names])
+        theirs = np.concatenate([paper(name) for name in names])
+        ratios = np.exp(np.log(ours / theirs).mean(axis=0))
+        same = (ours[:, 0] < ours[:, 2]) == (theirs[:, 0] < theirs[:, 2])
+        cells = " | ".join(f"{ratio:.2f}" for ratio in ratios)
+        title = f"{label} ({', '.join(names)})" if label else names[0]
+        rows.append(f"| {title} | {cells} | {same.sum()} of {len(same)} |")
+    return "\n".join(rows)
 
 
 def main() -> None:
-    """Print the table."""
+    """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--directions", nargs="+", default=list(DIRECTIONS), choices=DIRECTIONS)
-    parser.add_argument("--seeds", type=int, default=5)
-    parser.add_argument("--twin-seed", type=int, default=0)
+    specimens = tuple(Raven2Parameters.SPECIMENS)
+    parser.add_argument("--twin", default="peng2024", help=f"{', '.join(specimens)} or a file")
+    parser.add_argument("--profile", default="laboratory", choices=PROFILES)
+    parser.add_argument("--directions", nargs="+", default=list(NAMES), choices=NAMES)
+    parser.add_argument("--sessions", type=int, default=3)
+    parser.add_argument("--repeats", type=int, default=1, help="networks fitted in each session")
+    parser.add_argument("--json", type=Path, help="file to keep every session's figures in")
     options = parser.parse_args()
     print("| direction | joint | " + " | ".join(f"{m} (paper)" for m in METHODS) + " |")
     print("|---|---|" + "---|" * len(METHODS))
-    for direction in options.directions:
-        result = direction_row(direction, options.seeds, options.twin_seed)
-        for row, joint in enumerate(result.joints):
-            shown = display_unit(result.units[row])
-            cells = []
-            for column, method in enumerate(METHODS):
-                score = result.score(method, joint)
-                spread = f" ± {score.spread * shown.scale:.3f}" if np.isfinite(score.spread) else ""
-                paper = PAPER[direction][row][column]
-                cells.append(f"{score.rmse * shown.scale:.3f}{spread} ({paper:.3f})")
-            print(
-                f"| {direction} | {joint} [{shown.name}] | " + " | ".join(cells) + " |", flush=True
-            )
+    kept: dict[str, list[list[list[float]]]] = {}
+    for name in options.directions:
+        seeds = [NAMES.index(name) + len(NAMES) * k for k in range(options.sessions)]
+        runs = np.array([errors(name, seed, options) for seed in seeds])
+        kept[name] = runs.tolist()
+        if options.json:
+            options.json.write_text(json.dumps(kept))
+        spread = runs.std(axis=0, ddof=1) if len(runs) > 1 else np.full_like(runs[0], np.nan)
+        for row, joint in enumerate(("shoulder [deg]", "elbow [deg]", "insertion [mm]")):
+            cells = [
+                f"{mean:.3f} ± {sd:.3f} ({published:.3f})"
+                for mean, sd, published in zip(
+                    runs.mean(axis=0)[row], spread[row], paper(name)[row], strict=True
+                )
+            ]
+            print(f"| {name} | {joint} | " + " | ".join(cells) + " |", flush=True)
+    means = {name: np.mean(runs, axis=0) for name, runs in kept.items()}
+    print("\nRatio to the paper, geometric mean over joints and directions\n")
+    print(agreement(means))
 
 
 if __name__ == "__main__":

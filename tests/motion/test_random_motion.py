@@ -11,13 +11,15 @@ ROBOT = get_robot("raven2", "left")
 SPACE = workspace_of(ROBOT)
 # uw-biorobotics/raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py
 SHRINK = np.array([np.deg2rad(5), np.deg2rad(10), 0.02])
+CRAWL = np.array([np.deg2rad(0.2), np.deg2rad(0.2), 0.001])
 SLOWEST = np.array([np.deg2rad(1.091), np.deg2rad(1.5), 0.0025])
 FASTEST = np.array([np.deg2rad(3), np.deg2rad(4), 0.007])
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_turns_and_speeds_are_in_the_ranges(seed):
-    motion = random_motion(ROBOT, 1200.0, seed)
+@pytest.mark.parametrize("profile", ["cosine", "laboratory"])
+@pytest.mark.parametrize("seed", range(2))
+def test_turns_and_speeds_are_in_the_ranges(seed, profile):
+    motion = random_motion(ROBOT, 1200.0, seed, profile=profile)
     for k, path in enumerate(motion.positions.T):
         speed = np.diff(path) / np.diff(motion.times)
         turns = np.flatnonzero(np.sign(speed[1:]) != np.sign(speed[:-1])) + 1
@@ -41,6 +43,45 @@ def test_reversals_are_smooth():
     shortest = SPACE.extent / 2 - SHRINK
     bound = 2 * FASTEST**2 / shortest
     assert (np.abs(acceleration) <= bound * 1.1).all()
+
+
+def integrated(target, peak, crawl, t):
+    """One swing of a unit gain per second, by Euler steps as the laboratory's loop makes them."""
+    dt, left, out = 2e-3, target, []
+    for now in np.arange(0.0, t[-1] + dt, dt):
+        out.append(target - left)
+        left -= min(max(left, crawl), peak) * min(now / 2.4, 1.0) * dt
+    return np.interp(t, np.arange(len(out)) * dt, out)
+
+
+def test_the_laboratorys_profile_is_that_of_its_control_loop():
+    motion = random_motion(ROBOT, 300.0, 1, rate=100.0, profile="laboratory")
+    for k, path in enumerate(motion.positions.T):
+        speed = np.abs(np.diff(path)) * 100.0
+        turns = np.flatnonzero(np.diff(np.sign(np.diff(path)))) + 1
+        begin, end = turns[1], turns[2]
+        t = np.arange(end - begin) / 100.0
+        peak = speed[begin:end].max()
+        way = integrated(abs(path[end] - path[begin]), peak, CRAWL[k], t)
+        # The turn itself lies between two samples.
+        late = 0.02 * peak
+        assert np.abs(np.abs(path[begin:end] - path[begin]) - way).max() < late
+        assert (speed[begin:end] > 0.99 * peak).mean() > 0.5  # constant for most of the way
+
+
+def test_half_a_cosine_dwells_at_the_ends_more_than_the_laboratorys_profile():
+    outside = []
+    for profile in ("cosine", "laboratory"):
+        shares = (random_motion(ROBOT, 1200.0, 3, profile=profile).positions - SPACE.centre) / (
+            SPACE.extent / 2
+        )
+        outside.append((np.abs(shares[:, 0]) > 1 / np.sqrt(3)).mean())
+    assert outside[0] > 0.5 > outside[1] > 0.35
+
+
+def test_an_unknown_profile_is_refused():
+    with pytest.raises(TrajectoryError, match="no profile called 'sine'; did you mean 'cosine'"):
+        random_motion(ROBOT, 60.0, profile="sine")
 
 
 def test_same_seed_same_motion_and_a_longer_one_goes_on():

@@ -69,6 +69,21 @@ def test_three_joints_are_nearly_a_turned_cube():
     assert np.rad2deg(np.arccos(-np.abs(cosines))) == pytest.approx(98.8, abs=0.1)
 
 
+def test_the_published_box_of_three_joints_is_the_laboratorys():
+    # The constants that run_snake_generator.py of uw-biorobotics/raven2_CRTK_Python_controller
+    # rescales with, up to the overshoot of its last steps.
+    path = zigzag(ROBOT, "J1-J2-J3", 1 / 4, published=True)
+    shares = (path.positions - SPACE.centre) / SPACE.extent
+    extent = np.ptp(shares, axis=0)
+    assert extent[[0, 2]] == pytest.approx([1.0, 1.0])
+    assert extent[1] == pytest.approx((0.5 + 0.5 + np.sqrt(0.5)) / np.sqrt(3))
+    steps = np.abs(np.diff(shares, axis=0))
+    assert steps[0] == pytest.approx([0.8536 / 1.5, 0.5 / np.sqrt(3), 0.1464 / 1.5], abs=1e-4)
+    assert len(path) == len(zigzag(ROBOT, "J1-J2-J3", 1 / 4))
+    same = zigzag(ROBOT, "J2-J3", 1 / 4, published=True)
+    assert np.array_equal(same.positions, zigzag(ROBOT, "J2-J3", 1 / 4).positions)
+
+
 @every_path
 @every_direction
 def test_lattice_is_even_complete_and_continuous(direction, sparsity):

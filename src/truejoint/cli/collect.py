@@ -60,8 +60,12 @@ def collect(
     load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
     twin: Annotated[
-        Path | None, typer.Option(help="TOML file with the simulated robot's parameters.")
-    ] = None,
+        str,
+        typer.Option(
+            help="Specimen of the simulated robot, such as peng2024, or a TOML file with its "
+            "parameters."
+        ),
+    ] = "nominal",
     force: Force = False,
     as_json: Json = False,
 ) -> None:

@@ -43,6 +43,11 @@ def directions() -> list[str]:
     return list(truejoint.motion.DIRECTIONS)
 
 
+def profiles() -> list[str]:
+    """Profiles of a random motion's speed."""
+    return list(truejoint.motion.PROFILES)
+
+
 def settings(context: typer.Context) -> list[str]:
     """List the parameters of the estimator on the command line, as ``NAME=``."""
     name = context.params.get("estimator") or registry.DEFAULT

@@ -47,6 +47,9 @@ def make_zigzag(
         ),
     ] = "J2-J3",
     sparsity: Annotated[str, typer.Option(help="Line spacing as a share of the range.")] = "1/4",
+    published: Annotated[
+        bool, typer.Option("--published", help="J1-J2-J3 in the box of peng2024's own generator.")
+    ] = False,
     robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,
@@ -55,7 +58,8 @@ def make_zigzag(
 ) -> None:
     """Make a zig-zag path that covers the calibration workspace."""
     target = truejoint.get_robot(robot, arm)
-    trajectory = truejoint.motion.zigzag(target, direction, parse_sparsity(sparsity))
+    spacing = parse_sparsity(sparsity)
+    trajectory = truejoint.motion.zigzag(target, direction, spacing, published=published)
     _tell(trajectory, target, plot, as_json, output=output, force=force)
 
 
@@ -66,6 +70,13 @@ def make_random(
     output: Output,
     minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 20.0,
     seed: Annotated[int, typer.Option(help="Same seed, same motion.")] = 0,
+    profile: Annotated[
+        str,
+        typer.Option(
+            help="Speed along a swing: cosine, or laboratory as in peng2024.",
+            autocompletion=complete.profiles,
+        ),
+    ] = "cosine",
     robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,
@@ -74,7 +85,9 @@ def make_random(
 ) -> None:
     """Make a random motion, to test a calibration on what it was not trained on."""
     target = truejoint.get_robot(robot, arm)
-    trajectory = truejoint.motion.random_motion(target, duration=60.0 * minutes, seed=seed)
+    trajectory = truejoint.motion.random_motion(
+        target, duration=60.0 * minutes, seed=seed, profile=profile
+    )
     _tell(trajectory, target, plot, as_json, output=output, force=force)
 
 

@@ -1,6 +1,7 @@
 from .calibration_motions import random_motion as random_motion
 from .calibration_motions import zigzag as zigzag
 from .directions import DIRECTIONS as DIRECTIONS
+from .directions import PROFILES as PROFILES
 from .files import read_trajectory as read_trajectory
 from .files import write_trajectory as write_trajectory
 from .follow import TrackingReport as TrackingReport

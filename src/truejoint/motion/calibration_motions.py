@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from importlib.metadata import version
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.errors import TrajectoryError
-from truejoint.motion.directions import DIRECTIONS
+from truejoint.errors import TrajectoryError, unknown
+from truejoint.motion.directions import DIRECTIONS, PROFILES
 from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot, Workspace
 
 _MOST_DIVISIONS: Final = 50
 _LONGEST: Final = 24 * 3600.0  # [s]
+
+# The laboratory's random motion: 1200 cycles of its loop of 500 Hz until full speed after a turn,
+# and the time that the rest of the way would take at the speed of the moment [s].
+_RAMP: Final = 2.4
+_APPROACH: Final = 1.0
 
 _EDGE: Final = 1.0 / np.sqrt(3.0)
 _HALF_DIAGONAL: Final = 1.0 / np.sqrt(6.0)
@@ -27,6 +34,7 @@ def zigzag(
     sparsity: float = 1 / 4,
     *,
     workspace: Workspace | None = None,
+    published: bool = False,
 ) -> Trajectory:
     """Zig-zag path: strokes along `direction` on an even grid; 2 (1/sparsity + 1)^2 corners.
 
@@ -51,6 +59,11 @@ def zigzag(
         divided evenly, so that 1/sparsity is rounded to the nearest whole number: 0.33 is 1/3.
     workspace : Workspace, optional
         Where to move; by default `workspace_of(robot)`.
+    published : bool
+        Take the box of J1-J2-J3 that the laboratory's generator makes, the unit cube turned by 45
+        deg about three axes and stretched to range 1, which covers a third more volume
+        (uw-biorobotics/raven2_CRTK_Python_controller:traj_generator/run_snake_generator.py). The
+        other directions are the same either way.
 
     Raises
     ------
@@ -74,22 +87,32 @@ def zigzag(
             f"a zig-zag needs 3 joints; the workspace has {', '.join(space.joints)}"
         )
     direction, divisions = direction.upper(), round(1.0 / sparsity)
-    shares = (_unit_snake(divisions) - 0.5) @ zigzag_box(direction).T
+    three = published and direction == DIRECTIONS[-1]
+    box = _published_box() if three else zigzag_box(direction)
+    shares = (_unit_snake(divisions) - 0.5) @ box.T
     meta = {"kind": "zigzag", "direction": direction, "sparsity": 1.0 / divisions}
+    if three:
+        meta["published"] = True
     ends = {"lower": space.lower.tolist(), "upper": space.upper.tolist()}
     name, positions = f"zigzag {direction} 1/{divisions}", space.centre + space.extent * shares
     return _generated(robot, space, positions, name=name, meta=meta | ends)
 
 
 def random_motion(
-    robot: Robot, duration: float = 1200.0, seed: int = 0, *, rate: float = 20.0
+    robot: Robot,
+    duration: float = 1200.0,
+    seed: int = 0,
+    *,
+    rate: float = 20.0,
+    profile: str = "cosine",
+    workspace: Workspace | None = None,
 ) -> Trajectory:
     """Random sinusoidal motion of the positioning joints, each on its own (peng2024 IV-A).
 
     Every joint swings between the two ends of its workspace. For each swing the turning point is
-    drawn within a margin of the end and the peak speed from the joint's range of speeds; the
-    swing is half a period of a cosine, so that the joint turns back smoothly. It starts at the
-    centre and never leaves the workspace, which also states margins and speeds.
+    drawn within a margin of the end and the peak speed from the joint's range of speeds. The
+    motion starts at the centre and never leaves the workspace, which also states margins and
+    speeds.
 
     Parameters
     ----------
@@ -101,11 +124,19 @@ def random_motion(
         The same seed gives the same motion; a longer one begins with the shorter one.
     rate : float
         Points per second [Hz]; straight lines between them deviate by less than 1e-3 deg at 20 Hz.
+    profile : str
+        One of `PROFILES`, the speed along a swing. ``"cosine"``: half a period, so that a joint
+        dwells at the ends.
+        ``"laboratory"``: constant, after a ramp of 2.4 s, until one second before the end, then in
+        proportion to what is left of the way, down to a last crawl (uw-biorobotics/
+        raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py).
+    workspace : Workspace, optional
+        Where to move; by default `workspace_of(robot)`.
 
     Raises
     ------
     TrajectoryError
-        If duration, rate or seed is out of range or the robot's ranges are not known.
+        If duration, rate, seed or profile is out of range or the robot's ranges are not known.
 
     Examples
     --------
@@ -118,16 +149,18 @@ def random_motion(
         raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
     if seed < 0:
         raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
-    space = workspace_of(robot)
+    if profile not in PROFILES:
+        raise TrajectoryError(unknown("profile", profile, PROFILES))
+    space = workspace or workspace_of(robot)
     times = np.arange(round(duration * rate) + 1) / rate
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
     positions = [
-        _swings(times, np.random.default_rng(stream), *bound)
+        _swings(times, np.random.default_rng(stream), _SWINGS[profile], *bound)
         for bound, stream in zip(bounds, streams, strict=True)
     ]
     name = f"random {duration / 60:.3g} min, seed {seed}"
-    meta = {"kind": "random", "duration": duration, "seed": seed}
+    meta = {"kind": "random", "duration": duration, "seed": seed, "profile": profile}
     return _generated(robot, space, np.column_stack(positions), times, name=name, meta=meta)
 
 
@@ -163,6 +196,17 @@ def _triple_box() -> Array:
     return np.array([[a, -b, a], [a, a, -b], [b, -a, -a]])
 
 
+def _published_box() -> Array:
+    """Edges (3, 3) of the laboratory's box: the cube turned about z, x and y by 45 deg each.
+
+    Its rows are divided by sqrt(3), and the first and the third then stretched to range 1; the
+    second keeps 0.986.
+    """
+    edges = Rotation.from_euler("zxy", [45.0, 45.0, 45.0], degrees=True).as_matrix() * _EDGE
+    edges[[0, 2]] /= np.abs(edges[[0, 2]]).sum(axis=1, keepdims=True)
+    return np.asarray(edges)
+
+
 def _unit_snake(divisions: int) -> Array:
     """Corners (2 (divisions + 1)^2, 3) of a zig-zag through the unit cube.
 
@@ -178,24 +222,103 @@ def _unit_snake(divisions: int) -> Array:
 
 
 def _swings(
-    times: Array, random: np.random.Generator, lower: float, upper: float, *ranges: float
+    times: Array,
+    random: np.random.Generator,
+    profile: type[_Swing],
+    lower: float,
+    upper: float,
+    *ranges: float,
 ) -> Array:
     """Positions (n,) at `times` (n,) of one joint that starts at the centre."""
-    widest, slowest, fastest = ranges
-    turns, knots = [0.0], [(lower + upper) / 2]
+    widest, slowest, fastest, crawl = ranges
+    turns, knots, swings = [0.0], [(lower + upper) / 2], []
     upwards = bool(random.integers(2))
     while turns[-1] <= times[-1]:
         margin = random.uniform(0.0, widest)
         target = upper - margin if upwards else lower + margin
         peak = random.uniform(slowest, fastest)
-        turns.append(turns[-1] + np.pi * abs(target - knots[-1]) / (2.0 * peak))
+        swings.append(profile(abs(target - knots[-1]), peak, crawl))
+        turns.append(turns[-1] + swings[-1].duration)
         knots.append(target)
         upwards = not upwards
-    begin, knot = np.array(turns), np.array(knots)
-    swing = np.searchsorted(begin, times, side="right") - 1
-    phase = np.pi * (times - begin[swing]) / np.diff(begin)[swing]
-    start, end = knot[swing], knot[swing + 1]
-    return np.asarray(start + (end - start) * (1.0 - np.cos(phase)) / 2.0)
+    positions = np.empty(len(times))
+    parts = np.split(np.arange(len(times)), np.searchsorted(times, turns[1:-1]))
+    for part, begin, start, end, swing in zip(parts, turns, knots, knots[1:], swings, strict=False):
+        way = swing.travelled(times[part] - begin)
+        positions[part] = start + np.sign(end - start) * way
+    return positions
+
+
+class _Swing(Protocol):
+    """Way of a joint from rest to rest over `distance` [rad or m]."""
+
+    def __init__(self, distance: float, peak: float, crawl: float) -> None: ...
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+
+    def travelled(self, t: Array) -> Array:
+        """Way (n,) [rad or m] after `t` (n,) [s] within the duration."""
+
+
+@dataclass(frozen=True)
+class _Cosine:
+    """Half a period of a cosine of peak speed `peak`."""
+
+    distance: float
+    peak: float
+    crawl: float
+
+    @property
+    def duration(self) -> float:
+        return np.pi * self.distance / (2.0 * self.peak)
+
+    def travelled(self, t: Array) -> Array:
+        return self.distance * (1.0 - np.cos(np.pi * t / self.duration)) / 2.0
+
+
+@dataclass(frozen=True)
+class _Laboratory:
+    """Constant speed `peak` between a ramp and an approach in proportion to what is left.
+
+    Without the ramp, what is left of the way is a straight line, an exponential and a straight
+    line of time; the ramp, a speed that grows with time, is a parabola in that time.
+    """
+
+    distance: float
+    peak: float
+    crawl: float
+
+    @property
+    def ends(self) -> tuple[float, float, float]:
+        """Ends of the three parts of the way without the ramp [s]."""
+        left = min(self.distance, self.peak * _APPROACH)
+        slow = min(left, self.crawl * _APPROACH)
+        first = (self.distance - left) / self.peak
+        second = first + _APPROACH * np.log(left / slow)
+        return first, second, second + slow / self.crawl
+
+    @property
+    def duration(self) -> float:
+        end = self.ends[2]
+        late = end + _RAMP / 2.0
+        return late if late > _RAMP else float(np.sqrt(2.0 * _RAMP * end))
+
+    def travelled(self, t: Array) -> Array:
+        first, second, third = self.ends
+        now = np.where(t < _RAMP, t * t / (2.0 * _RAMP), t - _RAMP / 2.0)
+        line = self.distance - self.peak * now
+        left = min(self.distance, self.peak * _APPROACH)
+        curve = left * np.exp((first - np.clip(now, first, second)) / _APPROACH)
+        return self.distance - np.select(
+            [now < first, now < second], [line, curve], self.crawl * (third - now)
+        )
+
+
+_SWINGS: Final[Mapping[str, type[_Swing]]] = dict(
+    zip(PROFILES, (_Cosine, _Laboratory), strict=True)
+)
 
 
 def _generated(

@@ -1,4 +1,4 @@
-"""Names of a zig-zag's directions; imports nothing, so that a shell completes them at once."""
+"""Names of a zig-zag's directions and of a random motion's profiles; imports nothing, so that a shell completes them at once."""
 
 from __future__ import annotations
 
@@ -6,3 +6,6 @@ from typing import Final
 
 DIRECTIONS: Final = ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3")
 """Joints that move along the strokes of a zig-zag; J1 to J3 are the positioning joints."""
+
+PROFILES: Final = ("cosine", "laboratory")
+"""How the speed of a random motion goes along a swing; see `random_motion`."""

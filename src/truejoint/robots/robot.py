@@ -39,7 +39,7 @@ _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
                 "kinematics", "workspace")  # fmt: skip
 _FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
-_WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest")
+_WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
 
 @dataclass(frozen=True)
@@ -153,6 +153,9 @@ class Workspace:
     slowest, fastest : ndarray, optional
         Range of a random motion's peak speeds [rad/s or m/s]; by default from half of `speed`
         up to it.
+    crawl : ndarray, optional
+        Speed with which a random motion of the laboratory's profile arrives [rad/s or m/s]; by
+        default a fifth of `slowest`.
 
     Examples
     --------
@@ -167,6 +170,7 @@ class Workspace:
     margin: Array | None = None
     slowest: Array | None = None
     fastest: Array | None = None
+    crawl: Array | None = None
 
     @property
     def centre(self) -> Array:
@@ -180,10 +184,12 @@ class Workspace:
 
     @property
     def swings(self) -> Array:
-        """Margin, slowest and fastest peak speed of a random motion (3, n_joints)."""
+        """Margin, slowest and fastest peak speed and crawl of a random motion (4, n_joints)."""
         margin = 0.1 * self.extent if self.margin is None else self.margin
         slowest = 0.5 * self.speed if self.slowest is None else self.slowest
-        return np.stack([margin, slowest, self.speed if self.fastest is None else self.fastest])
+        fastest = self.speed if self.fastest is None else self.fastest
+        crawl = 0.2 * slowest if self.crawl is None else self.crawl
+        return np.stack([margin, slowest, fastest, crawl])
 
 
 class Kinematics(Protocol):

@@ -32,7 +32,7 @@ def make_twin(
     robot: str = DEFAULT,
     arm: str = "",
     *,
-    parameters: str | Path | None = None,
+    parameters: str | Path = "nominal",
     seed: int = 0,
     load: float = 0.0,
 ) -> Twin:
@@ -42,8 +42,9 @@ def make_twin(
     ----------
     robot, arm : str
         As in `truejoint.robots.get_robot`; the robot is one of `twin_names`.
-    parameters : path-like, optional
-        TOML file that states what differs from the nominal specimen.
+    parameters : str or path-like
+        A specimen that comes with the package, ``"nominal"``, ``"peng2024"`` of RAVEN-II, ``"A"``
+        and ``"B"`` of the forceps, or a TOML file that states what differs from the nominal one.
     seed : int
         Of everything random.
     load : float

@@ -11,7 +11,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
 
-from truejoint.errors import TruejointError
+from truejoint.errors import TruejointError, unknown
 from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
@@ -41,36 +41,35 @@ class Parameters:
     Raises
     ------
     TruejointError
-        From `read`, `shipped` and `with_values`: if the file cannot be read, a section or key is
+        From `read` and `with_values`: if the file cannot be read, a section or key is
         unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
     """
 
-    NOMINAL: ClassVar[str]
-    """The shipped file that every other one is laid over."""
+    SPECIMENS: ClassVar[Mapping[str, str]]
+    """Shipped file of every named specimen; all others are laid over ``"nominal"``."""
 
     BOUNDS: ClassVar[Mapping[str, type]] = {}
     """Dataclass that states the bounds of a section, where its own type does not."""
 
     @classmethod
-    def read(cls, path: str | Path | None = None) -> Self:
-        """Parameters of the TOML file at `path`, or the nominal ones.
+    def read(cls, path: str | Path = "nominal") -> Self:
+        """Parameters of a specimen in `SPECIMENS`, or of the TOML file at `path`.
 
-        A file states only what differs from the nominal instrument.
+        A file states only what differs from the nominal specimen.
         """
-        if path is None:
-            return cls.shipped(cls.NOMINAL)
+        nominal = shipped_sections(cls.SPECIMENS["nominal"])
+        if str(path) in cls.SPECIMENS:
+            return cls._laid_over(nominal, shipped_sections(cls.SPECIMENS[str(path)]), str(path))
+        if not (Path(path).suffix or Path(path).exists()):
+            known = unknown("specimen", str(path), cls.SPECIMENS)
+            raise TruejointError(f"{known}; or give a TOML file")
         table = read_toml(Path(path), TruejointError)
         for name, values in table.items():
             if not isinstance(values, dict):
                 raise TruejointError(
                     f"{path}: {_shown(name)} stands outside a section; put it under [section]"
                 )
-        return cls._laid_over(shipped_sections(cls.NOMINAL), table, str(path))
-
-    @classmethod
-    def shipped(cls, name: str) -> Self:
-        """Parameters of the file `name` that comes with the package."""
-        return cls._laid_over(shipped_sections(cls.NOMINAL), shipped_sections(name), name)
+        return cls._laid_over(nominal, table, str(path))
 
     def with_values(self, changes: Mapping[str, Any]) -> Self:
         """Copy with some values changed, by dotted name: ``{"jaw.load_arm": 9e-3}``."""

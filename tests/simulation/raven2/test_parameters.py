@@ -30,10 +30,11 @@ def write(path: Path, text: str) -> Path:
     return path
 
 
-def test_every_number_of_the_shipped_file_is_commented() -> None:
+@pytest.mark.parametrize("shipped", Raven2Parameters.SPECIMENS.values())
+def test_every_number_of_the_shipped_files_is_commented(shipped: str) -> None:
     import truejoint.simulation as package  # noqa: PLC0415 - only this test needs its folder
 
-    text = (Path(package.__file__).parent / "raven2/nominal.toml").read_text(encoding="utf-8")
+    text = (Path(package.__file__).parent / shipped).read_text(encoding="utf-8")
     uncommented = [
         line for line in text.splitlines() if "=" in line.split("#")[0] and "#" not in line
     ]
@@ -100,6 +101,11 @@ def test_files_of_the_wrong_form_are_refused(tmp_path: Path, text: str, reason: 
         Raven2Parameters.read(write(tmp_path / "twin.toml", text))
 
 
+def test_an_unknown_specimen_is_refused_naming_the_known() -> None:
+    with pytest.raises(TruejointError, match=r"no specimen called 'peng2042'; did you mean"):
+        Raven2Parameters.read("peng2042")
+
+
 def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(TruejointError, match="cannot be read"):
         Raven2Parameters.read(tmp_path / "nowhere.toml")
@@ -107,8 +113,16 @@ def test_a_missing_or_huge_file_is_refused(tmp_path: Path) -> None:
         Raven2Parameters.read(write(tmp_path / "huge.toml", "#" * (MAX_BYTES + 1)))
 
 
-def test_every_shipped_value_is_within_its_bounds_and_finite() -> None:
-    parameters = Raven2Parameters.read()
+def test_a_specimen_goes_by_its_name() -> None:
+    like_the_papers = Raven2Parameters.read("peng2024")
+    assert like_the_papers.pulleys != Raven2Parameters.read().pulleys
+    assert like_the_papers.cable == Raven2Parameters.read("nominal").cable
+    assert Raven2Parameters.read() == Raven2Parameters.read("nominal")
+
+
+@pytest.mark.parametrize("specimen", Raven2Parameters.SPECIMENS)
+def test_every_shipped_value_is_within_its_bounds_and_finite(specimen: str) -> None:
+    parameters = Raven2Parameters.read(specimen)
     assert {f.name for f in fields(parameters)} == set(parameters.to_dict())
     for values in parameters.to_dict().values():
         for value in values.values():

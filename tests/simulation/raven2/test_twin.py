@@ -139,6 +139,20 @@ def test_sensors_have_the_robots_resolutions_and_rates() -> None:
         assert not getattr(out, name)[:, 3].any()
 
 
+def test_stamps_of_the_state_jitter_and_keep_their_order() -> None:
+    still, jittering = (homed(nominal(state_stream__jitter=j), seed=1) for j in (0.0, 3e-4))
+    goal = sway(still, 5.0)
+    exact, out = still.run(goal), jittering.run(goal)
+    np.testing.assert_array_equal(out.measured, exact.measured)
+    late = out.t - exact.t
+    assert late.std() == pytest.approx(2.6e-4, rel=0.1)  # the largest are cut off
+    assert np.abs(late).max() < 4.51e-4
+    assert np.diff(out.t).min() > 0.0
+    again = homed(nominal(state_stream__jitter=3e-4), seed=1)
+    pieces = np.concatenate([again.run(goal[a:b]).t for a, b in pairwise((0, 1, 777, 5000))])
+    np.testing.assert_array_equal(pieces, out.t)
+
+
 def test_measured_is_the_nominal_transmission_of_the_motors() -> None:
     twin = homed(seed=1)
     out = twin.run(sway(twin, 2.0))
@@ -415,6 +429,38 @@ def test_the_tool_holds_while_the_insertion_turns_its_motors() -> None:
 
 
 # ------------------------------------------------------------------------ peng2024 Table I
+
+
+def held(twin: Raven2Twin, seconds: float) -> TwinOutput:
+    return twin.run(np.tile(twin.robot.home, (round(seconds * 1000), 1)))
+
+
+def test_a_tool_wanders_and_is_left_elsewhere_by_every_homing() -> None:
+    wander, registered = np.full(4, 0.2 * DEG), np.full(4, 1.0 * DEG)
+    moving = nominal(
+        tool__wander=tuple(wander), tool__registration_sd=tuple(registered), tool__wander_time=2.0
+    )
+    twin, still = Raven2Twin(moving, seed=4), Raven2Twin(nominal(), seed=4)
+    left_at = []
+    for _ in range(8):
+        twin.home()
+        still.home()
+        hold, same = held(twin, 20.0), held(still, 20.0)
+        # What the tool draws changes no random number of the rest of the arm.
+        np.testing.assert_array_equal(same.truth.t, hold.truth.t)
+        tool = hold.measured[5000:, 4:]
+        left_at.append(tool.mean(axis=0) - twin.robot.home[3:])
+        # Each joint on its own: not all by the same insertion.
+        assert (np.abs(np.corrcoef(tool.T)[np.triu_indices(4, 1)]) < 0.95).all()
+    assert np.std(left_at) == pytest.approx(1.0 * DEG, rel=0.35)
+    assert tool.std(axis=0).mean() == pytest.approx(0.2 * DEG, rel=0.5)
+
+
+def test_a_load_of_the_tools_cables_shows_in_its_torque_command() -> None:
+    loaded = nominal(tool__wander_effort=(0.01,) * 4, tool__wander_time=5.0)
+    efforts = [held(homed(p, seed=4), 60.0).effort[:, 4:].std(axis=0) for p in (loaded, nominal())]
+    assert efforts[0] == pytest.approx(np.full(4, 0.01), rel=0.6)
+    assert (efforts[1] < 0.3 * efforts[0]).all()
 
 
 def test_raw_and_fixed_offset_errors_are_those_of_table_1() -> None:

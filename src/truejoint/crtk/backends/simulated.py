@@ -77,7 +77,7 @@ def simulated_arm(
     robot: str = DEFAULT,
     arm: str = "",
     *,
-    parameters: str | Path | None = None,
+    parameters: str | Path = "nominal",
     seed: int = 0,
     load: float = 0.0,
 ) -> Arm:

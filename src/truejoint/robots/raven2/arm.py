@@ -46,6 +46,7 @@ WORKSPACE: Final = Workspace(
     margin=np.array([np.deg2rad(5.0), np.deg2rad(10.0), 0.02]),
     slowest=np.array([np.deg2rad(1.091), np.deg2rad(1.5), 0.0025]),
     fastest=np.array([np.deg2rad(3.0), np.deg2rad(4.0), 0.007]),
+    crawl=np.array([np.deg2rad(0.2), np.deg2rad(0.2), 0.001]),
 )
 
 

@@ -141,7 +141,11 @@ class Homing(NamedTuple):
 class ForcepsParameters(Parameters):
     """Everything that the virtual forceps is made of; one attribute per section of the file."""
 
-    NOMINAL: ClassVar[str] = "forceps/nominal.toml"
+    SPECIMENS: ClassVar[Mapping[str, str]] = {
+        "nominal": "forceps/nominal.toml",
+        "A": "forceps/a.toml",
+        "B": "forceps/b.toml",
+    }
     BOUNDS: ClassVar[Mapping[str, type]] = {"mechanism": _MechanismSection}
 
     mechanism: ForcepsMechanism

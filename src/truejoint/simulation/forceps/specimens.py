@@ -16,7 +16,7 @@ from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.parameter_file import shipped_sections
 
-SPECIMENS: Final = {"nominal": "forceps/nominal.toml", "A": "forceps/a.toml", "B": "forceps/b.toml"}
+SPECIMENS: Final = tuple(ForcepsParameters.SPECIMENS)
 MAX_POPULATION: Final = 100_000
 
 
@@ -38,7 +38,7 @@ def specimen(name: str = "nominal") -> ForcepsParameters:
     """Parameters of ``"nominal"``, ``"A"`` or ``"B"``; raises TruejointError for another name."""
     if name not in SPECIMENS:
         raise TruejointError(f"no forceps specimen {name!r}; known: {', '.join(SPECIMENS)}")
-    return ForcepsParameters.shipped(SPECIMENS[name])
+    return ForcepsParameters.read(name)
 
 
 @cache

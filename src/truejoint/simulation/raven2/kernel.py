@@ -34,6 +34,9 @@ STILL: Final = 1e-8  # share of the creep's travel within one update that counts
 WARMTH, NEXT_TRUTH, LOAD = 0, 1, 2
 N_SLOW: Final = 3
 CLOCK, TRUTH_ROWS = 0, 1
+# Rows of `State.tool`: where homing left the joints beside home [rad], how far their set-points
+# have wandered since [rad], and what their cables load the capstans with [Nm].
+REGISTERED, WANDER, TOOL_LOAD = 0, 1, 2
 
 
 class Plant(NamedTuple):
@@ -67,6 +70,8 @@ class Plant(NamedTuple):
     truth_step: Array  # (3,) resolution of the external encoders
     motor_friction: MotorFriction
     aging: Creep
+    tool_wander: Array  # (2, 4) standard deviations of the rows WANDER and TOOL_LOAD of the tool
+    tool_wander_time: float  # s
     encoders: ExternalEncoders
     truth_period: float  # s, of the external encoders
     counts: float  # of a motor encoder, per turn
@@ -90,10 +95,11 @@ class State(NamedTuple):
     creep: Array  # (3,)
     walk: Array  # (3,) wandering of the friction
     odometer: Array  # (3,) joint travel since the last `age`
+    tool: Array  # (3, 4) of the tool's joints: REGISTERED, WANDER, TOOL_LOAD
     wave: Array  # (5, 2) cos and sin of the three capstans, of shoulder and of elbow
     slow: Array  # (N_SLOW,)
     ticks: Integers  # (2,) milliseconds since the start; truth rows written in this call
-    random: Words  # (1,) state of the random numbers
+    random: Words  # (2,) state of the random numbers: of the arm, of the tool
 
 
 class Rows(NamedTuple):
@@ -282,6 +288,8 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
         for j in range(k + 1):
             # The tool's motors follow the insertion where it is, not where it should be.
             target = rows.measured[i, j] if k > 2 and j < 3 else goal[j]
+            if j > 2:
+                target += state.tool[REGISTERED, j - 3] + state.tool[WANDER, j - 3]
             wanted += plant.motor_from_joint[k, j] * target
         error = wanted - rows.motor[i, column]
         state.integral[k] += error * DT
@@ -315,6 +323,8 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
             limit *= grease * (1.0 + state.walk[k]) * (1.0 + ripple)
             limit += c.gear_loss * abs(load)
             torque -= load
+        else:
+            torque -= state.tool[TOOL_LOAD, k - 3] * plant.per_gear[k]
         torque -= limit * state.bristle[k]
         state.speed[k] = plant.keep[k] * state.speed[k] + plant.push[k] * torque
         bent = plant.bend[k] * state.speed[k]
@@ -339,6 +349,11 @@ def age(plant: Plant, state: State, duration: float) -> None:
         noise = c.wander * np.sqrt(1.0 - keep * keep) * normal(state.random)
         state.walk[k] = max(-0.9, keep * state.walk[k] + noise)
         state.odometer[k] = 0.0
+    keep = np.exp(-duration / plant.tool_wander_time)
+    for i in range(2):
+        for k in range(4):
+            noise = plant.tool_wander[i, k] * np.sqrt(1.0 - keep * keep) * normal(state.random[1:])
+            state.tool[1 + i, k] = keep * state.tool[1 + i, k] + noise
     warm = 0.0 if still else 1.0
     state.slow[WARMTH] += (warm - state.slow[WARMTH]) * -np.expm1(-duration / c.warm_up_time)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NamedTuple
 
@@ -100,20 +101,33 @@ class ExternalEncoders(NamedTuple):
     stamp_delay: Annotated[float, Bounds(0.0, 0.1)]
 
 
+class StateStream(NamedTuple):
+    """Time stamps of the robot's own state messages."""
+
+    jitter: Annotated[float, Bounds(0.0, 0.01)]
+
+
 class Tool(NamedTuple):
-    """Motors of roll, wrist and jaws."""
+    """Motors of roll, wrist and jaws, and how well they keep their joints where they are."""
 
     inertia: Annotated[Numbers, Bounds(1e-7, 1e-3, 4)]
     coulomb: Annotated[Numbers, Bounds(0.0, 0.1, 4)]
     viscous: Annotated[Numbers, Bounds(0.0, 0.05, 4)]
     presliding: Annotated[Numbers, Bounds(0.02, 5.0, 4)]
+    registration_sd: Annotated[Numbers, Bounds(0.0, 0.1, 4)]
+    wander: Annotated[Numbers, Bounds(0.0, 0.1, 4)]
+    wander_effort: Annotated[Numbers, Bounds(0.0, 0.02, 4)]
+    wander_time: Annotated[float, Bounds(1.0, 1e5)]
 
 
 @dataclass(frozen=True)
 class Raven2Parameters(Parameters):
     """Everything that makes the twin of a RAVEN-II arm err; one attribute per section."""
 
-    NOMINAL: ClassVar[str] = "raven2/nominal.toml"
+    SPECIMENS: ClassVar[Mapping[str, str]] = {
+        "nominal": "raven2/nominal.toml",
+        "peng2024": "raven2/peng2024.toml",
+    }
 
     motor: Motor
     motor_friction: MotorFriction
@@ -125,4 +139,5 @@ class Raven2Parameters(Parameters):
     mass: Mass
     homing: Homing
     external_encoders: ExternalEncoders
+    state_stream: StateStream
     tool: Tool

@@ -96,6 +96,8 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
         motor_friction=p.motor_friction,
         aging=p.creep,
+        tool_wander=np.array([p.tool.wander, p.tool.wander_effort]),
+        tool_wander_time=p.tool.wander_time,
         encoders=p.external_encoders,
         truth_period=1.0 / p.external_encoders.rate,
         counts=float(ENCODER_COUNTS_PER_REV),
@@ -130,7 +132,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
     count = kernel.TURN / ENCODER_COUNTS_PER_REV
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
-    random = np.array([seed], dtype=np.uint64)
+    random = np.array([seed, ~np.uint64(seed)], dtype=np.uint64)
     return kernel.State(
         motor=motor,
         command=motor.copy(),
@@ -138,6 +140,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
         **{name: pose.copy() for name in ("joint", "before", "drive")},
         **{name: np.zeros(length) for name, length in zeros.items()},
         wave=np.zeros((POSITIONING + 2, 2)),
+        tool=np.zeros((3, 4)),
         slow=slow,
         ticks=np.zeros(2, dtype=np.int64),
         walk=np.array(

@@ -30,6 +30,8 @@ from truejoint.simulation.twin import (
 MAX_LOAD: Final = 2.0
 """Heaviest load that the arm carries [kg]; the shoulder's motor gives up a little above."""
 
+# Share of a step that a time stamp may be late or early by.
+_LATEST: Final = 0.45
 # Where the arm was left, as a share of the soft limits on either side of the home pose.
 _LEFT_SPREAD: Final = 0.05
 # The insertion needs 17 s from its far end, the others less.
@@ -84,7 +86,8 @@ class Raven2Twin:
         self.homing_count = 0
         self._drives = drives("right" if self.robot.arm == "right" else "left")
         self._plant = build_plant(self.parameters, self.robot)
-        self._rng = np.random.default_rng([seed, 0])
+        streams = (np.random.default_rng([seed, part]) for part in range(3))
+        self._rng, self._tool_rng, self._stamp_rng = streams
         span = (self.robot.upper - self.robot.lower)[:POSITIONING]
         spread = _LEFT_SPREAD * span * self._rng.uniform(-1.0, 1.0, POSITIONING)
         pose = self.robot.home[:POSITIONING] + spread
@@ -120,8 +123,8 @@ class Raven2Twin:
         As uw-biorobotics/raven2:src/raven/homing.cpp does it: each positioning joint moves
         towards its stop until its torque command says that it has arrived; after 0.2 s its
         motor encoder is set to the stop's nominal position, and all return within 2.5 s. The tool's
-        joints are registered without error. Rows before the registration are meaningless,
-        as on the robot.
+        joints are held where their own homing leaves them, near home. Rows before the
+        registration are meaningless, as on the robot.
         """
         search = self._search_stops()
         # The motor encoders' zeros are set, the arm standing at its hard stops.
@@ -133,6 +136,9 @@ class Raven2Twin:
         count = kernel.TURN / plant.counts
         state.encoder_zero[:] = state.counts * count - plant.motor_from_joint @ wrong
         state.integral[:] = 0.0
+        registered = np.array(self.parameters.tool.registration_sd)
+        state.tool[kernel.REGISTERED] = registered * self._tool_rng.standard_normal(4)
+        state.tool[kernel.WANDER] = 0.0
         # The robot restarts its set point at the nominal stop.
         state.command[:] = plant.motor_from_joint @ self._nominal_stop
         home = self.robot.home
@@ -219,8 +225,11 @@ class Raven2Twin:
         kernel.advance(self._plant, self._state, goal, rows)
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
         truth = TruthBlock(rows.truth_t[:m].copy(), self.robot.positioning, rows.truth[:m].copy())
+        jitter = self.parameters.state_stream.jitter / kernel.DT
+        # Less than half a step, so that stamps keep their order.
+        late = np.clip(jitter * self._stamp_rng.standard_normal(n), -_LATEST, _LATEST)
         return TwinOutput(
-            t=np.arange(start, start + n, dtype=np.float64) * kernel.DT,
+            t=(np.arange(start, start + n) + late) * kernel.DT,
             name=CHANNELS,
             truth=truth,
             **{name: getattr(rows, name) for name in (*QUANTITIES, "joint")},
