@@ -1,4 +1,4 @@
-"""Names of a zig-zag's directions and of a random motion's profiles; imports nothing, so that a shell completes them at once."""
+"""Names that a shell completes: a zig-zag's directions, a random motion's profiles; no imports."""
 
 from __future__ import annotations
 
