@@ -26,6 +26,7 @@ BENCHMARKS = (
     "staleness",
     "interval_coverage",
     "accuracy_twin",
+    "faults",
     "soak",
 )
 

@@ -191,7 +191,7 @@ def main() -> None:
     options = parser.parse_args()
     session = simulated_session()
     network = session.fit(NeuralNetwork(epochs=options.epochs))
-    samples = session.samples(network.signals, options.calls / 1000 + 1)
+    samples = session.samples(network.loop_signals, options.calls / 1000 + 1)
     models = [session.fit(name) for name in ("offset", "linear", "poly2")] + [network]
     calls = min(options.calls, len(samples.t))
     print(f"{calls} calls each (others than ours: {SLOW_CALLS}), us\n")

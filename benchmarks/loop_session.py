@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +14,7 @@ from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
 from truejoint.estimators import JointRegressor
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
+from truejoint.robots.raven2 import CHANNELS
 
 HOMING = "1"
 TRAJECTORIES = 10  # for the interval: enough for 90 %
@@ -35,9 +37,15 @@ class Session:
     training: list[Recording]
     held_back: list[Recording]
 
-    def fit(self, estimator: str | JointRegressor) -> Calibration:
-        """Calibration with an interval."""
-        return with_interval(calibrate(self.training, estimator), self.held_back)
+    def fit(
+        self, estimator: str | JointRegressor, quantities: Sequence[str] | None = None
+    ) -> Calibration:
+        """Calibration with an interval; redundant columns are of these quantities, or all."""
+        redundant = quantities and [
+            f"{quantity}/{joint}" for quantity in quantities for joint in CHANNELS
+        ]
+        model = calibrate(self.training, estimator, redundant=redundant)
+        return with_interval(model, self.held_back)
 
     def samples(self, signals: tuple[str, ...], duration: float, seed: int = 7) -> Samples:
         """Go on moving at random for `duration` [s] and take every sample."""

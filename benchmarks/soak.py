@@ -102,7 +102,7 @@ def main() -> None:
     gc.enable()
     collections = sum(generation["collections"] for generation in gc.get_stats())
     for index in range(max(1, round(options.minutes * 60 / (BLOCK * PERIOD)))):
-        samples = session.samples(model.signals, BLOCK * PERIOD, seed=index)
+        samples = session.samples(model.loop_signals, BLOCK * PERIOD, seed=index)
         for first in range(0, BLOCK, STRETCH):
             part = slice(first, first + STRETCH)
             empty.run(None, [], [])

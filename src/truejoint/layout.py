@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NoReturn
 
 import numpy as np
 
@@ -166,6 +166,17 @@ class Layout:
         )
 
 
+def refuse_copy(instance: object) -> NoReturn:
+    """Stand for `__reduce__` where a copy would share memory, or call addresses of old.
+
+    Raises TypeError, as whatever else cannot be pickled.
+    """
+    raise TypeError(
+        f"a {type(instance).__name__} cannot be copied or pickled: it holds addresses of compiled "
+        "functions and views of its own memory; make another from the same model"
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Memory:
     """What `Layout.pack` made.
@@ -196,6 +207,8 @@ class Memory:
         start, shape = int(self.numbers[index]), self.shapes[name]
         source: Any = self.memory if kind == "array" else self.numbers
         return source[start : start + int(np.prod(shape))].reshape(shape)
+
+    __reduce__ = refuse_copy
 
     def copy(self) -> Memory:
         """Give the same with arrays of its own."""

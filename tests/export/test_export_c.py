@@ -29,8 +29,8 @@ ESTIMATORS = (
 
 def random_stream(model, n: int, seed: int):
     """Stamps and samples of a smooth motion, with faults of every kind here and there."""
-    source = recording(model.signals, n, seed)
-    samples = source.table[list(model.signals)].to_numpy()
+    source = recording(model.loop_signals, n, seed)
+    samples = source.table[list(model.loop_signals)].to_numpy()
     noise = np.random.default_rng(seed).normal(0, 1e-4, samples.shape)
     return faulty(source.t, samples + noise, seed)
 
@@ -77,7 +77,7 @@ def test_source_does_what_the_corrector_does(tmp_path_factory, data):
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
 def test_long_streams_stay_equal(tmp_path, estimator):
     model = calibration(estimator, HISTORY, rezero=0.0)
-    assert 0.3 < assert_same_as_corrector(exported(tmp_path, model), model, 6000, 3) < 0.95
+    assert 0.25 < assert_same_as_corrector(exported(tmp_path, model), model, 6000, 3) < 0.95
 
 
 @needs_compiler
@@ -160,7 +160,7 @@ def test_vectors_hold_every_status(tmp_path):
     statuses = [int(s) for s in re.findall(r"^\}, (\d+),$", text, re.MULTILINE)]
     for status in statuses:
         seen |= Status(status)
-    assert seen == Status((1 << 11) - 1) & ~Status.WRONG_SIZE
+    assert seen == ~Status.WRONG_SIZE
     assert statuses.count(0) > 100
 
 

@@ -37,7 +37,7 @@ def library(tmp_path_factory):
 def stream(name: str, n: int, seed: int):
     """Stamps and samples of a motion that the estimator was not fitted to, with faults."""
     recording = unseen(name).rows(np.arange(n))
-    return faulty(recording.t, recording.table[list(model(name).signals)].to_numpy(), seed)
+    return faulty(recording.t, recording.table[list(model(name).loop_signals)].to_numpy(), seed)
 
 
 def compare(library: Library, calibration, name: str, compare_arrays, seed: int = 3):
@@ -95,7 +95,7 @@ def test_single_precision_is_no_further_off_than_its_header_says(library, name):
     assert single.functions.check() == 0
     stated = float(re.search(r"within (\S+) \(rad", (single.folder / "m.h").read_text())[1])
     recording = unseen(name).rows(np.arange(1500))
-    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
     samples = samples.astype(np.float32).astype(float)
     single.functions.start()
     status, position, half_width, _ = single.run(recording.t, samples, len(calibration.joints))

@@ -67,7 +67,7 @@ def broken(calibration, recording, seed):
     """Stamps and samples with NaN, repeated stamps, spikes and gaps here and there."""
     rng = np.random.default_rng(seed)
     t = np.array(recording.t)
-    samples = recording.table[list(calibration.signals)].to_numpy().copy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy().copy()
     step = float(np.median(np.diff(t)))
     rows = rng.choice(np.arange(30, len(t) - 30), 24, replace=False)
     for i, row in enumerate(np.sort(rows)):
@@ -77,7 +77,7 @@ def broken(calibration, recording, seed):
         elif i % 4 == 1:
             t[row] = t[row - 1]
         elif i % 4 == 2:
-            samples[row, column] += 0.9 * np.ptp(recording.column(calibration.signals[column]))
+            samples[row, column] += 0.9 * np.ptp(recording.column(calibration.loop_signals[column]))
         else:
             t[row:] += rng.uniform(2.0, 40.0) * step
     return t, samples
@@ -105,7 +105,7 @@ def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
     good = statuses[used] == Status.OK
     assert good.mean() > 0.5
     np.testing.assert_array_equal(positions[used][good], expected[good])
-    measured = samples[:, calibration.signals.index(f"measured/{joint}")]
+    measured = samples[:, calibration.loop_signals.index(f"measured/{joint}")]
     np.testing.assert_array_equal(positions[statuses != 0], measured[statuses != 0])
 
 
@@ -116,7 +116,7 @@ def test_every_compensation_gives_its_numbers(compensation):
     other = replace(data, params={**data.params, "compensation": compensation})
     calibration = replace(output, model=type(output.model).from_data(other, 2, 1))
     recording = unseen("ukf_compensated").rows(np.arange(600))
-    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
     corrections = run(ready(calibration), recording.t, samples)[3]
     np.testing.assert_allclose(
         corrections, calibration.predict_error(recording)[:, 0], rtol=0, atol=1e-12
@@ -129,7 +129,7 @@ def test_a_step_allocates_nothing(name):
     corrector = ready(calibration)
     stamps, samples = (
         recording.t.tolist(),
-        list(recording.table[list(calibration.signals)].to_numpy()),
+        list(recording.table[list(calibration.loop_signals)].to_numpy()),
     )
     for i in range(100):
         corrector.step(stamps[i], samples[i])
@@ -153,7 +153,7 @@ def test_a_step_allocates_nothing(name):
 @pytest.mark.parametrize("fault", ["nan", "ahead", "back"])
 def test_it_recovers_as_if_it_began_there(name, fault):
     calibration, recording = model(name), unseen(name)
-    samples = recording.table[list(calibration.signals)].to_numpy().copy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy().copy()
     t = np.array(recording.t)
     gap = 1.5 * calibration.gap_limit
     half = 700
@@ -184,7 +184,7 @@ def test_it_loads_without_the_training_stack(tmp_path):
         path = tmp_path / name
         write_calibration(model(name), path)
         recording = unseen(name)
-        row = recording.table[list(model(name).signals)].to_numpy()[0]
+        row = recording.table[list(model(name).loop_signals)].to_numpy()[0]
         lines.append(
             f"c = Corrector({str(path)!r}); c.set_homing(True); c.step(0.0, {row.tolist()!r}); "
             "print(c.correction[0])"
@@ -213,7 +213,7 @@ def test_a_smoother_is_refused_in_one_line(tmp_path):
 @pytest.mark.parametrize("name", [n for n in CAUSAL if FAMILIES[n].counts_samples])
 def test_called_faster_than_trained_it_says_so(name):
     calibration, recording = model(name), unseen(name).rows(np.arange(200))
-    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
     t = recording.t[0] + (recording.t - recording.t[0]) / 5.0
     statuses = run(ready(calibration), t, samples)[0]
     assert (statuses & Status.STALE > 0).mean() > 0.7
@@ -223,7 +223,7 @@ def test_called_faster_than_trained_it_says_so(name):
 @pytest.mark.parametrize("name", CAUSAL)
 def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
     calibration, recording = model(name), unseen(name)
-    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
     statuses, _, widths, _ = run(ready(calibration, level=level), recording.t[:800], samples[:800])
     good = statuses == Status.OK
     assert good.sum() > 100
@@ -253,7 +253,7 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
 def test_the_stated_width_holds():
     """The jaw's filter with friction in its state, on a motion that it was not fitted to."""
     calibration, recording = model("ukf_friction"), forceps()[1]
-    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
     statuses, positions, widths, _ = run(ready(calibration), recording.t, samples)
     good = (statuses == Status.OK) & (recording.t > 2.2)
     inside = np.abs(positions - recording.column("truth/jaw"))[good] <= widths[good]
@@ -267,7 +267,7 @@ def test_an_interval_comes_before_the_filters_own_width(name, rezero):
     interval = Interval(np.array([0.9]), widths, widths, widths, 2.0, rezero, 12, 12)
     calibration = replace(model(name), interval=interval)
     recording = unseen(name).rows(np.arange(50))
-    samples = recording.table[list(calibration.signals)].to_numpy()
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
     corrector = ready(calibration)
     statuses, _, found, _ = run(corrector, recording.t, samples)
     good = statuses == Status.OK

@@ -63,6 +63,19 @@ class Fault:
     traceless: bool = True
 
 
+class Odd:
+    """What raises whatever is asked of it."""
+
+    def __len__(self) -> int:
+        raise RuntimeError
+
+    def __getattr__(self, name: str) -> object:
+        raise OSError
+
+    def __float__(self) -> float:
+        raise MemoryError
+
+
 def value(index: int, number: float, rows: int = 1) -> Callable[[np.ndarray, np.ndarray], None]:
     def put(_t: np.ndarray, samples: np.ndarray) -> None:
         samples[FAULT : FAULT + rows, index] = number
@@ -131,6 +144,7 @@ def test_fault_is_flagged_passed_through_and_recovered_from(calibration, correct
     assert np.isinf(widths[bits != 0]).all()
     over = FAULT + round(fault.seen * RATE)
     assert not flagged[over:].any()
+    assert not (bits & Status.ZERO_SUSPECT).any()
     assert not bits[over + RATE // 2 :].any()
     if fault.traceless:
         assert not bits[over:].any()
@@ -158,6 +172,18 @@ def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(correct
     assert spikes[0] == FAULT
     assert needed * 0.5 < T[spikes[-1]] - T[FAULT] < needed * 2.0
     assert len(spikes) == spikes[-1] - spikes[0] + 1
+    assert (bits[spikes[-1] + 1 :] & Status.ZERO_SUSPECT).all()
+    corrector.acknowledge()
+    assert not corrector.step(T[-1] + 1.0 / RATE, samples[-1]) & Status.ZERO_SUSPECT
+
+
+def test_a_jump_too_small_for_the_rate_of_training_is_seen_at_that_of_the_loop(corrector):
+    samples = stream(T)
+    samples[FAULT:, 0] += 0.008  # the shoulder moves by as much from one row of training to another
+    bits, _, _ = run(corrector, T, samples)
+    assert not bits[:FAULT].any()
+    assert bits[FAULT] == Status.SPIKE
+    assert bits[-1] & Status.ZERO_SUSPECT
 
 
 def test_features_unlike_any_trained_row_together(calibration):
@@ -196,7 +222,8 @@ def test_corrections_larger_than_any_error_of_training():
 @pytest.mark.parametrize(
     "sample",
     [(), (1.0,), (0.5,) * 3, (0.5,) * 5, np.zeros((4, 4)), np.zeros((4, 0)), 3.0, None, "abcd",
-     ("a", "b", "c", "d"), (10**400,) * 4, np.array(0.5), {"a": 1}],
+     ("a", "b", "c", "d"), (10**400,) * 4, np.array(0.5), {"a": 1}, np.full(4, 0.5 + 0j),
+     (0.5, 0.5, 0.5, 0.5j), np.ma.array(np.full(4, 0.5), mask=[0, 1, 0, 0]), Odd()],
     ids=repr,
 )  # fmt: skip
 def test_sample_that_is_not_a_number_for_each_signal(corrector, sample):
@@ -208,7 +235,7 @@ def test_sample_that_is_not_a_number_for_each_signal(corrector, sample):
     assert corrector.step(0.002, good[2]) == Status.OK
 
 
-@pytest.mark.parametrize("stamp", ["noon", (), 10**400, 1j], ids=repr)
+@pytest.mark.parametrize("stamp", ["noon", (), 10**400, 1j, np.complex128(1j), Odd()], ids=repr)
 def test_stamp_that_is_no_number(corrector, stamp):
     assert corrector.step(stamp, stream(T[:1])[0]) == Status.WRONG_SIZE
     assert corrector.step(0.0, stream(T[:1])[0]) == Status.OK

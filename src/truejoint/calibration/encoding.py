@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
 
@@ -14,6 +14,7 @@ from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import EffortBaseline, decode_effort_baseline
 from truejoint.calibration.interval import Interval, decode_interval
 from truejoint.calibration.model_file import encode_arrays
+from truejoint.calibration.parity import ParityEquations, decode_parity_equations
 from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
 from truejoint.errors import CalibrationError, ModelFileError, RobotError
 from truejoint.models.family import EstimatorData, Target, is_number
@@ -29,12 +30,12 @@ Model = TypeVar("Model")
 MAX_JOINTS: Final = 64
 
 _KIND: Final = "calibration"
-_EXTRAS: Final = ("training_domain", "interval", "effort_baseline")  # beside the estimators
+_EXTRAS: Final = ("training_domain", "interval", "effort_baseline", "parity")  # not estimators
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
         "kind", "robot", "joints", "target", "features", "units", "ranges", "gap_limit",
-        "model", "baselines", "metadata",
+        "model", "baselines", "metadata", "redundant",
     }
 )  # fmt: skip
 
@@ -62,12 +63,19 @@ class CalibrationData(Generic[Model]):
     training_domain: TrainingDomain | None = None  # for the checks of a control loop
     interval: Interval | None = None  # None until trajectories that the fit has not seen were given
     effort_baseline: EffortBaseline | None = None  # for the monitors
+    parity: ParityEquations | None = None  # of measured positions with `redundant` columns
+    redundant: Mapping[str, str] = field(default_factory=dict)  # units of these, by column
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
         """Columns that are needed: those of the features, then any other measured position."""
         measured = (f"measured/{joint}" for joint in self.joints)
         return tuple(dict.fromkeys((*self.feature_set.signals, *measured)))
+
+    @property
+    def loop_signals(self) -> tuple[str, ...]:
+        """Columns of a sample in the control loop: `signals`, then those that check them."""
+        return (*self.signals, *self.redundant)
 
 
 def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -85,6 +93,7 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
         "model": _encode_estimator(data.model),
         "baselines": {name: _encode_estimator(m) for name, m in data.baseline_models.items()},
         "metadata": dict(data.metadata),
+        "redundant": dict(data.redundant),
     }
     parts = {"model": data.model.arrays_}
     parts |= {name: model.arrays_ for name, model in data.baseline_models.items()}
@@ -144,11 +153,16 @@ def decode(
     )
     needed = set(data.units) == set(data.signals)
     _require(needed, "the units are not those of the columns that the model needs")
-    n_joints, shape = len(joints), (len(data.signals), len(feature_set), len(joints))
+    redundant = _units(description["redundant"])
+    _require(not set(redundant) & set(data.signals), "a redundant column is an input as well")
+    data = replace(data, redundant=redundant)
+    n_joints, n_signals = len(joints), len(data.loop_signals)
+    shape = n_signals, len(feature_set), n_joints
     decoders: dict[str, Callable[[Mapping[str, Array]], Any]] = {
         "training_domain": lambda found: decode_training_domain(found, *shape),
         "interval": lambda found: decode_interval(found, n_joints),
         "effort_baseline": lambda found: decode_effort_baseline(found, n_joints),
+        "parity": lambda found: decode_parity_equations(found, n_signals, n_joints),
     }
     extras = {name: _within(arrays, name) for name in _EXTRAS}
     return replace(data, **{n: decoders[n](found) for n, found in extras.items() if found})

@@ -25,6 +25,7 @@ from truejoint.calibration.conformal import (
     source_of,
 )
 from truejoint.calibration.effort_baseline import fit_effort_baseline
+from truejoint.calibration.parity import fit_parity_equations, redundant_columns
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
@@ -55,6 +56,7 @@ def calibrate(
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
     target: Target | None = None,
+    redundant: Sequence[str] | None = None,
     fit_rate: float | None = None,
     random_state: int | None = None,
     progress: Progress | None = None,
@@ -78,6 +80,10 @@ def calibrate(
     target : {"error", "position"}, optional
         Predict truth minus measured (peng2024, II-J: more accurate), or the position itself; by
         default the first that the estimator's family can be fitted to.
+    redundant : sequence of str, optional
+        Columns by which a control loop checks the measured positions, such as ``"motor/elbow"``;
+        all that every recording has by default, see `truejoint.calibration.parity`. A `Corrector`
+        needs those that tell something; correcting a recording needs none.
     fit_rate : float, optional
         Fit to rows at most at this rate [Hz], where more of them would only take longer; features
         with a history still see every row.
@@ -110,6 +116,9 @@ def calibrate(
         for recording in recordings:
             check_sample_dt(recording, dt)
     units = _common_units(recordings, feature_set, chosen)
+    columns = _redundant_columns(recordings, redundant)
+    parity, redundant_units = fit_parity_equations(recordings, chosen, tuple(units), columns)
+    loop_signals = (*units, *redundant_units)
     stride = _stride(fit_rate, dt)
     parts = [_part(recording, feature_set, chosen, gap_limit, stride) for recording in recordings]
     X, error, truth = (
@@ -150,7 +159,9 @@ def calibrate(
         upper=X.max(axis=0),
         model=model,
         baseline_models=baselines,
-        training_domain=fit_training_domain(recordings, tuple(units), gap_limit, X, error),
+        training_domain=fit_training_domain(recordings, loop_signals, gap_limit, X, error),
+        parity=parity,
+        redundant=redundant_units,
         metadata={
             **_origin(parts),
             "sample_dt": dt,
@@ -258,6 +269,22 @@ def _chosen_features(
     for recording in recordings:
         check_columns(recording, chosen.signals, "features need")
     return chosen
+
+
+def _redundant_columns(
+    recordings: Sequence[Recording], asked: Sequence[str] | None
+) -> dict[str, str]:
+    """Units of the redundant columns that are asked for; of all by default."""
+    there = redundant_columns(recordings)
+    if asked is None:
+        return there
+    for column in asked:
+        if column not in there:
+            raise CalibrationError(
+                f"column {column!r:.60} cannot check a measured position; these can, being in "
+                f"every recording: {', '.join(there) or 'none'}"
+            )
+    return {column: there[column] for column in asked}
 
 
 def _common_units(

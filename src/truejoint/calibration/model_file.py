@@ -24,7 +24,7 @@ from truejoint.files import write_atomically
 
 Value = TypeVar("Value")
 
-FORMAT_VERSION: Final = 2
+FORMAT_VERSION: Final = 3
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
 MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512
@@ -119,6 +119,11 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
         raise ModelFileError(
             f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
             "truejoint reads; update truejoint"
+        )
+    if version in range(1, FORMAT_VERSION) and version is not True:
+        raise ModelFileError(
+            f"format version {version} is older than {FORMAT_VERSION}, the only one that this "
+            "truejoint reads; calibrate again"
         )
     if version is True or version != FORMAT_VERSION:
         raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")

@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 
 
 SMALLEST_VARIANCE: Final = 1e-4  # of standardised features in any direction; less counts as this
+FLICKER: Final = 0.1
+"""Share of its own noise within which a signal stands still: a sensor that works flickers more, or,
+where its counts are coarse, not at all."""
+
+_MEDIAN_OF_NORMAL: Final = 0.6745  # absolute value, in standard deviations
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -30,10 +35,12 @@ class TrainingDomain(Summarised):
     signal_lower: Array  # (n_signals,), range of each signal that is needed, in its unit
     signal_upper: Array
     signal_step: Array  # (n_signals,), largest change from one row to the next
+    signal_bend: Array  # (n_signals,), largest change of that change: noise, counts, reversals
+    signal_flicker: Array  # (n_signals,), change below which a signal stands still
     # (n_signals,), largest share of its range that the partner of a signal (`partners`) moved while
-    # the signal itself stood exactly still
+    # the signal itself stood still
     signal_travel: Array
-    hold: float  # longest time for which no signal changed at all [s]
+    hold: float  # longest time for which no signal changed [s]
     feature_mean: Array  # (k,)
     # (k, k), makes features less their mean uncorrelated and of unit variance; zero where a feature
     # never changed
@@ -71,9 +78,15 @@ def fit_training_domain(
     times = [np.array(recording.t) for recording in recordings]
     together = np.concatenate(tables)
     lower, upper = together.min(axis=0), together.max(axis=0)
+    bends = np.concatenate(
+        [_bends(t, table, gap_limit) for t, table in zip(times, tables, strict=True)]
+    )
+    flicker = FLICKER * _noise(bends)
     step, travel, hold = np.zeros(len(signals)), np.zeros(len(signals)), np.zeros(1)
     for t, table in zip(times, tables, strict=True):
-        watch_changes(t, table, gap_limit, upper > lower, partners(signals), step, travel, hold)
+        watch_changes(
+            t, table, gap_limit, upper > lower, partners(signals), flicker, step, travel, hold
+        )
     span = np.where(upper > lower, upper - lower, 1.0)
     mean, whitening = _whitening(features)
     return TrainingDomain(
@@ -81,6 +94,8 @@ def fit_training_domain(
         signal_lower=lower,
         signal_upper=upper,
         signal_step=step,
+        signal_bend=bends.max(axis=0, initial=0.0),
+        signal_flicker=flicker,
         signal_travel=travel / span[partners(signals)],
         hold=float(hold[0]),
         feature_mean=mean,
@@ -112,7 +127,7 @@ def decode_training_domain(
     for part, n in (("signal", n_signals), ("error", n_joints)):
         shapes |= {f.name: (n,) for f in fields(TrainingDomain) if f.name.startswith(part)}
     domain = decode_arrays(TrainingDomain, "training domain", arrays, shapes)
-    sizes = ("signal_step", "signal_travel", "hold", "distance")
+    sizes = ("signal_step", "signal_bend", "signal_flicker", "signal_travel", "hold", "distance")
     if (
         any((arrays[name] < 0.0).any() for name in sizes)
         or not 0.0 < domain.dt < 1e9
@@ -130,24 +145,27 @@ def watch_changes(
     gap_limit: float,
     varies: NDArray[np.bool_],
     partner: Integers,
+    flicker: Array,
     step: Array,
     travel: Array,
     hold: Array,
 ) -> None:
     """Enlarge `step`, `travel` (n_signals,) and `hold` (1,) to what the rows of a table show.
 
-    `travel` is in the unit of the partner here. `t` (n,), `table` (n, n_signals), `varies` and
-    `partner` (n_signals,).
+    `travel` is in the unit of the partner here. `t` (n,), `table` (n, n_signals), `varies`,
+    `partner` and `flicker` (n_signals,).
     """
     n_signals = table.shape[1]
-    low, high = np.empty(n_signals), np.empty(n_signals)  # partner's range since the last change
+    stood = np.empty(n_signals)  # where a signal stands, since its last change
+    low, high = np.empty(n_signals), np.empty(n_signals)  # partner's range since then
     still_since = 0
     for row in range(table.shape[0]):
         fresh = row == 0 or not t[row] - t[row - 1] <= gap_limit
         changed = fresh
         for i in range(n_signals):
             other = table[row, partner[i]]
-            if fresh or table[row, i] != table[row - 1, i]:
+            if fresh or abs(table[row, i] - stood[i]) > flicker[i]:
+                stood[i] = table[row, i]
                 low[i] = high[i] = other
                 changed = changed or varies[i]
             low[i], high[i] = min(low[i], other), max(high[i], other)
@@ -158,6 +176,23 @@ def watch_changes(
         if changed:
             still_since = row
         hold[0] = max(hold[0], t[row] - t[still_since])
+
+
+def _bends(t: Array, table: Array, gap_limit: float) -> Array:
+    """Size of the second differences (m, n_signals) of a table, none of them across a gap."""
+    joined = np.diff(t) <= gap_limit
+    bends: Array = np.abs(np.diff(table, 2, axis=0))[joined[1:] & joined[:-1]]
+    return bends
+
+
+def _noise(bends: Array) -> Array:
+    """Give the deviation (n_signals,) of white noise with such second differences, by the median.
+
+    Rows at which a signal did not change at all say nothing of its noise.
+    """
+    changed = [column[column > 0.0] for column in bends.T]
+    median = np.array([np.median(column) if len(column) else 0.0 for column in changed])
+    return np.asarray(median / (_MEDIAN_OF_NORMAL * np.sqrt(6.0)))
 
 
 def _whitening(features: Array) -> tuple[Array, Array]:

@@ -18,7 +18,7 @@ from truejoint.runtime.limits import Limits
 if TYPE_CHECKING:  # whoever fitted it has imported what learns
     from truejoint.calibration import Calibration
 
-NOTHING, SET_HOMING, REZERO = 0, 1, 2
+NOTHING, SET_HOMING, REZERO, ACKNOWLEDGE = 0, 1, 2, 3
 """What is done before a sample."""
 HOMING_UNKNOWN, HOMING_OF_CALIBRATION = 0, -1
 """Homings by the numbers of the C interface."""
@@ -35,7 +35,7 @@ class Vector:
 
     t: float  # time stamp [s]
     sample: Array  # (n_signals,)
-    action: int = NOTHING  # or `SET_HOMING` or `REZERO`, before the sample
+    action: int = NOTHING  # or another of the four, before the sample
     is_homed: bool = False  # for `SET_HOMING`
     homing_id: int = HOMING_UNKNOWN
     status: int = 0  # bits of `Status`
@@ -137,6 +137,8 @@ def answer(
             corrector.set_homing(vector.is_homed, name)
         elif vector.action == REZERO:
             corrector.rezero(offset)
+        elif vector.action == ACKNOWLEDGE:
+            corrector.acknowledge()
         status = int(corrector.step(vector.t, vector.sample))
         position, half_width = corrector.position.copy(), corrector.half_width.copy()
         answered.append(replace(vector, status=status, position=position, half_width=half_width))
@@ -157,7 +159,7 @@ def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) 
     for fault in (_faulty_stamps, _faulty_signals, _standstill, _homings):
         for one in fault(motion):
             vectors += one
-            vectors += motion.run(_QUIET)
+            vectors += [replace(motion.next(), action=ACKNOWLEDGE), *motion.run(_QUIET)]
     return vectors
 
 
@@ -190,7 +192,16 @@ class _Motion:
         jitter = 1.0 + 0.1 * np.sin(self.count)
         self.t += steps * jitter * self.limits.training_dt
         phase = self.speed * self.t + np.arange(len(self.speed))
-        return Vector(self.t, self.middle + self.amplitude * np.sin(phase))
+        return Vector(self.t, self.agreeing(self.middle + self.amplitude * np.sin(phase)))
+
+    def agreeing(self, sample: Array) -> Array:
+        """Sample with what is redundant to the measured positions changed so that it fits them."""
+        limits = self.limits
+        redundant = limits.parity.any(axis=0) & (limits.is_position_signal == 0)
+        wrong = limits.parity @ sample + limits.parity_intercept
+        fitting = sample.copy()
+        fitting[redundant] -= np.linalg.lstsq(limits.parity[:, redundant], wrong, rcond=None)[0]
+        return fitting
 
     def run(self, n: int) -> list[Vector]:
         """Ordinary samples."""
@@ -234,13 +245,13 @@ def _faulty_signals(motion: _Motion) -> Iterator[list[Vector]]:
         for share in (*range(1, 9), *range(8, 0, -1)):
             vector = motion.next()
             vector.sample[i] += way * share / 8
-            slowly.append(vector)
+            slowly.append(replace(vector, sample=motion.agreeing(vector.sample)))
     yield slowly
 
 
 def _standstill(motion: _Motion) -> Iterator[list[Vector]]:
     """Hold a signal while its partner moves, then all of them for long."""
-    held, partner = motion.next(), np.flatnonzero(motion.limits.partner >= 0)[:1]
+    held, partner = motion.next(), np.flatnonzero(np.isfinite(motion.limits.travel))[:1]
     yield [held, *(motion.with_signal(i, held.sample[i]) for i in partner for _ in range(100))]
     held, share = motion.next(), 0.5 * motion.limits.longest
     n = int(motion.limits.hold / share) + 3

@@ -22,7 +22,7 @@ from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields
-from truejoint.runtime.correction import correct_sample, forget
+from truejoint.runtime.correction import acknowledge, correct_sample, forget, trust
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 
@@ -158,7 +158,7 @@ def _memory_context(
         inputs.append("base_width")
     guard = prefix.upper()
     program = print_kernels(
-        (correct_sample, forget), memory, "state", f"{prefix}_state",
+        (correct_sample, forget, acknowledge, trust), memory, "state", f"{prefix}_state",
         single=precision == "float", inputs=inputs, own=_OWN,
         named={"homing": f"{guard}_NOT_HOMED"},
         enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
@@ -203,11 +203,11 @@ def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
         "homing_ids": homing_ids(data.metadata),
         "zeroed": "rezeroed" in data.metadata,
-        "signals": _named(data.signals, data.units.__getitem__),
+        "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
         "statuses": _bits(Status, {Status.WRONG_SIZE}),
         "filter_statuses": _bits(FilterStatus, set()),
-        "n_signals": len(data.signals),
+        "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),
         "has_interval": data.interval is not None,

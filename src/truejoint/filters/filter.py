@@ -15,7 +15,7 @@ from truejoint.filters.fields import allocate
 from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.filters.smoother import smooth
 from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
-from truejoint.layout import Memory
+from truejoint.layout import Memory, refuse_copy
 
 _step: Final = kernels.step
 
@@ -78,6 +78,8 @@ class FilterState:
     innovation: Array
     z: Array = field(repr=False)
     u: Array = field(repr=False)
+
+    __reduce__ = refuse_copy
 
     @property
     def nis(self) -> float:

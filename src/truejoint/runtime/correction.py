@@ -7,12 +7,13 @@ from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
-from truejoint.compiled import compiled, copy, fill, matrix, vector
+from truejoint.compiled import compiled, fill, inlined, matrix, vector
 from truejoint.layout import part_memory, part_numbers
 from truejoint.models.family import call_row
 from truejoint.models.feature_kernels import feature_row
-from truejoint.models.products import add_triangle
+from truejoint.models.products import add_triangle, weighted
 from truejoint.runtime import fields as at
+from truejoint.runtime.limits import BRIEFLY, SLIP_SHARE
 from truejoint.runtime.status import Status
 
 _NOT_FINITE: Final = int(Status.NOT_FINITE)
@@ -23,6 +24,7 @@ _FROZEN: Final = int(Status.FROZEN)
 _OUT_OF_RANGE: Final = int(Status.OUT_OF_RANGE)
 _OUT_OF_DOMAIN: Final = int(Status.OUT_OF_DOMAIN)
 _IMPLAUSIBLE: Final = int(Status.IMPLAUSIBLE)
+_ZERO_SUSPECT: Final = int(Status.ZERO_SUSPECT)
 
 
 @compiled
@@ -36,7 +38,7 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     the bits of `Status`.
     """
     pass_through(numbers, memory)
-    status = int(numbers[at.HOMING]) | judge_finite(numbers, memory)
+    status = int(numbers[at.HOMING]) | int(numbers[at.SUSPECT]) | judge_finite(numbers, memory)
     if not isfinite(memory[at.T]):
         return status | _NOT_FINITE
     status |= judge_stamp(numbers, memory)
@@ -45,6 +47,7 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     doubts = judge_signals(numbers, memory)
     if doubts:
         return status | doubts
+    status |= judge_parity(numbers, memory)
     remember(numbers, memory)
     step = memory[at.T] - vector(memory, numbers[at.CLOCK], 2)[1]
     fresh = compute_features(numbers, memory)
@@ -86,6 +89,7 @@ def judge_stamp(numbers: Integers, memory: Array) -> int:
         forget(numbers, memory)
         status = _TIME_JUMP
     elif step < memory[at.SHORTEST]:
+        numbers[at.WAS_STALE] = 1
         return _STALE
     elif step > memory[at.LONGEST]:
         status = _TIME_JUMP
@@ -101,15 +105,18 @@ def forget(numbers: Integers, memory: Array) -> None:
     """Let the next sample be the first."""
     numbers[at.HAS_STAMP] = 0
     numbers[at.HAS_LAST] = 0
+    for i in range(numbers[at.N_SIGNALS]):
+        numbers[numbers[at.SPIKED] + i] = 0
     vector(memory, numbers[at.CLOCK], 2)[0] = 0.0
     restart_standstill(numbers, memory)
 
 
 @compiled
 def restart_standstill(numbers: Integers, memory: Array) -> None:
-    """Let every signal count as having changed at the next sample."""
+    """Let every signal count as having changed at the next sample, and parity as having held."""
     n = numbers[at.N_SIGNALS]
-    fill(vector(memory, numbers[at.LATEST], n), n, nan)  # equal to nothing
+    fill(vector(memory, numbers[at.STOOD], n), n, nan)  # near nothing
+    memory[at.PARITY_T] = memory[at.T]
 
 
 @compiled
@@ -120,55 +127,118 @@ def judge_signals(numbers: Integers, memory: Array) -> int:
     lower = vector(memory, numbers[at.SIGNAL_LOWER], n)
     upper = vector(memory, numbers[at.SIGNAL_UPPER], n)
     last = vector(memory, numbers[at.LAST], n)
-    reach = vector(memory, numbers[at.REACH], n)
-    elapsed = max((memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT], 1.0)
     status = 0
     for i in range(n):
         if sample[i] < lower[i] or sample[i] > upper[i]:
             status |= _OUT_OF_RANGE
-        elif numbers[at.HAS_LAST] and abs(sample[i] - last[i]) > reach[i] * elapsed:
+        elif numbers[at.HAS_LAST] and abs(sample[i] - last[i]) > farthest(numbers, memory, i):
             status |= _SPIKE
+            numbers[numbers[at.SPIKED] + i] = 1
     if status:
         return status
     return judge_standstill(numbers, memory)
 
 
-@compiled
-def watch_partner(numbers: Integers, memory: Array, i: int) -> int:
-    """Status bit if the partner of a signal that stands still has moved too far since it does."""
-    n = numbers[at.N_SIGNALS]
-    partner = numbers[numbers[at.PARTNER] + i]
-    low = vector(memory, numbers[at.PARTNER_LOW], n)
-    high = vector(memory, numbers[at.PARTNER_HIGH], n)
-    if numbers[numbers[at.STILL] + i] == 0:
-        before = vector(memory, numbers[at.LATEST], n)[partner]
-        numbers[numbers[at.STILL] + i] = 1
-        low[i] = before
-        high[i] = before
-    other = vector(memory, numbers[at.SAMPLE], n)[partner]
-    low[i] = min(low[i], other)
-    high[i] = max(high[i], other)
-    return _FROZEN if high[i] - low[i] > vector(memory, numbers[at.TRAVEL], n)[i] else 0
+@inlined
+def farthest(numbers: Integers, memory: Array, i: int) -> float:
+    """How far a signal may be from the last used sample."""
+    elapsed = (memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT]
+    steps = min(BRIEFLY * elapsed, max(elapsed, 1.0))
+    return float(max(memory[numbers[at.JUMP] + i], memory[numbers[at.REACH] + i] * steps))
 
 
 @compiled
 def judge_standstill(numbers: Integers, memory: Array) -> int:
-    """Status bit if a signal stands exactly still though it should not."""
+    """Status bit if a signal stands still though another one says that it should not."""
     n = numbers[at.N_SIGNALS]
     sample = vector(memory, numbers[at.SAMPLE], n)
-    latest = vector(memory, numbers[at.LATEST], n)
+    stood = vector(memory, numbers[at.STOOD], n)
+    flicker = vector(memory, numbers[at.FLICKER], n)
+    low = vector(memory, numbers[at.PARTNER_LOW], n)
+    high = vector(memory, numbers[at.PARTNER_HIGH], n)
+    travel = vector(memory, numbers[at.TRAVEL], n)
     status = 0
     for i in range(n):
-        if sample[i] != latest[i]:
-            numbers[numbers[at.STILL] + i] = 0
+        other = sample[numbers[numbers[at.PARTNER] + i]]
+        # `not (a <= b)` holds for NaN too.
+        if not (abs(sample[i] - stood[i]) <= flicker[i]):
+            stood[i] = sample[i]
+            low[i] = other
+            high[i] = other
             if numbers[numbers[at.MOVES] + i]:
                 memory[at.CHANGED_T] = memory[at.T]
-        elif numbers[numbers[at.PARTNER] + i] >= 0:
-            status |= watch_partner(numbers, memory, i)
-    copy(sample, latest, n)
+        else:
+            low[i] = min(low[i], other)
+            high[i] = max(high[i], other)
+            if high[i] - low[i] > travel[i]:
+                status = _FROZEN
     if memory[at.T] - memory[at.CHANGED_T] > memory[at.HOLD]:
         status = _FROZEN
     return status
+
+
+@compiled
+def judge_parity(numbers: Integers, memory: Array) -> int:
+    """Status bit of positions that have slipped, or contradict what is redundant to them."""
+    n, n_parity = numbers[at.N_SIGNALS], numbers[at.N_PARITY]
+    sample = vector(memory, numbers[at.SAMPLE], n)
+    equations = matrix(memory, numbers[at.PARITY], n_parity, n)
+    intercept = vector(memory, numbers[at.PARITY_INTERCEPT], n_parity)
+    shift = vector(memory, numbers[at.PARITY_SHIFT], n_parity)
+    lower = vector(memory, numbers[at.PARITY_LOWER], n_parity)
+    upper = vector(memory, numbers[at.PARITY_UPPER], n_parity)
+    status = 0
+    for i in range(n_parity):
+        rest = weighted(sample, equations[i]) + intercept[i] - shift[i]
+        if rest < lower[i] or rest > upper[i]:
+            if numbers[at.ANCHOR]:
+                shift[i] += rest - 0.5 * (lower[i] + upper[i])
+            else:
+                status = _ZERO_SUSPECT
+    numbers[at.ANCHOR] = 0
+    if status == 0:
+        memory[at.PARITY_T] = memory[at.T]
+    elif memory[at.T] - memory[at.PARITY_T] > memory[at.PATIENCE]:
+        numbers[at.SUSPECT] = status
+    judge_slips(numbers, memory)
+    return status | int(numbers[at.SUSPECT])
+
+
+@compiled
+def judge_slips(numbers: Integers, memory: Array) -> None:
+    """Suspect the zero of positions that jumped, and now are further off than they can be.
+
+    Not after stale stamps: there the clock jumped.
+    """
+    n = numbers[at.N_SIGNALS]
+    sample, last = vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.LAST], n)
+    for i in range(n):
+        if numbers[numbers[at.SPIKED] + i]:
+            numbers[numbers[at.SPIKED] + i] = 0
+            slipped = abs(sample[i] - last[i]) > SLIP_SHARE * farthest(numbers, memory, i)
+            if (
+                slipped
+                and numbers[numbers[at.IS_POSITION_SIGNAL] + i]
+                and not numbers[at.WAS_STALE]
+            ):
+                numbers[at.SUSPECT] = _ZERO_SUSPECT
+
+
+@compiled
+def acknowledge(numbers: Integers, memory: Array) -> None:
+    """Let the zero count as right, and parity at the next sample."""
+    numbers[at.SUSPECT] = 0
+    numbers[at.ANCHOR] = 1
+    memory[at.PARITY_T] = memory[at.T]
+
+
+@compiled
+def trust(numbers: Integers, memory: Array) -> None:
+    """Let the zero count as that of the training, and parity hold as it did there."""
+    numbers[at.SUSPECT] = 0
+    numbers[at.ANCHOR] = 0
+    n_parity = numbers[at.N_PARITY]
+    fill(vector(memory, numbers[at.PARITY_SHIFT], n_parity), n_parity, 0.0)
 
 
 @compiled
@@ -177,6 +247,7 @@ def remember(numbers: Integers, memory: Array) -> None:
     for i in range(numbers[at.N_SIGNALS]):
         memory[numbers[at.LAST] + i] = memory[numbers[at.SAMPLE] + i]
     numbers[at.HAS_LAST] = 1
+    numbers[at.WAS_STALE] = 0
     memory[at.LAST_T] = memory[at.T]
 
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
+from truejoint.layout import refuse_copy
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields as at
-from truejoint.runtime.correction import correct_sample, forget
+from truejoint.runtime.correction import acknowledge, correct_sample, forget, trust
 from truejoint.runtime.homing import Homing
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
@@ -21,6 +23,8 @@ from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
+
+_FLOAT: Final = np.dtype(np.float64)
 
 
 class Corrector(Summarised):
@@ -44,7 +48,8 @@ class Corrector(Summarised):
     Attributes
     ----------
     joints, signals : tuple of str
-        What comes out, and the columns that a sample must hold, in order.
+        What comes out, and the columns that a sample must hold, in order: those of the model, then
+        those that are redundant to the measured positions.
     position : ndarray, shape (n_joints,)
         Corrected, or measured where the status is not OK [rad or m]; NaN where it is WRONG_SIZE.
     half_width : ndarray, shape (n_joints,)
@@ -68,7 +73,8 @@ class Corrector(Summarised):
 
     Notes
     -----
-    The arrays change in place at every step: copy what you want to keep.
+    The arrays change in place at every step: copy what you want to keep. A corrector serves one
+    thread at a time; make each thread its own. It refuses to be copied and pickled.
 
     Examples
     --------
@@ -95,8 +101,8 @@ class Corrector(Summarised):
         if not 0.0 < level < 1.0:
             raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
         data = _read(model)
-        self.joints, self.signals = data.joints, data.signals
-        self._n_signals = len(data.signals)
+        self.joints, self.signals = data.joints, data.loop_signals
+        self._n_signals = len(self.signals)
         # Packed memory holds on to the compiled functions whose addresses it contains.
         self._packed = packed = at.pack(data, limits_of(data, range_margin), level)
         self._numbers, self._memory = packed.numbers, packed.memory
@@ -130,11 +136,15 @@ class Corrector(Summarised):
         """
         memory = self._memory
         try:
-            if len(sample) != self._n_signals:  # type: ignore[arg-type]  # TypeError is caught
+            if type(sample) is not np.ndarray or sample.dtype is not _FLOAT:
+                sample = _real(sample)
+            if type(t) is not float:
+                t = float(_real(t))
+            if len(sample) != self._n_signals:
                 return self._refuse()
             self._sample[:] = sample
-            memory[0] = t
-        except (TypeError, ValueError, OverflowError):
+            memory[at.T] = t
+        except Exception:  # noqa: BLE001  # what is given may be anything
             return self._refuse()
         return self._statuses[correct_sample(self._numbers, memory)]
 
@@ -151,14 +161,15 @@ class Corrector(Summarised):
         if self._homing.tell(is_homed, homing_id):
             self.offset[:] = 0.0
             forget(self._numbers, self._memory)
+            trust(self._numbers, self._memory)
         return self._apply_homing()
 
     def rezero(self, offset: ArrayLike) -> Status:
         """Add an offset to every corrected position: the calibration is valid for this homing.
 
         The `offset` (n_joints,) [rad or m] is true minus corrected position, for instance from a
-        touched stop. Returns as `set_homing`, no longer HOMED_AGAIN; raises CalibrationError unless
-        it is one finite number for each joint.
+        touched stop. Returns as `set_homing`, no longer HOMED_AGAIN, and ends ZERO_SUSPECT as
+        `acknowledge` does; raises CalibrationError unless it is one finite number for each joint.
         """
         values = np.asarray(offset, dtype=np.float64)
         if values.shape != self.offset.shape or not np.isfinite(values).all():
@@ -167,13 +178,23 @@ class Corrector(Summarised):
             )
         self._homing.accept()
         self.offset[:] = values
+        self.acknowledge()
         return self._apply_homing()
+
+    def acknowledge(self) -> None:
+        """Say that the zero is right after all: ends ZERO_SUSPECT.
+
+        What the redundant signals say at the next sample counts as right from then on.
+        """
+        acknowledge(self._numbers, self._memory)
 
     def warm_up(self) -> None:
         """Compile what is not compiled yet; `step` finds everything ready."""
         numbers, memory = self._numbers.copy(), self._memory.copy()
-        forget(numbers, memory)
-        correct_sample(numbers, memory)
+        for kernel in (forget, trust, acknowledge, correct_sample):
+            kernel(numbers, memory)
+
+    __reduce__ = refuse_copy
 
     def _apply_homing(self) -> Status:
         status = self._homing.status
@@ -194,6 +215,14 @@ class _Statuses(dict[int, Status]):
     def __missing__(self, bits: int) -> Status:
         self[bits] = status = Status(bits)
         return status
+
+
+def _real(values: ArrayLike) -> Array:
+    """Real numbers as an array; raises TypeError for masked, complex and other objects."""
+    found = np.asarray(values)
+    if isinstance(values, np.ma.MaskedArray) or found.dtype.kind not in "fiub":
+        raise TypeError(f"{found.dtype} are not real numbers")
+    return found
 
 
 def _read(model: str | os.PathLike[str] | Calibration) -> CalibrationData[EstimatorData]:

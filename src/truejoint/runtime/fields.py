@@ -17,16 +17,22 @@ LAYOUT: Final = Layout()
 N_SIGNALS: Final = LAYOUT.integer("n_signals", "in a sample")
 N_FEATURES: Final = LAYOUT.integer("n_features", "inputs of the model")
 N_JOINTS: Final = LAYOUT.integer("n_joints", "outputs of the model")
+N_PARITY: Final = LAYOUT.integer("n_parity", "parity equations")
 N_WHITE: Final = LAYOUT.integer("n_white", "features, filled up to a multiple of 4")
 IS_POSITION: Final = LAYOUT.integer("is_position", "1: the model predicts it, 0: the error")
 HOMING: Final = LAYOUT.integer("homing", "status bits of the homing")
 HAS_STAMP: Final = LAYOUT.integer("has_stamp", "whether there was a sample")
 HAS_LAST: Final = LAYOUT.integer("has_last", "whether a sample was used")
+WAS_STALE: Final = LAYOUT.integer("was_stale", "whether stamps were since a sample was used")
+SUSPECT: Final = LAYOUT.integer("suspect", "status bit of a zero that may have moved")
+ANCHOR: Final = LAYOUT.integer("anchor", "1: parity as it is now counts as right")
 ROW: Final = LAYOUT.address("row", "the model's prediction")
 
 T: Final = LAYOUT.scalar("t", "stamp of this sample [s]", is_time=True)
 STAMP: Final = LAYOUT.scalar("stamp", "of the last sample with a usable one [s]", is_time=True)
 LAST_T: Final = LAYOUT.scalar("last_t", "of the last sample that was used [s]", is_time=True)
+PARITY_T: Final = LAYOUT.scalar("parity_t", "when parity last held [s]", is_time=True)
+PATIENCE: Final = LAYOUT.scalar("patience", "for parity that does not hold [s]", is_time=True)
 CHANGED_T: Final = LAYOUT.scalar("changed_t", "when a signal last changed [s]", is_time=True)
 SHORTEST: Final = LAYOUT.scalar("shortest", "time between two samples [s]", is_time=True)
 LONGEST: Final = LAYOUT.scalar("longest", "that a history bridges [s]", is_time=True)
@@ -40,7 +46,7 @@ GROWTH: Final = LAYOUT.scalar("growth", "of the half-width outside the trained r
 
 SAMPLE: Final = LAYOUT.array("sample", "a number for each signal")
 LAST: Final = LAYOUT.array("last", "sample that was used")
-LATEST: Final = LAYOUT.array("latest", "sample that could be believed")
+STOOD: Final = LAYOUT.array("stood", "where a signal stands, since its last change")
 PARTNER_LOW: Final = LAYOUT.array("partner_low", "of the partner since the signal stands still")
 PARTNER_HIGH: Final = LAYOUT.array("partner_high", "of the partner since the signal stands still")
 FEATURES: Final = LAYOUT.array("features", "of the last sample that was used")
@@ -58,9 +64,16 @@ CLOCK: Final = LAYOUT.array(
     "clock", "whether the features saw a sample; its stamp [s]", is_time=True
 )
 REACH: Final = LAYOUT.array("reach", "largest change of each signal within training_dt")
+JUMP: Final = LAYOUT.array("jump", "largest change of each signal at once")
+FLICKER: Final = LAYOUT.array("flicker", "change below which a signal stands still")
 SIGNAL_LOWER: Final = LAYOUT.array("signal_lower", "below it a sample is not believed")
 SIGNAL_UPPER: Final = LAYOUT.array("signal_upper", "above it a sample is not believed")
-TRAVEL: Final = LAYOUT.array("travel", "of the partner while a signal stands exactly still")
+TRAVEL: Final = LAYOUT.array("travel", "of the partner while a signal stands still")
+PARITY: Final = LAYOUT.array("parity", "weight of each signal in each equation")
+PARITY_INTERCEPT: Final = LAYOUT.array("parity_intercept", "of each equation [rad or m]")
+PARITY_SHIFT: Final = LAYOUT.array("parity_shift", "since then, that counts as right [rad or m]")
+PARITY_LOWER: Final = LAYOUT.array("parity_lower", "below it an equation does not hold")
+PARITY_UPPER: Final = LAYOUT.array("parity_upper", "above it an equation does not hold")
 PARAMETER: Final = LAYOUT.array("parameter", "of each feature")
 MEAN: Final = LAYOUT.array("domain_mean", "of each feature in training")
 FEATURE_LOWER: Final = LAYOUT.array("feature_lower", "below it a feature is out of range")
@@ -71,8 +84,9 @@ PER_SPAN: Final = LAYOUT.array("per_span", "inverse length of that range")
 CORRECTION_LOWER: Final = LAYOUT.array("correction_lower", "below it a correction is implausible")
 CORRECTION_UPPER: Final = LAYOUT.array("correction_upper", "above it a correction is implausible")
 WHITENING: Final = LAYOUT.array("whitening", "row i is what feature i adds to columns 0 to i")
-STILL: Final = LAYOUT.integers("still", "1 for signals that stand exactly still")
-PARTNER: Final = LAYOUT.integers("partner", "signal of the same channel; -1: none")
+SPIKED: Final = LAYOUT.integers("spiked", "1 for signals that jumped since the last used sample")
+IS_POSITION_SIGNAL: Final = LAYOUT.integers("is_position_signal", "1 for measured positions")
+PARTNER: Final = LAYOUT.integers("partner", "signal of the same channel; itself: none")
 MOVES: Final = LAYOUT.integers("moves", "1 for signals that changed in training")
 OPERATION: Final = LAYOUT.integers("operation", "of each feature")
 SOURCE: Final = LAYOUT.integers("source", "signal of each feature")
@@ -88,7 +102,8 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
     CalibrationError if the estimator only works offline.
     """
     operation, source, parameter, slot = data.feature_set.program
-    n_signals, k, n_joints = len(data.signals), len(data.feature_set), len(data.joints)
+    signals = data.loop_signals
+    n_signals, k, n_joints = len(signals), len(data.feature_set), len(data.joints)
     base, growth = np.full(n_joints, np.inf), 0.0
     if data.interval is not None:
         base, growth = data.interval.half_width(level), data.interval.growth
@@ -99,10 +114,11 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         own = model.layout.fields["deviations"].index
         model.memory[own] = NormalDist().inv_cdf(0.5 + 0.5 * level)
     n_white = len(limits.whitening)
-    per_signal = ("sample", "last", "latest", "partner_low", "partner_high", "still")
+    per_signal = ("sample", "last", "stood", "partner_low", "partner_high", "spiked")
     return LAYOUT.pack(
         {"row": family.row}, **vars(limits), n_signals=n_signals, n_features=k, n_joints=n_joints,
-        n_white=n_white, is_position=data.target == "position", row=family.row_address(),
+        n_white=n_white, n_parity=len(limits.parity), parity_shift=np.zeros(len(limits.parity)),
+        is_position=data.target == "position", row=family.row_address(),
         growth=growth, **dict.fromkeys(per_signal, np.zeros(n_signals)),
         **dict.fromkeys(("centred", "white"), np.zeros(n_white)), features=np.zeros(k),
         **dict.fromkeys(("position", "correction"), np.full(n_joints, np.nan)),
@@ -111,5 +127,5 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         feature_memory=data.feature_set.start().memory, clock=np.zeros(2), operation=operation,
         source=source, parameter=parameter, slot=slot, trained_lower=data.lower,
         trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
-        measured=[data.signals.index(f"measured/{joint}") for joint in data.joints],
+        measured=[signals.index(f"measured/{joint}") for joint in data.joints],
     )  # fmt: skip

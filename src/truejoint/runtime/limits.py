@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.calibration.training_domain import partners
+from truejoint.calibration.training_domain import TrainingDomain, partners
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import MAX_RATE_RATIO
@@ -27,6 +27,19 @@ DISTANCE_MARGIN: Final = 1.5
 """How much further from the middle than the furthest trained row a sample may be."""
 SPIKE_MARGIN: Final = 3.0
 """How much faster than ever in training a signal may change."""
+BRIEFLY: Final = 3.0
+"""How many times as fast as that a measured position may move within one training time step."""
+JUMP_MARGIN: Final = 3.0
+"""Of what training shows beside smooth motion, how much more a measured position may jump."""
+SLIP_SHARE: Final = 0.5
+"""Of what it may change by, how much a measured position may still differ when it comes back from
+a jump: one that slipped stays a jump until the whole of that has grown to it."""
+PARITY_MARGIN: Final = 2.0
+"""How much further than in training a parity equation may be from its middle."""
+PARITY_FLOOR: Final = 0.02
+"""Share of a joint's trained range of errors that it may be off by at least: less is no matter."""
+PARITY_STEPS: Final = 3.0
+"""Training time steps for which it may be further off before the zero is suspect for good."""
 FROZEN_MARGIN: Final = 3.0
 """How much longer, or further past its partner, than in training a signal may stand still."""
 FROZEN_TRAVEL: Final = 0.25
@@ -55,11 +68,19 @@ class Limits:
     hold: float
     square: float
     reach: Array  # (n_signals,), as what follows
+    jump: Array  # change that takes no time
+    flicker: Array
     signal_lower: Array  # infinite for signals that never changed
     signal_upper: Array
-    partner: Integers  # see `partners`; -1 also where a signal or its partner never changed
-    travel: Array
+    partner: Integers  # see `partners`; itself where there is none
+    travel: Array  # infinite where there is no partner, or a signal or its partner never changed
     moves: Integers
+    is_position_signal: Integers  # 1 for measured positions
+    parity: Array  # (n_equations, n_signals)
+    parity_intercept: Array  # (n_equations,)
+    parity_lower: Array
+    parity_upper: Array
+    patience: float
     domain_mean: Array  # (k,)
     whitening: Array  # lower triangle (n_white, n_white)
     feature_lower: Array  # (k,), infinite for features that never changed
@@ -89,8 +110,13 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low
-    partner = partners(data.signals)
-    partner = np.where(moves & (partner >= 0) & moves[partner], partner, -1)
+    signals = data.loop_signals
+    partner = partners(signals)
+    watched = moves & (partner >= 0) & moves[partner]
+    partner = np.where(watched, partner, np.arange(len(signals)))
+    is_position = np.array([signal.startswith("measured/") for signal in signals])
+    reach = np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf)
+    jump = np.where(is_position, np.minimum(JUMP_MARGIN * seen.signal_bend, reach), reach)
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
@@ -103,12 +129,17 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         training_dt=seen.dt,
         hold=max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt),
         square=distance * distance,
-        reach=np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf),
+        reach=reach,
+        jump=jump,
+        flicker=seen.signal_flicker,
         signal_lower=np.where(moves, lower, -np.inf),
         signal_upper=np.where(moves, upper, np.inf),
         partner=partner,
-        travel=allowed * (high - low)[partner],
+        travel=np.where(watched, allowed * (high - low)[partner], np.inf),
         moves=moves.astype(np.int64),
+        is_position_signal=is_position.astype(np.int64),
+        **_parity(data, seen),
+        patience=PARITY_STEPS * seen.dt,
         domain_mean=seen.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
         whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
@@ -117,6 +148,22 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )
+
+
+def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[str, Array]:
+    """Parity equations with their bounds; one that always holds where there are none."""
+    equations = data.parity
+    if equations is None:
+        one, far = np.zeros(1), np.full(1, np.inf)
+        matrix, intercept, lower, upper = np.zeros((1, len(data.loop_signals))), one, -far, far
+    else:
+        matrix, intercept = equations.matrix, equations.intercept
+        floor = PARITY_FLOOR * (seen.error_upper - seen.error_lower)[equations.joint.astype(int)]
+        middle = 0.5 * (equations.lower + equations.upper)
+        half = PARITY_MARGIN * (equations.upper - middle) + floor
+        lower, upper = middle - half, middle + half
+    names = ("parity", "parity_intercept", "parity_lower", "parity_upper")
+    return dict(zip(names, (matrix, intercept, lower, upper), strict=True))
 
 
 def _widened(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:

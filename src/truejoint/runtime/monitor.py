@@ -32,7 +32,7 @@ from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
-from truejoint.layout import Layout
+from truejoint.layout import Layout, refuse_copy
 from truejoint.models.features import FeatureState
 from truejoint.models.products import weighted
 
@@ -234,6 +234,8 @@ class Monitor:
         self.innovation(1.0, 1)
         self.reset()
 
+    __reduce__ = refuse_copy
+
     @property
     def watched(self) -> tuple[str, ...]:
         """Joints whose efforts are compared with the baseline."""
@@ -272,16 +274,18 @@ class Monitor:
     def step(self, t: float, sample: ArrayLike) -> int:
         """Take one `sample` (n_signals,), taken at `t` [s]; returns the `Alarm`.
 
-        It holds the values of the calibration's `signals`, in their order and units. One that does
-        not advance the time, or is not finite, is passed over; CalibrationError for a wrong size.
+        It holds the values of a corrector's `signals`, in their order and units, or of the first of
+        these, the calibration's. One that does not advance the time, or is not finite, is passed
+        over; CalibrationError for a wrong size.
         """
-        values, signals = np.asarray(sample, dtype=np.float64), self._calibration.signals
-        if values.shape != (len(signals),):
+        values, calibration = np.asarray(sample, dtype=np.float64), self._calibration
+        n, signals = len(calibration.signals), calibration.loop_signals
+        if values.shape not in ((n,), (len(signals),)):
             raise CalibrationError(
-                f"sample has shape {values.shape}; it must hold the {len(signals)} signals "
-                f"{', '.join(signals)}"
+                f"sample has shape {values.shape}; it must hold the {n} signals "
+                f"{', '.join(signals[:n])}"
             )
-        return int(self._advance(float(t), values))
+        return int(self._advance(float(t), values[:n]))
 
     def innovation(self, squared: float, degrees: int) -> int:
         """Take the normalised innovation squared of a filter's update; returns the `Alarm`.

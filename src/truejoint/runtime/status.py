@@ -40,3 +40,6 @@ class Status(IntFlag):
     """Nobody has said that the robot is homed: positions mean nothing."""
     HOMED_AGAIN = 1024
     """The robot was homed again: its positions are shifted against those of the calibration."""
+    ZERO_SUSPECT = 2048
+    """A measured position has jumped, or contradicts what else is known of the joint: its zero may
+    have moved."""

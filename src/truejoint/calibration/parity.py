@@ -1,0 +1,153 @@
+"""Parity equations: what holds between a joint's reading and other signals while all are right.
+
+Encoders at the motors, a second encoder of the joint and the set point say, each in its way, where
+a joint is. A linear combination of them that stays near zero is a parity equation (Chow and
+Willsky, IEEE Transactions on Automatic Control 29(7), 1984); once it does not, one of them is
+wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.calibration.model_file import decode_arrays
+from truejoint.errors import ModelFileError
+
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
+
+REDUNDANT: Final = ("motor", "driver", "setpoint")
+"""Quantities that say where a joint is, beside its measured position."""
+
+_USEFUL: Final = 0.1  # of a joint's range, that an equation may be off by in training at most
+_BETTER: Final = 0.5  # of the deviation with the joint's own channel, to bring in other channels
+_DROPPED: Final = 1.1  # by what the deviation may grow for a column that is left out
+_ROUNDING: Final = 1e-9  # of a joint's range, below which a deviation is rounding
+_FITTED_ROWS: Final = 20_000
+
+
+@dataclass(frozen=True, eq=False)
+class ParityEquations:
+    """Equations ``matrix @ sample + intercept = 0``, and how far off they were in training."""
+
+    matrix: Array  # (n_equations, n_signals)
+    intercept: Array  # (n_equations,) [rad or m]
+    lower: Array  # (n_equations,), extremes of the left side over all training rows [rad or m]
+    upper: Array
+    joint: Array  # (n_equations,), index of the joint that each is about
+
+
+def redundant_columns(recordings: Sequence[Recording]) -> dict[str, str]:
+    """Give the unit of each column, by name, that is in all recordings and may be redundant."""
+    first = recordings[0].units
+    return {
+        column: unit
+        for column, unit in first.items()
+        if column.partition("/")[0] in REDUNDANT
+        and all(recording.units.get(column) == unit for recording in recordings)
+    }
+
+
+def fit_parity_equations(
+    recordings: Sequence[Recording],
+    joints: Sequence[str],
+    signals: Sequence[str],
+    columns: Mapping[str, str],
+) -> tuple[ParityEquations | None, dict[str, str]]:
+    """Parity equations of each joint with each quantity among `columns` (their units by name).
+
+    Gives them for samples of `signals` followed by the columns that they need, and the units of
+    those; None and nothing where no column says where a joint is.
+    """
+    tables = {
+        name: np.concatenate([recording.column(name) for recording in recordings])
+        for name in dict.fromkeys((*columns, *(f"measured/{joint}" for joint in joints)))
+    }
+    found = list(_equations(tables, joints, columns))
+    used = [c for c in columns if any(c in weights for _, weights, _, _ in found)]
+    names = list(dict.fromkeys((*signals, *used)))
+    if not found:
+        return None, {}
+    matrix = np.zeros((len(found), len(names)))
+    for row, (_, weights, _, _) in zip(matrix, found, strict=True):
+        for name, weight in weights.items():
+            row[names.index(name)] = weight
+    joint, _, intercept, rest = zip(*found, strict=True)
+    lower, upper = np.transpose([(r.min(), r.max()) for r in rest])
+    equations = ParityEquations(matrix, np.array(intercept), lower, upper, np.array(joint, float))
+    return equations, {name: columns[name] for name in names[len(signals) :]}
+
+
+def decode_parity_equations(
+    arrays: Mapping[str, Array], n_signals: int, n_joints: int
+) -> ParityEquations:
+    """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
+    n = len(arrays.get("intercept", ()))
+    shapes = dict.fromkeys(("intercept", "lower", "upper", "joint"), (n,))
+    shapes["matrix"] = (n, n_signals)  # type: ignore[assignment]
+    equations = decode_arrays(ParityEquations, "parity equations", arrays, shapes)
+    joints = np.isin(equations.joint, np.arange(n_joints)).all()
+    if not joints or (equations.lower > equations.upper).any():
+        raise ModelFileError("the parity equations are inside out")
+    return equations
+
+
+def _equations(
+    tables: Mapping[str, Array], joints: Sequence[str], columns: Mapping[str, str]
+) -> Iterator[tuple[int, dict[str, float], float, Array]]:
+    """Joint, weights by column, intercept, and the left side at every row, of each equation."""
+    varying = [name for name in columns if np.ptp(tables[name]) > 0.0]
+    for k, joint in enumerate(joints):
+        position = tables[f"measured/{joint}"]
+        scale = float(np.ptp(position))
+        for quantity in REDUNDANT:
+            same = [name for name in varying if name.partition("/")[0] == quantity]
+            own = [name for name in same if name == f"{quantity}/{joint}"]
+            chosen = _chosen_columns(tables, position, own, same, _ROUNDING * scale)
+            if not chosen:
+                continue
+            coef, intercept = _regress(tables, position, chosen)
+            rest = position - sum(c * tables[n] for n, c in coef.items()) - intercept
+            if np.ptp(rest) <= _USEFUL * scale:
+                weights = {f"measured/{joint}": 1.0} | {n: -c for n, c in coef.items()}
+                yield k, weights, -intercept, rest
+
+
+def _chosen_columns(
+    tables: Mapping[str, Array], position: Array, own: list[str], same: list[str], rounding: float
+) -> list[str]:
+    """Columns of the joint's own channel, or of as many as it takes where cables are coupled."""
+
+    def deviation(names: list[str]) -> float:
+        coef, intercept = _regress(tables, position, names)
+        fitted = sum((c * tables[n] for n, c in coef.items()), np.zeros(len(position)))
+        return max(float(np.std(position - fitted - intercept)), rounding)
+
+    alone = deviation(own)
+    least = deviation(same)
+    if least > _BETTER * alone:
+        return own
+    chosen = list(same)
+    for name in same:
+        rest = [other for other in chosen if other != name]
+        if deviation(rest) <= _DROPPED * least:
+            chosen = rest
+    return chosen
+
+
+def _regress(
+    tables: Mapping[str, Array], position: Array, names: list[str]
+) -> tuple[dict[str, float], float]:
+    """Coefficient of each column and intercept, by least squares."""
+    some = slice(None, None, len(position) // _FITTED_ROWS + 1)
+    X = np.column_stack([np.ones(len(position[some])), *(tables[n][some] for n in names)])
+    middle, spread = X.mean(axis=0), X.std(axis=0)
+    middle[0], spread[0] = 0.0, 1.0
+    coef = np.linalg.lstsq((X - middle) / spread, position[some], rcond=None)[0] / spread
+    intercept = float(coef[0] - middle[1:] @ coef[1:])
+    return dict(zip(names, coef[1:].tolist(), strict=True)), intercept
