@@ -8,9 +8,9 @@ import pytest
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation import Evaluation, check_data, evaluate
+from truejoint.evaluation import Evaluation, evaluate
 from truejoint.evaluation.evaluate import unique_names
-from truejoint.recordings.recording import Recording
+from truejoint.recordings import Recording, check_data
 from truejoint.robots import get_robot
 
 ROBOTS = ["raven2", "davinci_grasper", "dvrk_psm", "kuka_kr300"]

@@ -123,12 +123,12 @@ def fit(
     training: Sequence[truejoint.Recording],
     estimator: truejoint.estimators.JointRegressor,
     **how: Any,
-) -> tuple[truejoint.Calibration, truejoint.evaluation.DataCheck]:
+) -> tuple[truejoint.Calibration, truejoint.recordings.DataCheck]:
     """Check the recordings, say what was found, and fit, showing progress.
 
     `how` is as `truejoint.calibrate` takes it.
     """
-    check = truejoint.evaluation.check_data(training)
+    check = truejoint.recordings.check_data(training)
     for finding in check.findings:
         if finding.level != "info":
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")

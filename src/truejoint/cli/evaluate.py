@@ -88,7 +88,7 @@ def report_evaluation(
 ) -> None:
     """Check the data and write the report, showing progress."""
     with progress(f"Writing {path}"):
-        check_data = truejoint.evaluation.check_data
+        check_data = truejoint.recordings.check_data
         checks = {"test": check_data(testing, calibration=model)}
         if training:
             checks["training"] = check_data(training, joints=model.joints)

@@ -14,9 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from truejoint.array_types import Mask
-from truejoint.evaluation.data_check import DataCheck, JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation, estimator_title, known_loads
+from truejoint.recordings.data_check import DataCheck, JointCoverage
 from truejoint.units import DisplayUnit, display_unit
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
@@ -315,7 +315,8 @@ def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
 
     Examples
     --------
-    >>> [column.header for column in findings_table(check_data(training)).columns]
+    >>> check = truejoint.recordings.check_data(training)
+    >>> [column.header for column in findings_table(check).columns]
     ['level', 'found', 'where', 'what to do']
     """
     table = Table(title=title)

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.data_check import (
+from truejoint.models import FeatureSet
+from truejoint.recordings.data_check import (
     DataCheck,
     Finding,
     check_data,
     joint_coverage,
     outside_share,
 )
-from truejoint.models import FeatureSet
 from truejoint.recordings.recording import Provenance, Recording
 
 

@@ -6,16 +6,18 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration import Calibration
 from truejoint.errors import RecordingError
-from truejoint.evaluation.results import json_values
-from truejoint.evaluation.signals import GAP_STEPS, direction, gaps, velocity
 from truejoint.recordings.recording import Recording, as_recordings, runs
+from truejoint.recordings.signals import GAP_STEPS, direction, gaps, velocity
+from truejoint.summary import json_values
+
+if TYPE_CHECKING:  # what it is called on says the rest
+    from truejoint.calibration import Calibration
 
 _ORDER: Final = {"fail": 0, "warn": 1, "info": 2}
 _BINS: Final = 20
