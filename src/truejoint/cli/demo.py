@@ -11,7 +11,8 @@ import truejoint
 from truejoint.cli.calibrate import configured, fit
 from truejoint.cli.collect import record
 from truejoint.cli.console import out, progress, result_json, say
-from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation, show
+from truejoint.cli.data import CHECK_FAILED, checked
+from truejoint.cli.evaluate import report_evaluation, show
 from truejoint.cli.options import Json, Seed
 from truejoint.estimators.registry import DEFAULT
 
@@ -58,13 +59,17 @@ def demo(
     test = recorded(motion, "random", "   Following the random motion")
 
     say("4. The network of peng2024 and, beside it, offset, linear and polynomial regression")
-    model, _ = fit(training, configured(DEFAULT, []), random_state=seed)
+    model = fit(training, configured(DEFAULT, []), random_state=seed)
     truejoint.write_calibration(model, folder / "left_arm.safetensors", overwrite=True)
 
     say("5. Judging it on the random motion")
     with progress("   Correcting and comparing with the joint encoders"):
         result = truejoint.evaluate(model, test)
-    report_evaluation(result, folder / "report.html", model, [test], training, force=True)
+    checks = {
+        "test": checked([test], (), model=model),
+        "training": checked(training, (), joints=model.joints),
+    }
+    report_evaluation(result, folder / "report.html", checks, training, force=True)
     if as_json:
         result_json(result.to_dict())
     else:
