@@ -14,7 +14,7 @@ import argparse
 import numpy as np
 
 from truejoint import calibrate, evaluate
-from truejoint.crtk import simulated_arm
+from truejoint.crtk import Arm, simulated_arm
 from truejoint.evaluation import Evaluation
 from truejoint.motion import DIRECTIONS, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
@@ -40,19 +40,22 @@ PAPER = {
 METHODS = ("dnn", "poly2", "linear", "offset", "raw")
 
 
+def record_motion(arm: Arm, trajectory: Trajectory, homing_id: str) -> Recording:
+    """Record an arm that follows a trajectory."""
+    with Recorder(arm, session=trajectory.name, homing_id=homing_id) as recorder:
+        follow(arm, trajectory)
+    return recorder.recording()
+
+
 def session(direction: str, twin_seed: int) -> tuple[list[Recording], Recording]:
     """Training and test recordings of one homing."""
     arm = simulated_arm("raven2", "left", seed=twin_seed)
     arm.enable()
     arm.home()
-
-    def record(trajectory: Trajectory) -> Recording:
-        with Recorder(arm, session=trajectory.name, homing_id=str(twin_seed)) as recorder:
-            follow(arm, trajectory)
-        return recorder.recording()
-
-    training = [record(zigzag(arm.robot, direction, 1 / n)) for n in (4, 5, 6)]
-    return training, record(random_motion(arm.robot, seed=1000 + twin_seed))
+    paths = [zigzag(arm.robot, direction, 1 / n) for n in (4, 5, 6)]
+    paths.append(random_motion(arm.robot, seed=1000 + twin_seed))
+    *training, test = (record_motion(arm, path, str(twin_seed)) for path in paths)
+    return training, test
 
 
 def direction_row(direction: str, seeds: int, twin_seed: int) -> Evaluation:

@@ -21,8 +21,8 @@ _LOWPASS: Final = (0.05, 0.5)  # s
 _RIDGE: Final = 1e-4  # of the rows, for standardised columns
 _ROUNDS: Final = 8
 _BISQUARE: Final = 4.685  # spreads; 95 % efficient for normal noise (Beaton and Tukey, 1974)
-# No spread counts as less, as a share of the range of what is explained: rounding is no finding.
-_FINEST: Final = {"truth": 1e-5}
+# No spread counts as less, as a share of the joint's range: rounding is no finding.
+_FINEST: Final = 1e-5
 _FINEST_OF_OTHERS: Final = 1e-3
 
 
@@ -40,13 +40,15 @@ class Sample:
 class Explained:
     """Robust linear model of one joint; a zero of its own for each recording.
 
-    What is explained is truth minus measured, or the column of another `quantity` of that joint.
+    What is explained is truth minus measured, or another `quantity` of that joint, less the ratio
+    of the two times measured.
     Bisquare ridge regression on positions (the own one to its cube), plays of the own one,
     low-passed efforts, and where rows are far apart the positions before.
     """
 
     joint: str
     quantity: str
+    ratio: float
     features: FeatureSet
     centre: Array  # (k,)
     scale: Array  # (k,), 1 where an input does not change
@@ -63,17 +65,19 @@ class Explained:
         values = self.features.compute(recording)
         own, slopes = _own(values), self.coefficients / self.scale
         explained = values @ slopes[:-2] + own**2 * (slopes[-2] + own * slopes[-1])
-        residual = _target(recording, self.joint, self.quantity) - explained
+        target = _target(recording, self.joint, self.quantity, self.ratio)
+        residual = target - explained
         return np.asarray(residual - np.nanmedian(residual))
 
 
 def explain(recordings: Sequence[Recording], joint: str, quantity: str = "truth") -> Explained:
     """Fit truth minus measured of `joint`, or another `quantity` that each recording has."""
     features = _features(recordings, joint, quantity)
+    ratio = 1.0 if quantity == "truth" else _ratio(recordings, joint, quantity)
     most = max(200, _MOST_ROWS // len(recordings))
     parts: list[tuple[Integers, Array, Array]] = []
     for recording in recordings:
-        error = _target(recording, joint, quantity)
+        error = _target(recording, joint, quantity, ratio)
         known = np.flatnonzero(np.isfinite(error))
         rows = known[:: max(1, -(-len(known) // most))]
         values = features.compute(recording)
@@ -83,10 +87,11 @@ def explain(recordings: Sequence[Recording], joint: str, quantity: str = "truth"
     groups = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     centre, scale = inputs.mean(axis=0), inputs.std(axis=0)
     scale[scale == 0.0] = 1.0
-    least = max(_FINEST.get(quantity, _FINEST_OF_OTHERS) * float(np.ptp(error)), 1e-12)
+    finest = _FINEST if quantity == "truth" else _FINEST_OF_OTHERS
+    least = max(finest * abs(ratio) * float(np.ptp(inputs[:, 0])), 1e-12)
     coefficients, weights, spread = _bisquare((inputs - centre) / scale, error, groups, least)
     samples = tuple(Sample(*part, weights[groups == k]) for k, part in enumerate(parts))
-    return Explained(joint, quantity, features, centre, scale, coefficients, spread, samples)
+    return Explained(joint, quantity, ratio, features, centre, scale, coefficients, spread, samples)
 
 
 def robust_spread(values: Array) -> float:
@@ -94,9 +99,18 @@ def robust_spread(values: Array) -> float:
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
-def _target(recording: Recording, joint: str, quantity: str) -> Array:
-    values = recording.column(f"{quantity}/{joint}")
-    return values - recording.column(f"measured/{joint}") if quantity == "truth" else values
+def _target(recording: Recording, joint: str, quantity: str, ratio: float) -> Array:
+    measured = recording.column(f"measured/{joint}")
+    return recording.column(f"{quantity}/{joint}") - ratio * measured
+
+
+def _ratio(recordings: Sequence[Recording], joint: str, quantity: str) -> float:
+    """Median over recordings of how much a quantity changes for each unit of the measured one."""
+    pairs = ((r.column(f"{quantity}/{joint}"), r.column(f"measured/{joint}")) for r in recordings)
+    ratios = [
+        np.dot(x - x.mean(), y - y.mean()) / max(np.var(y) * len(y), 1e-300) for x, y in pairs
+    ]
+    return float(np.median(ratios))
 
 
 def _features(recordings: Sequence[Recording], joint: str, explained: str) -> FeatureSet:

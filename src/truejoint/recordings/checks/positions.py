@@ -88,7 +88,7 @@ def _judge_truth(
         truth = recording.column(column).copy()
         truth[steps.outliers] = np.nan
         cleaned.append(replace(recording, table=recording.table.assign(**{column: truth})))
-    return cleaned, seen + _judge_zeros(recordings, explained, "zero")
+    return cleaned, seen + _judge_zeros(recordings, explained, "zero", seen)
 
 
 def _judge_steps(
@@ -117,8 +117,11 @@ def _judge_steps(
         yield Defect(level, kind, what, column, advice, rows, abs(float(rise)))
 
 
-def _judge_zeros(recordings: Sequence[Recording], explained: Explained, name: str) -> list[Seen]:
-    """Find recordings whose zero is not that of the others."""
+def _judge_zeros(
+    recordings: Sequence[Recording], explained: Explained, name: str, steps: Sequence[Seen]
+) -> list[Seen]:
+    """Find recordings whose zero is not that of the others, nor seen to step within them."""
+    stepped = {id(recording) for defect, recording in steps if defect.name == name}
     if len(recordings) < 2:
         return []
     zeros = left_out_zeros(explained)
@@ -127,29 +130,29 @@ def _judge_zeros(recordings: Sequence[Recording], explained: Explained, name: st
         _MOVED * zeros.spread, _MOVED_OF_SCATTER * zeros.scatter, _MOVED_OF_NOISE * explained.spread
     )
     seen = []
-    for recording, offset in zip(recordings, zeros.offsets.tolist(), strict=True):
-        if abs(offset) > limit:
-            # Of two, each is seen from the other.
-            apart = shown(offset * (2 if len(recordings) == 2 else 1), recording.units[column])
-            what = f"its zero is {apart} off that of the others"
+    for number in np.flatnonzero(np.abs(zeros.offsets) > limit):
+        recording, apart = recordings[number], float(zeros.apart[number])
+        if id(recording) not in stepped:
+            what = f"its zero is {shown(apart, recording.units[column])} off that of the others"
             advice = "re-zero, calibrate each homing on its own, or give each recording its zero"
-            defect = Defect("fail", name, what, column, advice, size=abs(offset))
+            defect = Defect("fail", name, what, column, advice, size=abs(apart))
             seen.append((defect, recording))
     return seen[:1] if len(recordings) == 2 else seen
 
 
-def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> Iterable[Seen]:
+def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Seen]:
     """Two sensors of one joint that disagree, in a recording or from a row on."""
     column = f"{quantity}/{joint}"
     known = [r for r in recordings if column in r.units and np.ptp(r.column(column)) > 0.0]
     if not known:
-        return
+        return []
     explained = explain(known, joint, quantity)
+    seen: list[Seen] = []
     for recording in known:
         steps = find_steps(recording, explained, _STEP_OF_REDUNDANT)
-        for defect in _judge_steps(recording, explained, steps, "redundant"):
-            yield defect, recording
-    yield from _judge_zeros(known, explained, "redundant")
+        defects = _judge_steps(recording, explained, steps, "redundant")
+        seen += [(defect, recording) for defect in defects]
+    return seen + _judge_zeros(known, explained, "redundant", seen)
 
 
 def _judge_delay(truths: Sequence[tuple[list[Recording], Explained]]) -> Iterable[Finding]:

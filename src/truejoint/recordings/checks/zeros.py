@@ -17,8 +17,13 @@ _RIDGE: Final = 1e-2  # of the rows, for standardised columns: a recording left 
 class Zeros:
     """Median residuals of recordings, each by a model that was fitted to the others."""
 
-    offsets: Array  # (n,), about their median [rad or m]
+    apart: Array  # (n,), each from what the others predict [rad or m]
     spread: float  # of a left-out recording's residual about its median, the median of all
+
+    @property
+    def offsets(self) -> Array:
+        """Those about their median (n,): one that moved shifts what is predicted of the others."""
+        return np.asarray(self.apart - np.median(self.apart))
 
     @property
     def scatter(self) -> float:
@@ -42,4 +47,4 @@ def left_out_zeros(explained: Explained) -> Zeros:
         residual = sample.error - design @ np.linalg.solve(others, all_right - own_right)
         medians.append(float(np.median(residual)))
         spreads.append(robust_spread(residual))
-    return Zeros(np.array(medians) - np.median(medians), float(np.median(spreads)))
+    return Zeros(np.array(medians), float(np.median(spreads)))
