@@ -3,9 +3,9 @@
     python -m benchmarks.training_outliers [--datasets NAME ...] [--estimators linear dnn]
                                            [--seeds FROM:TO]
 
-Two percent of the training rows of each joint are off by 10 to 60 spreads of what the robot's signals
-leave unexplained. Prints the held-out RMSE as a multiple of that of the clean fit, joint by joint,
-the spread of the clean fit over seeds of the network, and how many honest rows a clean fit leaves out.
+Two percent of the training rows of each joint are off by 10 to 60 spreads of what the robot's
+signals leave unexplained. Prints the held-out RMSE as a multiple of that of the clean fit, joint by
+joint, the spread of the clean fit over seeds, and how many honest rows a clean fit leaves out.
 """
 
 from __future__ import annotations

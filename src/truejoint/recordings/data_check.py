@@ -123,7 +123,7 @@ def check_data(
     ]
     findings = [
         *one_line_each(columns, recordings),
-        *judge_positions(recordings, joints, _wrapped(columns)),
+        *judge_positions(recordings, joints, _broken(columns)),
         *(finding for row in coverage for finding in judge_coverage(row)),
         *_judge_sessions(recordings),
         *(_judge_extrapolation(recordings, model) if model else ()),
@@ -135,12 +135,12 @@ def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(findings, key=lambda finding: ORDER[finding.level]))
 
 
-def _wrapped(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:
-    """Find recordings, by identity, and joints whose steps are turns of an encoder."""
+def _broken(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:
+    """Find recordings, by identity, and joints whose sensors are not to be judged further."""
     return {
         (id(recording), defect.where.partition("/")[2])
         for defect, recording in columns
-        if defect.name == "wrap"
+        if defect.name in ("wrap", "frozen", "saturated")
     }
 
 

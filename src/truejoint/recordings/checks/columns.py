@@ -141,31 +141,37 @@ def _stands(
     only a little: at a turning point with slack it moves back.
     """
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
-        repeats, span = runs(np.diff(still) == 0.0), float(np.ptp(other))
-        first, last = max(repeats, key=lambda run: run[1] - run[0], default=(0, 0))
-        if span > 0.0 and np.ptp(other[first : last + 1]) > 0.25 * span:  # less may be slack
+        span = float(np.ptp(other))
+        repeats = runs(np.diff(still) == 0.0)
+        if not repeats or span == 0.0:
+            continue
+        way = float(np.sign(np.corrcoef(truth, measured)[0, 1])) if np.ptp(still) > 0.0 else 0.0
+        clipped = [
+            run
+            for end, outwards in ((still.max(), way), (still.min(), -way))
+            for run in repeats
+            if still[run[0]] == end and _moves_on(outwards * other, *run) > _SATURATED * span
+        ]
+        first, last = max(repeats, key=lambda run: run[1] - run[0])
+        if clipped:
+            held = sum(b + 1 - a for a, b in clipped)
+            what = f"{count(held, 'row')} stand at an end of its range, while the joint moves on"
+            advice = "the sensor is saturated; keep inside its range or cut the rows out"
+            where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
+            share = held / len(still)
+            yield Defect("fail", "saturated", what, f"{name}/{joint}", advice, where, share)
+        elif np.ptp(other[first : last + 1]) > 0.25 * span:  # less may be honest slack
             seconds = float(t[last] - t[first])
             what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
                 "the joint moves"
             )
             advice = "check the sensor; cut the stretch out before fitting or judging"
-            where: Rows = ((int(rows[first]), int(rows[last]) + 1),)
-            yield Defect("fail", "frozen", what, f"{name}/{joint}", advice, where, seconds)
-            continue
-        way = np.sign(np.corrcoef(truth, measured)[0, 1]) if np.ptp(still) > 0.0 else 0.0
-        for end, outwards in ((still.max(), way), (still.min(), -way)):
-            clipped = [
-                (a, b)
-                for a, b in repeats
-                if still[a] == end
-                and np.max(outwards * (other[a : b + 1] - other[a])) > _SATURATED * span
-                and np.max(outwards * (other[a : b + 1] - other[b])) > _SATURATED * span
-            ]
-            if clipped:
-                held = sum(b + 1 - a for a, b in clipped)
-                what = f"{count(held, 'row')} stand at its end, {end:.4g}, while the joint moves on"
-                advice = "the sensor is saturated; keep inside its range or cut the rows out"
-                where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
-                share = held / len(still)
-                yield Defect("fail", "saturated", what, f"{name}/{joint}", advice, where, share)
+            stretch: Rows = ((int(rows[first]), int(rows[last]) + 1),)
+            yield Defect("fail", "frozen", what, f"{name}/{joint}", advice, stretch, seconds)
+
+
+def _moves_on(outwards: Array, first: int, last: int) -> float:
+    """How far outwards from both ends of a stretch a quarter of its rows are."""
+    within = outwards[first : last + 1]
+    return float(np.quantile(within, 0.75) - max(within[0], within[-1]))

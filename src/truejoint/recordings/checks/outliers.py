@@ -17,7 +17,7 @@ _STEP: Final = 5.0  # spreads of the residual
 _STEP_OF_SLOW: Final = 8.0  # where rows are far apart, honest ones step too
 _BACK: Final = 0.7  # of that step, from where it left
 _NEAR: Final = 10  # rows that show the level on either side of a step that stays
-_LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s
+_LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s, and a step that stays at least
 FEWEST: Final = 50  # rows with truth of which something can be said
 
 
@@ -57,15 +57,15 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
         if len(back) and far[before + back[0]]:
             judged = before + int(back[0]) + 1
             bad[before + 1 : judged] = True
-        elif len(back) == 0 and before + 1 + longest < len(level):
+        elif (len(back) == 0 or back[0] >= _LONGEST) and before + 1 + _LONGEST < len(level):
             near = level[max(0, before + 1 - _NEAR) : before + 1], behind[:_NEAR]
             if abs(np.median(near[0]) - np.median(near[1])) < _BACK * limit:
                 continue
             stays.append(before + 1)
-            judged = before + 1 + longest
+            judged = before + 1 + _LONGEST
     rows, good = np.flatnonzero(bad), np.flatnonzero(~bad)
     size = level[rows] - np.interp(rows, good, level[good])
-    rise = np.array([level[k : k + longest].mean() - level[k - 1] for k in stays])
+    rise = np.array([level[k : k + _LONGEST].mean() - level[k - 1] for k in stays])
     return Steps(known[rows], size, known[np.array(stays, dtype=np.int64)], rise)
 
 

@@ -42,9 +42,9 @@ _SURE: Final = 5.0  # uncertainties
 
 
 def judge_positions(
-    recordings: Sequence[Recording], joints: Sequence[str], wrapped: Collection[tuple[int, str]]
+    recordings: Sequence[Recording], joints: Sequence[str], broken: Collection[tuple[int, str]]
 ) -> Iterable[Finding]:
-    """Judge `joints`; where sign or unit is wrong, or an encoder `wrapped`, no further."""
+    """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further."""
     seen: list[Seen] = []
     judged: dict[str, list[Recording]] = {}
     for joint in joints:
@@ -53,7 +53,7 @@ def judge_positions(
             found = list(judge_scale(recording, joint))
             seen += [(defect, recording) for defect in found]
             sound = not any(d.level == "fail" for d in found)
-            if sound and (id(recording), joint) not in wrapped:
+            if sound and (id(recording), joint) not in broken:
                 judged[joint].append(recording)
     truths: list[tuple[list[Recording], Explained]] = []
     for joint, whole in judged.items():
