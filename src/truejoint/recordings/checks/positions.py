@@ -32,7 +32,7 @@ Seen = tuple[Defect, Recording]
 REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a joint once more
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
 _START: Final = 1.0  # s, in which an arm may still be settling
-_MOVED: Final = 2.5  # spreads of a left-out recording
+_MOVED: Final = 3.0  # spreads of a left-out recording
 _MOVED_OF_SCATTER: Final = 3.0  # and scatters of the zeros of all recordings
 _MOVED_OF_NOISE: Final = 4.0  # and spreads of the residual of all together
 _STEP_OF_REDUNDANT: Final = 0.6  # of the step that counts for the truth, which is noisier
@@ -108,13 +108,16 @@ def _judge_steps(
         level: Level = "fail" if weight > _MISLEADS * explained.spread else "warn"
         yield Defect(level, "outliers", what, column, advice, rows, weight)
     t = recording.t
+    slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     for row, rise in zip(steps.stays, steps.rise, strict=True):
         begins = t[row] - t[0] < _START
         what = f"it jumps by {shown(float(rise), unit)} at row {row} and stays"
         advice = "cut the start off" if begins else "cut the recording there, or record again"
         rows = ((int(row), int(row) + 1),)
-        level, kind = "warn" if begins else "fail", "start" if begins else name
-        yield Defect(level, kind, what, column, advice, rows, abs(float(rise)))
+        kind, harmless = "start" if begins else name, begins or slow
+        yield Defect(
+            "warn" if harmless else "fail", kind, what, column, advice, rows, abs(float(rise))
+        )
 
 
 def _judge_zeros(
@@ -130,7 +133,7 @@ def _judge_zeros(
         _MOVED * zeros.spread, _MOVED_OF_SCATTER * zeros.scatter, _MOVED_OF_NOISE * explained.spread
     )
     seen = []
-    for number in np.flatnonzero(np.abs(zeros.offsets) > limit):
+    for number in np.flatnonzero(np.abs(zeros.offsets) > limit).tolist():
         recording, apart = recordings[number], float(zeros.apart[number])
         if id(recording) not in stepped:
             what = f"its zero is {shown(apart, recording.units[column])} off that of the others"
