@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from truejoint import calibrate, evaluate
-from truejoint.crtk import simulated_arm
+from truejoint.crtk import Arm, simulated_arm
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters
@@ -46,6 +46,13 @@ METHODS = ("dnn", "poly2", "linear", "offset", "raw")
 FITTED_TO = ("J1", "J2-J3")  # directions that the specimen "peng2024" was fitted to
 
 
+def record_motion(arm: Arm, trajectory: Trajectory, homing_id: str) -> Recording:
+    """Record an arm that follows a trajectory."""
+    with Recorder(arm, session=trajectory.name, homing_id=homing_id) as recorder:
+        follow(arm, trajectory)
+    return recorder.recording()
+
+
 def paper(name: str) -> np.ndarray:
     """RMSE (3, 5) in the paper of a direction [deg, deg, mm]."""
     return np.array(PAPER[name.partition(",")[0]])
@@ -56,16 +63,11 @@ def session(name: str, twin: str, seed: int, profile: str) -> tuple[list[Recordi
     arm = simulated_arm("raven2", "left", parameters=twin, seed=seed)
     arm.enable()
     arm.home()
-
-    def record(trajectory: Trajectory) -> Recording:
-        with Recorder(arm, session=trajectory.name) as recorder:
-            follow(arm, trajectory)
-        return recorder.recording()
-
     direction, published = name.partition(",")[0], name == PUBLISHED
     paths = [zigzag(arm.robot, direction, 1 / n, published=published) for n in (4, 5, 6)]
-    training = [record(path) for path in paths]
-    return training, record(random_motion(arm.robot, seed=1000 + seed, profile=profile))
+    paths.append(random_motion(arm.robot, seed=1000 + seed, profile=profile))
+    *training, test = (record_motion(arm, path, str(seed)) for path in paths)
+    return training, test
 
 
 def errors(name: str, seed: int, options: argparse.Namespace) -> np.ndarray:

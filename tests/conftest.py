@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
-from tests.synthetic import build_recording
+from tests.synthetic import build_recording, make_recording
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
@@ -98,6 +98,11 @@ Build = Callable[..., Recording]
 @pytest.fixture(name="build", scope="session")
 def build_fixture() -> Build:
     return build_recording
+
+
+@pytest.fixture(scope="session")
+def recording_of() -> Build:
+    return make_recording
 
 
 @pytest.fixture(scope="session")

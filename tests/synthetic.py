@@ -1,8 +1,9 @@
-"""Small synthetic recordings of a RAVEN-II."""
+"""Small synthetic recordings."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -35,3 +36,41 @@ def build_recording(
     )
     units = {f"effort/{channel}": "Nm" for channel in robot.channels}
     return Recording.from_columns(columns, replace(provenance, **origin), units)
+
+
+def make_recording(
+    robot: str = "raven2",
+    arm: str = "",
+    *,
+    seconds: float = 30.0,
+    rate: float = 30.0,
+    seed: int = 0,
+    effort: bool = True,
+    source: str = "",
+    **provenance: Any,
+) -> Recording:
+    """Sinusoids on every joint; the truth lags behind the motor side by stretch and play."""
+    random = np.random.default_rng(seed)
+    model = get_robot(robot, arm)
+    t = np.arange(round(seconds * rate)) / rate
+    columns: dict[str, np.ndarray] = {"t": t}
+    truths = {}
+    for joint in model.joints:
+        scale = 0.5 if joint.unit == "rad" else 0.04
+        centre = 1.0 if joint.unit == "rad" else 0.38
+        speed, phase = random.uniform(0.4, 1.2), random.uniform(0, 6)
+        position = centre + scale * np.sin(speed * t + phase) * np.cos(0.13 * t)
+        way = np.tanh(8 * np.gradient(position, t) / scale)
+        load = np.cos(position) + 0.4 * way
+        columns[f"measured/{joint.name}"] = position
+        if effort:
+            columns[f"effort/{joint.name}"] = load + random.normal(0, 0.02, len(t))
+        noise = random.normal(0, 0.002 * scale, len(t))
+        truths[joint.name] = position - scale * (0.05 + 0.02 * load + 0.01 * way) + noise
+    for name in model.positioning:
+        columns[f"truth/{name}"] = truths[name]
+    information = Provenance(
+        robot=model.name, arm=model.arm, source=source or f"synthetic-{seed}.csv", **provenance
+    )
+    units = {f"effort/{joint.name}": joint.effort_unit for joint in model.joints} if effort else {}
+    return Recording.from_columns(columns, information, units)

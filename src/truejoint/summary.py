@@ -1,9 +1,13 @@
-"""What a value of the package shows of itself in a terminal and in a notebook."""
+"""What a value of the package shows of itself in a terminal, in a notebook and in JSON."""
 
 from __future__ import annotations
 
+import math
 from abc import abstractmethod
+from collections.abc import Mapping
+from dataclasses import is_dataclass
 from html import escape
+from typing import Any
 
 
 class Summarised:
@@ -25,3 +29,18 @@ class Summarised:
             for label, text in self.summary().items()
         )
         return f"<table><caption>{type(self).__name__}</caption>{''.join(rows)}</table>"
+
+
+def json_values(value: Any) -> Any:
+    """Give what JSON can hold: None for NaN and infinity, lists for tuples, objects for values."""
+    if is_dataclass(value):
+        value = vars(value)
+    if isinstance(value, Mapping):
+        return {str(key): json_values(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [json_values(item) for item in value]
+    if hasattr(value, "tolist"):  # NumPy's
+        return json_values(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

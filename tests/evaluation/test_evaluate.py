@@ -8,9 +8,9 @@ import pytest
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation import Evaluation, check_data, evaluate
+from truejoint.evaluation import Evaluation, evaluate
 from truejoint.evaluation.evaluate import unique_names
-from truejoint.recordings.recording import Recording
+from truejoint.recordings import Recording, check_data
 from truejoint.robots import get_robot
 
 ROBOTS = ["raven2", "davinci_grasper", "dvrk_psm", "kuka_kr300"]
@@ -244,7 +244,7 @@ def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(
         assert own.rmse < below.rmse
     assert any("h2" in remark for remark in evaluation.verdict.remarks)
     assert "0.csv" in evaluate({"linear": [calibration]}, [train[0]]).verdict.text
-    assert not check_data([test], calibration=calibration).failed
+    assert not check_data([test], model=calibration).failed
 
 
 def test_names_of_recordings_are_short_and_unique() -> None:

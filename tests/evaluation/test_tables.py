@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from truejoint.evaluation import check_data, evaluate, findings_table, plot_corrected, score_table
-from truejoint.recordings.recording import Recording
+from truejoint.evaluation import evaluate, findings_table, plot_corrected, score_table
+from truejoint.recordings import Recording, check_data
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])

@@ -41,6 +41,7 @@ from truejoint.models.features import (
     time_steps,
 )
 from truejoint.recordings import Recording
+from truejoint.recordings.checks.outliers import gross_outliers
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
@@ -63,7 +64,8 @@ def calibrate(
 ) -> Calibration:
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
 
-    Rows without truth are left out and counted in the metadata.
+    Rows without truth, and gross outliers of it, are left out and counted in the metadata as
+    ``rows_without_truth`` and ``outliers``.
 
     Parameters
     ----------
@@ -120,7 +122,10 @@ def calibrate(
     parity, redundant_units = fit_parity_equations(recordings, chosen, tuple(units), columns)
     loop_signals = (*units, *redundant_units)
     stride = _stride(fit_rate, dt)
-    parts = [_part(recording, feature_set, chosen, gap_limit, stride) for recording in recordings]
+    parts = [
+        _part(recording, outlying, feature_set, chosen, gap_limit, stride)
+        for recording, outlying in zip(recordings, _outlying(recordings, chosen), strict=True)
+    ]
     X, error, truth = (
         np.concatenate([getattr(part, name)[part.fitted] for part in parts])
         for name in ("features", "error", "truth")
@@ -183,6 +188,7 @@ class _Part:
     truth: Array  # (n, n_joints) [rad or m], not known in every row
     error: Array  # (n, n_joints), truth minus measured
     known: NDArray[np.bool_]  # (n,), where the truth of every joint is
+    outliers: int  # rows that are left out of those
     fitted: Integers  # (m,), rows fitted to of those
 
     def targets(self, target: Target, stride: int) -> Array:
@@ -303,8 +309,15 @@ def _common_units(
     return units
 
 
+def _outlying(recordings: Sequence[Recording], joints: Sequence[str]) -> list[NDArray[np.bool_]]:
+    """Rows (n,) of each recording in which a joint is grossly off its neighbours."""
+    by_joint = [gross_outliers(recordings, joint) for joint in joints]
+    return [np.logical_or.reduce(masks) for masks in zip(*by_joint, strict=True)]
+
+
 def _part(
     recording: Recording,
+    outlying: NDArray[np.bool_],
     feature_set: FeatureSet,
     joints: tuple[str, ...],
     gap_limit: float,
@@ -314,7 +327,11 @@ def _part(
     known = np.asarray(np.isfinite(truth).all(axis=1))
     _check_truth(recording, known, joints)
     features, error = feature_set.compute(recording, gap_limit), recording.error(joints)
-    return _Part(recording, features, truth, error, known, np.flatnonzero(known)[::stride])
+    outliers = int((known & outlying).sum())
+    known &= ~outlying
+    return _Part(
+        recording, features, truth, error, known, outliers, np.flatnonzero(known)[::stride]
+    )
 
 
 def _stride(fit_rate: float | None, dt: float) -> int:
@@ -385,10 +402,14 @@ def _origin(parts: Sequence[_Part]) -> dict[str, Any]:
     for part in parts:
         for array in (part.recording.t, part.features, part.truth, part.error):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
-        counts = {"rows": len(part.fitted), "rows_without_truth": int((~part.known).sum())}
+        counts = {
+            "rows": len(part.fitted),
+            "rows_without_truth": int((~part.known).sum()) - part.outliers,
+            "outliers": part.outliers,
+        }
         duration = {"duration": part.recording.duration}
         sessions.append(session_of(part.recording) | counts | duration)
-    totals = ("rows", "rows_without_truth", "duration")
+    totals = ("rows", "rows_without_truth", "outliers", "duration")
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {

@@ -11,7 +11,8 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.console import command_line, err, out, progress, result_json, say
+from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
 from truejoint.cli.inputs import Files, check_model_free, only_dataset
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import DEFAULT, OWN
@@ -81,6 +82,7 @@ def calibrate(
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
+    accept: Accept = None,
     reader: options.Format = None,
     columns: options.Columns = None,
     robot: options.FilesRobot = None,
@@ -93,6 +95,7 @@ def calibrate(
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_free(output, force)
+    accepted = check_names(accept)
     files = Files(reader, columns, robot, arm)
     dataset = only_dataset(recordings)
     unfitted = configured(estimator, settings or [], dataset)
@@ -105,8 +108,14 @@ def calibrate(
     )
     read_testing, read_unseen = files.find(test or []), files.find(interval or [])
     training, testing, unseen = read_training(), read_testing(), read_unseen()
+    check = checked(training, accepted, joints=joints)
+    if check.failed:
+        err.print(f"truejoint: {why_refused(check)}", style="red", soft_wrap=True)
+        if as_json:
+            result_json({"model": None, "check": check.to_dict()})
+        raise typer.Exit(CHECK_FAILED)
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
-    fitted, check = fit(training, unfitted, **how, random_state=seed)
+    fitted = fit(training, unfitted, **how, random_state=seed)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
@@ -124,18 +133,13 @@ def fit(
     training: Sequence[truejoint.Recording],
     estimator: truejoint.estimators.JointRegressor,
     **how: Any,
-) -> tuple[truejoint.Calibration, truejoint.evaluation.DataCheck]:
-    """Check the recordings, say what was found, and fit, showing progress.
-
-    `how` is as `truejoint.calibrate` takes it.
-    """
-    check = truejoint.evaluation.check_data(training)
-    for finding in check.findings:
-        if finding.level != "info":
-            say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
+) -> truejoint.Calibration:
+    """Fit, showing progress; `how` is as `truejoint.calibrate` takes it."""
     with progress(f"Fitting {estimator.name}") as done:
         fitted = truejoint.calibrate(training, estimator, progress=done, **how)
-    return fitted.with_metadata(command=command_line()), check
+    if fitted.metadata["outliers"]:
+        say(f"  left out as gross outliers of the truth: {fitted.metadata['outliers']} rows")
+    return fitted.with_metadata(command=command_line())
 
 
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:

@@ -10,7 +10,7 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, print_table, progress, result_json, say
-from truejoint.cli.evaluate import CHECK_FAILED
+from truejoint.cli.data import CHECK_FAILED
 from truejoint.cli.inputs import Files, check_model_free
 from truejoint.errors import RecordingError
 from truejoint.units import with_unit

@@ -14,7 +14,8 @@ import truejoint
 from truejoint.cli.calibrate import configured, fit
 from truejoint.cli.collect import record
 from truejoint.cli.console import out, print_table, progress, result_json, say
-from truejoint.cli.evaluate import CHECK_FAILED, report_evaluation
+from truejoint.cli.data import CHECK_FAILED, checked
+from truejoint.cli.evaluate import report_evaluation
 from truejoint.cli.options import Json, Seed
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
@@ -60,7 +61,7 @@ def demo(
     training, tests, short = recordings.training, recordings.tests, recordings.short
     say("6. The network of peng2024, and beside it offset, linear and polynomial regression")
     models = [
-        fit(training, configured(DEFAULT, []), random_state=seed + k)[0] for k in range(NETWORKS)
+        fit(training, configured(DEFAULT, []), random_state=seed + k) for k in range(NETWORKS)
     ]
     models[0] = truejoint.calibration.with_interval(
         models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO
@@ -78,7 +79,11 @@ def demo(
     coverage = truejoint.calibration.measure_coverage(models[0], short[MAKING:], LEVEL)
     same_homing = [tests["inside"], tests["all over"]]
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE)
-    report_evaluation(whole, folder / "report.html", models[0], same_homing, training, force=True)
+    checks = {
+        "test": checked(same_homing, (), model=models[0]),
+        "training": checked(training, (), joints=models[0].joints),
+    }
+    report_evaluation(whole, folder / "report.html", checks, training, force=True)
     say(f"8. The same on a real robot: {datasets.DATASETS[REAL].title}")
     real = on_a_real_robot()
     chosen = advised(judged.values())

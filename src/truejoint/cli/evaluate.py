@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -10,11 +10,10 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.console import command_line, err, out, progress, result_json, say
+from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
 from truejoint.cli.inputs import Files, check_writable, parse_tolerances
 from truejoint.errors import CalibrationError
-
-CHECK_FAILED = 1
 
 
 def evaluate(
@@ -41,6 +40,7 @@ def evaluate(
         ),
     ] = None,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
+    accept: Accept = None,
     reader: options.Format = None,
     columns: options.Columns = None,
     robot: options.FilesRobot = None,
@@ -55,6 +55,7 @@ def evaluate(
         from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
 
         check_writable(check_name(report), force, "--report")
+    accepted_names = check_names(accept)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     files = Files(reader, columns, robot, arm, models[0])  # a model may carry its robot
     first = models[0]
@@ -67,33 +68,34 @@ def evaluate(
     read_testing = files.find(recordings, part=part, split=split)
     read_training = files.find(training or [])
     testing, shown = read_testing(), read_training()
+    checks = {"test": checked(testing, accepted_names, model=first)}
+    if shown:
+        checks["training"] = checked(shown, accepted_names, joints=first.joints)
     with progress("Judging"):
         result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
     if report is not None:
-        report_evaluation(result, report, first, testing, shown, force=force)
+        report_evaluation(result, report, checks, shown, force=force)
     if as_json:
-        result_json(result.to_dict())
+        found = {name: check.to_dict() for name, check in checks.items()}
+        result_json(result.to_dict() | {"checks": found})
     else:
         show(result)
-    if not result.verdict.passed:
+    if checks["test"].failed:
+        err.print(f"truejoint: {why_refused(checks['test'])}", style="red", soft_wrap=True)
+    if checks["test"].failed or not result.verdict.passed:
         raise typer.Exit(CHECK_FAILED)
 
 
 def report_evaluation(
     result: truejoint.evaluation.Evaluation,
     path: Path,
-    model: truejoint.Calibration,
-    testing: Sequence[truejoint.Recording],
+    checks: Mapping[str, truejoint.recordings.DataCheck],
     training: Sequence[truejoint.Recording] = (),
     *,
     force: bool = False,
 ) -> None:
-    """Check the data and write the report, showing progress."""
+    """Write the report, showing progress."""
     with progress(f"Writing {path}"):
-        check_data = truejoint.evaluation.check_data
-        checks = {"test": check_data(testing, calibration=model)}
-        if training:
-            checks["training"] = check_data(training, joints=model.joints)
         command = command_line()
         truejoint.write_report(
             result, path, training=training, checks=checks, command=command, overwrite=force

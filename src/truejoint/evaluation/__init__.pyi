@@ -1,7 +1,3 @@
-from .data_check import DataCheck as DataCheck
-from .data_check import Finding as Finding
-from .data_check import JointCoverage as JointCoverage
-from .data_check import check_data as check_data
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate

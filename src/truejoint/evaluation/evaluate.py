@@ -15,12 +15,13 @@ from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_positions
-from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace, json_values
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace
 from truejoint.evaluation.scoring import JudgedRecording
-from truejoint.evaluation.signals import direction, velocity
 from truejoint.evaluation.verdict import judge, remarks_on, seen_in_training
 from truejoint.recordings.recording import Recording, as_recordings
+from truejoint.recordings.signals import direction, velocity
 from truejoint.robots import Robot
+from truejoint.summary import json_values
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, is_dataclass
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from truejoint.array_types import Array
 from truejoint.estimators import registry
 from truejoint.models import names
-from truejoint.summary import Summarised
+from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
 RAW: Final = "raw"
@@ -421,18 +421,3 @@ class Evaluation(Summarised):
             }
         )
         return values
-
-
-def json_values(value: Any) -> Any:
-    """Give what JSON can hold: None for NaN and infinity, lists for tuples, objects for values."""
-    if is_dataclass(value):
-        value = vars(value)
-    if isinstance(value, Mapping):
-        return {str(key): json_values(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [json_values(item) for item in value]
-    if isinstance(value, np.generic | np.ndarray):
-        return json_values(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

@@ -14,9 +14,9 @@ from rich.table import Table
 from rich.text import Text
 
 from truejoint.array_types import Mask
-from truejoint.evaluation.data_check import DataCheck, JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation, estimator_title, known_loads
+from truejoint.recordings import DataCheck, JointCoverage
 from truejoint.units import DisplayUnit, display_unit
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
@@ -315,13 +315,14 @@ def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
 
     Examples
     --------
-    >>> [column.header for column in findings_table(check_data(training)).columns]
-    ['level', 'found', 'where', 'what to do']
+    >>> check = truejoint.recordings.check_data(training)
+    >>> [column.header for column in findings_table(check).columns]
+    ['level', 'name', 'found', 'where', 'what to do']
     """
     table = Table(title=title)
-    for name in ("level", "found", "where", "what to do"):
+    for name in ("level", "name", "found", "where", "what to do"):
         table.add_column(name, overflow="fold")
     for found in check.findings:
-        texts = map(Text, (found.what, found.where, found.advice))
+        texts = map(Text, (found.name, found.what, found.where, found.advice))
         table.add_row(Text(found.level, style=_LEVEL_STYLE[found.level]), *texts)
     return table

@@ -1,7 +1,11 @@
 from . import datasets as datasets
+from .checks.coverage import JointCoverage as JointCoverage
+from .checks.finding import Finding as Finding
 from .column_map import ColumnMap as ColumnMap
 from .column_map import MappedColumn as MappedColumn
 from .column_map import read_column_map as read_column_map
+from .data_check import DataCheck as DataCheck
+from .data_check import check_data as check_data
 from .formats import FORMATS as FORMATS
 from .formats import Format as Format
 from .formats import format_names as format_names

@@ -23,10 +23,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.errors import StudyError, TruejointError
-from truejoint.evaluation.results import json_values
 from truejoint.files import write_atomically
 from truejoint.studies.catalogue import get_study
 from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
+from truejoint.summary import json_values
 
 Outcome = tuple[Part, PartResult | TruejointError]
 

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation import Evaluation, check_data, evaluate
+from truejoint.evaluation import Evaluation, evaluate
 from truejoint.evaluation.digits import decimals_for, fixed
 from truejoint.evaluation.report import render_report, write_report
 from truejoint.evaluation.report.page import script_json
-from truejoint.recordings.recording import Recording
+from truejoint.recordings import Recording, check_data
 from truejoint.units import display_unit
 
 ROBOTS = ["raven2", "davinci_grasper", "bros", "dvrk_psm", "kuka_kr300"]

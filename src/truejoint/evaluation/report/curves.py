@@ -17,9 +17,9 @@ from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation, Trace, estimator_title
-from truejoint.evaluation.signals import gaps
 from truejoint.extras import require
 from truejoint.files import write_atomically
+from truejoint.recordings.signals import gaps
 from truejoint.units import DisplayUnit, display_unit
 
 MENU: Final = 12  # recordings that the time figures offer; the table lists all

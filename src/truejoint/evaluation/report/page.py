@@ -15,11 +15,11 @@ import jinja2
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import view
-from truejoint.evaluation.data_check import DataCheck
 from truejoint.evaluation.report import curves, residuals, space
 from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
 from truejoint.extras import require
 from truejoint.files import check_target, write_atomically
+from truejoint.recordings.data_check import DataCheck
 from truejoint.recordings.recording import Recording
 
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas", "plotly")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
-from truejoint.evaluation.signals import gaps
+from truejoint.recordings.signals import gaps
 
 Spec = dict[str, Any]
 Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves

@@ -11,8 +11,8 @@ from truejoint.array_types import Array
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
-from truejoint.evaluation.signals import velocity
 from truejoint.recordings.recording import Recording
+from truejoint.recordings.signals import velocity
 
 # Curves (n, k) with title and colour.
 _Groups = Sequence[tuple[str, str, Sequence[Array]]]

@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.data_check import (
-    DataCheck,
-    Finding,
-    check_data,
-    joint_coverage,
-    outside_share,
-)
 from truejoint.models import FeatureSet
+from truejoint.recordings import DataCheck, Finding, check_data
+from truejoint.recordings.checks.coverage import joint_coverage
+from truejoint.recordings.data_check import outside_share
 from truejoint.recordings.recording import Provenance, Recording
 
 
@@ -186,12 +182,12 @@ def test_extrapolation_is_counted_by_signal(clean: Recording) -> None:
     trained = _Trained(
         ("jaw",), features, np.array([-9.0, -9.0, -9.0]), np.array([9.0, middle, 9.0])
     )
-    findings = _found(check_data([clean], calibration=trained), "outside the range")
+    findings = _found(check_data([clean], model=trained), "outside the range")
     assert [f.where for f in findings] == ["lag(measured/jaw, 2)"]
     wide = replace(trained, upper=np.array([9.0, 9.0, 9.0]))
-    assert not _found(check_data([clean], calibration=wide), "outside the range")
+    assert not _found(check_data([clean], model=wide), "outside the range")
     narrow = replace(trained, upper=np.array([-8.0, 9.0, 9.0]))
-    assert check_data([clean], calibration=narrow).failed
+    assert check_data([clean], model=narrow).failed
 
 
 def test_a_hundredth_of_the_range_is_forgiven() -> None:

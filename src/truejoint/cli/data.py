@@ -1,0 +1,53 @@
+"""The data check on the command line: what was found is told, and what failed ends the command."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated, Any, Final
+
+import typer
+
+import truejoint
+from truejoint.cli.console import err, progress
+from truejoint.errors import RecordingError, unknown
+from truejoint.recordings.checks.names import FINDINGS
+
+CHECK_FAILED: Final = 1
+
+Accept = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--accept",
+        metavar="NAME",
+        help="Go on though the data check failed, for instance 'outliers'; once for each name.",
+        autocompletion=lambda: list(FINDINGS.items()),
+    ),
+]
+
+
+def check_names(accepted: Sequence[str] | None) -> tuple[str, ...]:
+    """Names given to ``--accept``; raises RecordingError for one that no finding has."""
+    for name in accepted or ():
+        if name not in FINDINGS:
+            raise RecordingError(f"--accept {unknown('finding', name, FINDINGS)}")
+    return tuple(accepted or ())
+
+
+def checked(
+    recordings: Sequence[truejoint.Recording], accepted: Sequence[str], **how: Any
+) -> truejoint.recordings.DataCheck:
+    """Check recordings as `check_data` does and say what was found, but for mere information."""
+    with progress(f"Checking {len(recordings)} recording{'s'[: len(recordings) != 1]}"):
+        check = truejoint.recordings.check_data(recordings, **how).accept(accepted)
+    for finding in check.findings:
+        if finding.level != "info":
+            found = f"{finding.where}: {finding.what}; {finding.advice}"
+            err.print(f"{finding.level}: {finding.name}: {found}", soft_wrap=True)
+    return check
+
+
+def why_refused(check: truejoint.recordings.DataCheck) -> str:
+    """One line that names what failed and how to go on all the same."""
+    names = check.failures
+    accept = " ".join(f"--accept {name}" for name in names)
+    return f"the data check failed ({', '.join(names)}): mend the data, or go on with {accept}"

@@ -1,0 +1,1 @@
+"""The parts of the data check; `truejoint.recordings.check_data` runs them."""

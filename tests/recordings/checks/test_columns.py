@@ -1,0 +1,48 @@
+"""Sensors that stand still: at their end, or for slack."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from truejoint.recordings import DataCheck, Recording, check_data
+
+
+def _jaw(truth: np.ndarray, measured: np.ndarray) -> DataCheck:
+    columns = {"t": np.arange(len(truth)) / 50, "measured/jaw": measured, "truth/jaw": truth}
+    return check_data(Recording.from_columns(columns, "davinci_grasper"))
+
+
+def _names(check: DataCheck) -> set[str]:
+    return {finding.name for finding in check.findings if finding.level != "info"}
+
+
+MEASURED = 0.5 * np.sin(0.7 * np.arange(3000) / 50) + 0.1 * np.sin(1.9 * np.arange(3000) / 50)
+
+
+def test_a_saturated_sensor_is_found() -> None:
+    check = _jaw(np.minimum(MEASURED, 0.4), MEASURED)
+    (finding,) = [f for f in check.findings if f.name == "saturated"]
+    assert finding.level == "fail"
+    assert finding.where.startswith("truth/jaw")
+    first, behind = finding.rows[0]
+    assert (MEASURED[first:behind] >= 0.4).all()
+
+
+def test_slack_is_no_saturation() -> None:
+    """With play the joint stands at its end while the motor side turns back."""
+    truth, place = np.empty(len(MEASURED)), 0.0
+    for k, value in enumerate(MEASURED):
+        place = min(max(place, value - 0.05), value + 0.05)
+        truth[k] = place
+    assert "saturated" not in _names(_jaw(truth, MEASURED))
+
+
+def test_a_coarse_encoder_is_no_saturation() -> None:
+    assert "saturated" not in _names(_jaw(np.round(MEASURED / 0.01) * 0.01, MEASURED))
+
+
+def test_stamps_in_milliseconds_are_suspected() -> None:
+    t = np.arange(500) * 100.0 * 1000
+    columns = {"t": t, "measured/jaw": MEASURED[:500], "truth/jaw": MEASURED[:500]}
+    check = check_data(Recording.from_columns(columns, "davinci_grasper"))
+    assert "rate" in _names(check)

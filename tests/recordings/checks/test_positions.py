@@ -1,0 +1,160 @@
+"""Faults of the truth and of redundant sensors, put into a recording that has none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.recordings import DataCheck, Finding, Recording, check_data
+
+Change = Callable[[np.ndarray], np.ndarray]
+
+
+@pytest.fixture(scope="module")
+def healthy(recording_of: Callable[..., Recording]) -> list[Recording]:
+    """Three minutes of a RAVEN-II in three recordings."""
+    return [recording_of("raven2", seed=seed, seconds=60, load=0.0) for seed in range(3)]
+
+
+def _changed(recording: Recording, column: str, change: Change) -> Recording:
+    values = change(recording.column(column).copy())
+    return replace(recording, table=recording.table.assign(**{column: values}))
+
+
+def _in_first(recordings: list[Recording], column: str, change: Change) -> list[Recording]:
+    return [_changed(recordings[0], column, change), *recordings[1:]]
+
+
+def _in_all(recordings: list[Recording], column: str, change: Change) -> list[Recording]:
+    return [_changed(recording, column, change) for recording in recordings]
+
+
+def _found(check: DataCheck, name: str) -> list[Finding]:
+    return [finding for finding in check.findings if finding.name == name]
+
+
+def test_nothing_is_found_where_nothing_is_wrong(healthy: list[Recording]) -> None:
+    assert {finding.name for finding in check_data(healthy).findings} <= {"limits", "load"}
+
+
+def test_outliers_are_named_by_row_and_size(healthy: list[Recording]) -> None:
+    def spoil(truth: np.ndarray) -> np.ndarray:
+        truth[[200, 900, 901, 902]] += 0.4
+        return truth
+
+    (finding,) = _found(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+    assert finding.level == "fail"
+    assert finding.rows == ((200, 201), (900, 903))
+    assert finding.where.startswith("truth/elbow in synthetic-0.csv")
+    assert finding.what.startswith("4 of 1800 rows up to 22.9")
+    assert "(rows 200, 900-902)" in finding.what
+
+
+def test_what_steps_away_and_creeps_back_is_no_outlier(healthy: list[Recording]) -> None:
+    def slip(truth: np.ndarray) -> np.ndarray:
+        truth[900:1000] += 0.05 * np.exp(-np.arange(100) / 10)
+        return truth
+
+    assert not _found(check_data(_in_first(healthy, "truth/elbow", slip)), "outliers")
+
+
+def test_a_single_small_outlier_is_a_warning_only(healthy: list[Recording]) -> None:
+    def spoil(truth: np.ndarray) -> np.ndarray:
+        truth[500] += 0.012
+        return truth
+
+    (finding,) = _found(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+    assert finding.level == "warn"
+
+
+@pytest.mark.parametrize("spread", [_in_first, _in_all])
+def test_a_wrong_sign_is_called_that_and_nothing_else(
+    healthy: list[Recording], spread: Callable[..., list[Recording]]
+) -> None:
+    check = check_data(spread(healthy, "truth/shoulder", np.negative))
+    assert check.failures == ("sign",)
+
+
+@pytest.mark.parametrize(
+    ("column", "scale"),
+    [("truth/shoulder", 57.3), ("measured/shoulder", 57.3), ("truth/insertion", 1000.0)],
+)
+def test_a_wrong_unit_is_called_that_and_nothing_else(
+    healthy: list[Recording], column: str, scale: float
+) -> None:
+    check = check_data(_in_all(healthy, column, lambda values: scale * values))
+    assert check.failures == ("unit",)
+    (finding,) = _found(check, "unit")
+    assert finding.where.startswith(column)
+
+
+def test_degrees_on_both_sides_are_seen_by_the_limits(healthy: list[Recording]) -> None:
+    both = healthy
+    for quantity in ("truth", "measured"):
+        both = _in_all(both, f"{quantity}/elbow", np.degrees)
+    (finding,) = _found(check_data(both), "unit")
+    assert "the limits are" in finding.what
+
+
+def test_a_late_truth_is_measured(healthy: list[Recording]) -> None:
+    late = healthy
+    for joint in ("shoulder", "elbow", "insertion"):
+        t = late[0].t
+        late = _in_all(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
+    (finding,) = _found(check_data(late), "delay")
+    assert 55 <= float(finding.what.split()[3]) <= 65
+    assert "behind" in finding.what
+
+
+def test_a_zero_that_moved_is_found_in_its_recording(healthy: list[Recording]) -> None:
+    check = check_data(_in_first(healthy, "truth/elbow", lambda truth: truth + 0.05))
+    (finding,) = _found(check, "zero")
+    assert finding.where == "truth/elbow in synthetic-0.csv"
+    off = float(finding.what.removeprefix("its zero is ").partition(" deg")[0])
+    assert off == pytest.approx(np.degrees(0.05), rel=0.1)
+
+
+def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy: list[Recording]) -> None:
+    def move(truth: np.ndarray) -> np.ndarray:
+        truth[1000:] += 0.05
+        return truth
+
+    (finding,) = _found(check_data(_in_first(healthy, "truth/elbow", move)), "zero")
+    assert finding.rows == ((1000, 1001),)
+
+
+@pytest.mark.parametrize("first", [0, 700])
+def test_redundant_sensors_that_disagree_are_found(healthy: list[Recording], first: int) -> None:
+    """Motor encoders tell of a slip without truth."""
+    motors = [{"motor/elbow": 7.3 * r.column("measured/elbow")} for r in healthy]
+    recordings = [
+        Recording(r.table.assign(**motor), {**r.units, "motor/elbow": "rad"}, r.provenance)
+        for r, motor in zip(healthy, motors, strict=True)
+    ]
+    assert not _found(check_data(recordings), "redundant")
+
+    def slip(motor: np.ndarray) -> np.ndarray:
+        motor[first:] += 7.3 * 0.0175
+        return motor
+
+    (finding,) = _found(check_data(_in_first(recordings, "motor/elbow", slip)), "redundant")
+    assert finding.where.startswith("motor/elbow in synthetic-0.csv")
+
+
+def test_a_recording_unlike_the_others_is_named(
+    recording_of: Callable[..., Recording],
+) -> None:
+    recordings = [recording_of("davinci_grasper", seed=seed, seconds=60) for seed in range(5)]
+    foreign = _in_first(recordings, "effort/jaw", lambda effort: 40.0 + effort)
+    (finding,) = _found(check_data(foreign), "instrument")
+    assert finding.where == "synthetic-0.csv"
+
+
+def test_failures_can_be_accepted_by_name(healthy: list[Recording]) -> None:
+    check = check_data(_in_all(healthy, "truth/shoulder", np.negative))
+    assert check.failures == ("sign",)
+    assert not check.accept(["sign"]).failed
+    assert check.accept(["unit"]).failed
