@@ -40,6 +40,12 @@ def evaluate(
             autocompletion=complete.tolerances,
         ),
     ] = None,
+    rezero_s: Annotated[
+        float,
+        typer.Option(
+            help="Re-zero on so much truth at the start of each recording, and judge the rest [s]."
+        ),
+    ] = 0.0,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
     reader: options.Format = None,
     columns: options.Columns = None,
@@ -66,7 +72,9 @@ def evaluate(
     read_training = files.find(training or [])
     testing, shown = read_testing(), read_training()
     with progress("Judging"):
-        result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
+        result = truejoint.evaluate(
+            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s
+        )
     if report is not None:
         report_evaluation(result, report, first, testing, shown, force=force)
     if as_json:

@@ -50,6 +50,8 @@ POSITION: Final = LAYOUT.array("position", "put out [rad or m]")
 HALF_WIDTH: Final = LAYOUT.array("half_width", "put out [rad or m]")
 CORRECTION: Final = LAYOUT.array("correction", "what the model says [rad or m]")
 OFFSET: Final = LAYOUT.array("offset", "added to the corrected positions [rad or m]")
+SHIFT: Final = LAYOUT.array("shift", "added to each signal: their zero has moved")
+ADDED: Final = LAYOUT.array("added", "zero of the model, added to what it predicts [rad or m]")
 PREDICTED: Final = LAYOUT.array("predicted", "position or error [rad or m]")
 PREDICTED_WIDTH: Final = LAYOUT.array("predicted_width", "its half-width [rad or m]")
 BASE_WIDTH: Final = LAYOUT.array("base_width", "half-width within the trained range [rad or m]")
@@ -108,6 +110,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         **dict.fromkeys(("position", "correction"), np.full(n_joints, np.nan)),
         half_width=np.full(n_joints, np.inf), base_width=base,
         **dict.fromkeys(("offset", "predicted", "predicted_width"), np.zeros(n_joints)),
+        shift=data.signal_shift, added=data.output_shift,
         feature_memory=data.feature_set.start().memory, clock=np.zeros(2), operation=operation,
         source=source, parameter=parameter, slot=slot, trained_lower=data.lower,
         trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
