@@ -49,8 +49,8 @@ LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond whic
 ZeroOf = Literal["shared", "recording", "homing"]
 
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
-_MOST_ROUNDS: Final = 20  # of moving measured positions by the zeros of their homings
-_SETTLED: Final = 1e-9  # [rad or m]
+_SETTLED: Final = 1e-9  # [rad or m] that zeros are found to
+_FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
 
 
 def calibrate(
@@ -103,7 +103,7 @@ def calibrate(
     ------
     CalibrationError
         If the recordings do not belong together, are fewer than two where each has a zero of its
-        own, lack truth for more than a third of their time,
+        own, lack truth for more than a third of their time, do not tell the zeros of homings,
         have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
         feature for a network), or a feature is constant though its channel is in use.
 
@@ -215,8 +215,8 @@ class _Part:
 
 def _fitted_rows(parts: Sequence[_Part], name: str) -> Array:
     """Rows (m, ...) that are fitted to, of all parts, of the array called `name`."""
-    rows: list[Array] = [getattr(part, name)[part.fitted] for part in parts]
-    return np.concatenate(rows)
+    rows = [getattr(part, name)[part.fitted] for part in parts]
+    return np.asarray(np.concatenate(rows))
 
 
 def _fit_model(
@@ -264,22 +264,26 @@ def _at_one_zero(
     """Parts without the zeros of their groups, and these zeros (n_groups, n_joints) [rad or m].
 
     `group` (n_parts,) numbers the groups. The zeros are taken off the truth, or with `moves`
-    (n_signals, n_joints) added to the `signals`. They are about their mean.
+    (n_signals, n_joints) added to the `signals`. They are about their mean. Raises CalibrationError
+    where the signals leave open what was added to them.
     """
+    found = _group_zeros(parts, group)
     if moves is None:
-        zeros = _group_zeros(parts, group)
-        pairs = zip(parts, zeros[group], strict=True)
-        return [replace(p, error=p.error - z, truth=p.truth - z) for p, z in pairs], zeros
-    zeros, at_zero = np.zeros((int(group.max()) + 1, moves.shape[1])), parts
-    for _ in range(_MOST_ROUNDS):
-        left = _group_zeros(at_zero, group)
+        pairs = zip(parts, found[group], strict=True)
+        return [replace(p, error=p.error - z, truth=p.truth - z) for p, z in pairs], found
+    zeros, at_zero, left = np.zeros_like(found), parts, found
+    while np.abs(left).max() > _SETTLED:
         zeros = zeros + left
         at_zero = [
             part_of(shift_signals(part.recording, signals, moves @ own))
             for part, own in zip(parts, zeros[group], strict=True)
         ]
-        if np.abs(left).max() < _SETTLED:
-            break
+        before, left = left, _group_zeros(at_zero, group)
+        if not np.abs(left).max() < _FOLLOWS * np.abs(before).max():
+            raise CalibrationError(
+                "the true position hardly follows the measured one where other signals are known, "
+                "so the zero of a homing cannot be found; choose a zero for each recording"
+            )
     return at_zero, zeros
 
 
