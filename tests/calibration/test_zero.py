@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
 
 from truejoint.calibration import (
+    Calibration,
     calibrate,
     find_zero,
     read_calibration,
     rezeroed,
     write_calibration,
 )
+from truejoint.calibration.zero import judged_error, shift_signals, signal_moves
 from truejoint.errors import CalibrationError
-from truejoint.estimators import NeuralNetwork
+from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.recordings import Recording
 
 FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
@@ -40,7 +44,7 @@ def homed_again(recording: Recording, offset: np.ndarray, known: slice) -> Recor
     ["offset", "linear", "poly2", NeuralNetwork(hidden_layer_sizes=(8,), epochs=3)],
     ids=str,
 )
-def test_every_estimator_moves_by_the_offset_and_nothing_else(
+def test_an_estimator_of_several_joints_moves_by_the_offset_and_nothing_else(
     build, recording, estimator, tmp_path
 ):
     calibration = calibrate(recording, estimator, features=FEATURES)
@@ -106,3 +110,64 @@ def test_without_truth_it_is_refused(build, recording):
     bare = recording.table.drop(columns=["truth/elbow"])
     with pytest.raises(CalibrationError, match="synthetic-0 has no truth of elbow"):
         find_zero(calibration, Recording(bare, recording.units, recording.provenance))
+
+
+START = 2.0  # [s] of truth that re-zeroes
+
+
+def homed_apart(recordings: Sequence[Recording]) -> list[Recording]:
+    """Several recordings, or the only one in two, as if the robot had been homed before each."""
+    found = list(recordings)
+    if len(found) == 1:
+        found = [found[0].rows(slice(0, len(found[0]) // 2)),
+                 found[0].rows(slice(len(found[0]) // 2, None))]  # fmt: skip
+    names = (replace(one.provenance, homing_id=f"h{i}") for i, one in enumerate(found))
+    return [replace(one, provenance=name) for one, name in zip(found, names, strict=True)]
+
+
+def off(recording: Recording, calibration: Calibration, zero: str, by: np.ndarray) -> Recording:
+    """The recording with the zero of its truth, or of its measured positions, off."""
+    joints = calibration.joints
+    if zero == "recording":
+        return shift_signals(recording, [f"truth/{joint}" for joint in joints], by)
+    moves = signal_moves([recording], calibration.signals, joints)
+    return shift_signals(recording, calibration.signals, -moves @ by)
+
+
+def rmse(calibration: Calibration, recording: Recording, rezero: float = START) -> np.ndarray:
+    return np.sqrt(np.mean(judged_error(calibration, recording, rezero)[0] ** 2, axis=0))
+
+
+@pytest.mark.parametrize("zero", ["recording", "homing"])
+@pytest.mark.parametrize("name", estimator_names())
+def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, zero, tmp_path):
+    known = model(name)
+    random = np.random.default_rng(3)
+    moved = [
+        off(recording, known, zero, 0.03 * random.choice([-1.0, 1.0], len(known.joints)))
+        for recording in homed_apart(training(name))
+    ]
+    if zero == "homing" and "cable/reset" in known.signals and "motor/jaw" in known.signals:
+        with pytest.raises(CalibrationError, match="hardly follows the measured one"):
+            fit(name, moved, zero=zero)
+        return
+    fitted = fit(name, moved, zero=zero)
+    test = off(unseen(name), known, zero, np.full(len(known.joints), 0.05))
+    of_its_own = fitted.fitted_for(rezeroing=True)
+    within = 2.0 * rmse(known, unseen(name)) + 1e-3
+    assert (rmse(of_its_own, test) < within).all()
+    path = tmp_path / "model.safetensors"
+    write_calibration(fitted, path)
+    again = rezeroed(read_calibration(path), test, START)
+    whole = rezeroed(fitted, test, START).correct(test)
+    np.testing.assert_array_equal(again.correct(test), whole)
+    if name not in in_loop():
+        return
+    corrector, state, good = ready(again, range_margin=1.0), again.start(), 0
+    samples = test.table[list(again.signals)].to_numpy()
+    for i, t in enumerate(test.t[:200].tolist()):
+        np.testing.assert_array_equal(again.step(state, t, samples[i]), whole[i])
+        if corrector.step(t, samples[i]) == 0:
+            np.testing.assert_array_equal(corrector.position, whole[i])
+            good += 1
+    assert good > 100

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from sklearn.base import clone
@@ -123,23 +121,6 @@ def test_another_number_of_features_or_joints_is_refused(name):
     if fitted.family.inputs:
         refused("features, in the order of", type(fitted).from_data, fitted.data, k + 1, n)
     refused("estimates|it must be", type(fitted).from_data, fitted.data, k, n + 2)
-
-
-@pytest.mark.parametrize("name", in_loop())
-def test_shifting_adds_the_offset_to_every_row_and_nothing_else(name):
-    calibration, recording = model(name), unseen(name)
-    offset = 1e-3 * (1.0 + np.arange(len(calibration.joints)))
-    if not calibration.model.family.moved_by:
-        refused("no offset that could be moved", calibration.model.shifted, offset)
-        return
-    try:
-        moved = calibration.model.shifted(offset)
-    except CalibrationError as error:
-        assert "no offset that could be moved" in str(error)  # noqa: PT017
-        assert calibration.model.family.moved_by not in calibration.model.arrays_
-        return
-    change = replace(calibration, model=moved).correct(recording) - calibration.correct(recording)
-    np.testing.assert_allclose(change, np.broadcast_to(offset, change.shape), rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("name", estimator_names())

@@ -158,9 +158,6 @@ def test_it_calibrates_any_joints_to_either_target(target):
     calibration = trained(SMALL, target=target)
     assert calibration.target == target
     assert calibration.model.n_outputs_ == 2
-    assert calibration.model.shifted(np.array([0.1, 0.0])).target_mean_[0] == pytest.approx(
-        calibration.model.target_mean_[0] + 0.1
-    )
 
 
 def test_too_few_rows_are_refused():

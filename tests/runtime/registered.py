@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
+from typing import Any
 
 import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
@@ -43,16 +45,27 @@ def inputs(name: str) -> tuple[str, ...]:
 
 
 @cache
-def model(name: str) -> Calibration:
-    """Calibration by the estimator called `name`, without an interval."""
+def training(name: str) -> tuple[Recording, ...]:
+    """Recordings that the estimator called `name` can be fitted to."""
     if "driver/jaw" in inputs(name):
-        return calibrate([grasper_recording(seed) for seed in range(4)], name)
+        return tuple(grasper_recording(seed) for seed in range(4))
+    return (forceps()[0],) if inputs(name) else (streams.recording(streams.MINUTE),)
+
+
+def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
+    """Calibrate by the estimator called `name`, a small one where it has a size."""
     if inputs(name):
-        return calibrate(forceps()[0], name)
+        return calibrate(recordings, name, **how)
     estimator = get_estimator(name)
     small = {"hidden_layer_sizes": (9, 7), "epochs": 2, "units": 5, "n_estimators": 5}
     estimator.set_params(**{k: v for k, v in small.items() if k in estimator.get_params()})
-    return streams.trained(estimator)
+    return streams.trained(estimator, recordings=recordings, **how)
+
+
+@cache
+def model(name: str) -> Calibration:
+    """Calibration by the estimator called `name`, without an interval."""
+    return fit(name, training(name))
 
 
 def unseen(name: str) -> Recording:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.estimators import JointRegressor
 from truejoint.recordings import Provenance, Recording
 
+MINUTE = np.arange(0.0, 60.0, 1 / 30)
 JOINTS = ("shoulder", "elbow")
 SIGNALS = ("measured/shoulder", "effort/shoulder", "measured/elbow", "effort/elbow")
 EFFORTS = ("effort/shoulder", "effort/elbow", "effort/unused")
@@ -42,10 +45,11 @@ def trained(
     features: tuple[str, ...] = SIGNALS,
     target: str = "error",
     homing_id: str = "h1",
+    recordings: Sequence[Recording] | None = None,
+    zero: str = "shared",
 ) -> Calibration:
-    """Calibration of a minute at 30 Hz."""
-    t = np.arange(0.0, 60.0, 1 / 30)
+    """Calibration of a minute at 30 Hz, unless of other `recordings`."""
     return calibrate(
-        recording(t, homing_id=homing_id), estimator,
-        features=features, joints=JOINTS, target=target,
+        recordings or recording(MINUTE, homing_id=homing_id), estimator,
+        features=features, joints=JOINTS, target=target, zero=zero,
     )  # fmt: skip

@@ -19,6 +19,7 @@ from truejoint.calibration.conformal import check_arm, check_columns, check_unit
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
+from truejoint.calibration.zero import shift_signals
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
 from truejoint.estimators.wrapped import class_of
@@ -115,10 +116,16 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     def baselines(self) -> Mapping[str, Calibration]:
         """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
         bare = replace(
-            self, target="error", baseline_models={}, interval=None, effort_baseline=None
-        )
+            self, target="error", baseline_models={}, rezero_models={}, interval=None,
+            effort_baseline=None,
+        )  # fmt: skip
         return {
-            name: replace(bare, model=model, metadata={**self.metadata, "estimator": name})
+            name: replace(
+                bare,
+                model=model,
+                offsets={"model": self.offsets[name]} if name in self.offsets else {},
+                metadata={**self.metadata, "estimator": name},
+            )
             for name, model in self.baseline_models.items()
         }
 
@@ -129,8 +136,9 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         units or (where features count samples) the rate differ.
         """
         self._check(recording)
-        X = self.feature_set.compute(recording, self.gap_limit)
+        X = self._features(recording)
         predicted = self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
+        predicted = predicted + self.output_shift
         if self.target == "position":
             return predicted
         return recording.columns("measured", self.joints) + predicted
@@ -186,7 +194,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def range_excess(self, recording: Recording) -> Array:
         """How far outside the trained range each row (n,) is, as a share of it; 0 inside."""
-        X = self.feature_set.compute(recording, self.gap_limit)
+        X = self._features(recording)
         out = np.empty(len(X))
         range_excesses(X, self.lower, self.upper, inverse_span(self.lower, self.upper), out)
         return out
@@ -216,8 +224,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         seen, last = state.features.clock
         if not math.isfinite(t) or (seen and not t > last):
             raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
-        fresh = self.feature_set.step(state.features, t, values, self.gap_limit, state.row)
+        moved = values + self.signal_shift
+        fresh = self.feature_set.step(state.features, t, moved, self.gap_limit, state.row)
         predicted = self.model.step(state.model, 0.0 if fresh else t - last, state.row)
+        predicted = predicted + self.output_shift
         if self.target == "position":
             return predicted
         measured = [self.signals.index(f"measured/{joint}") for joint in self.joints]
@@ -236,6 +246,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
                 "and texts"
             ) from None
         return replace(self, metadata={**self.metadata, **plain})
+
+    def _features(self, recording: Recording) -> Array:
+        moved = shift_signals(recording, self.signals, self.signal_shift)
+        return self.feature_set.compute(moved, self.gap_limit)
 
     def _check(self, recording: Recording) -> None:
         as_recording(recording)
@@ -298,13 +312,16 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         dt = data.metadata.get("sample_dt")
         if counts and not (isinstance(dt, float) and 0.0 < dt < 1e9):
             raise ModelFileError("the model counts samples, and the time step is not stated")
-        models = {"model": data.model, **data.baseline_models}
         shape = (len(data.feature_set), len(data.joints))
-        fitted = {name: _fitted(name, model, *shape) for name, model in models.items()}
+        fitted, rezero_models = (
+            {name: _fitted(name, model, *shape) for name, model in models.items()}
+            for models in ({"model": data.model, **data.baseline_models}, data.rezero_models)
+        )
     except TruejointError as error:
         raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
     parts = {field.name: getattr(data, field.name) for field in fields(data)}
-    return Calibration(**parts | {"model": fitted.pop("model"), "baseline_models": fitted})
+    parts |= {"model": fitted.pop("model"), "baseline_models": fitted}
+    return Calibration(**parts | {"rezero_models": rezero_models})
 
 
 def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> JointRegressor:

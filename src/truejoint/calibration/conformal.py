@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import residual_statistics
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
+from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError, meant
 from truejoint.models.names import OFFSET
 
@@ -53,8 +54,9 @@ def with_interval(
     levels : sequence of float
         Probabilities to state. Those that the trajectories are too few for are left out.
     rezero : float
-        When above 0, the first `rezero` seconds of truth of every recording set its offset
-        (`zero_offset`) and are not scored: the interval then holds after re-zeroing likewise.
+        When above 0, the first `rezero` seconds of truth of every recording set its zero
+        (`find_zero`) and are not scored: the interval then holds after re-zeroing likewise, for the
+        fit with a zero for each recording or homing where there is one.
     growth : float
         How fast it widens outside the trained range: see `Interval.growth`.
 
@@ -89,7 +91,8 @@ def with_interval(
             f"interval, which takes {needed_trajectories(wanted[0])}; record more, each after "
             "a homing of its own if it is to hold after any homing"
         )
-    scores = [_scores(calibration, recording, rezero, growth) for recording in recordings]
+    used = calibration.fitted_for(rezeroing=rezero > 0.0)
+    scores = [_scores(used, recording, rezero, growth) for recording in recordings]
     joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
     widths = [
         [[conformal_threshold(own, level) for own in zip(*kind, strict=True)] for level in possible]
@@ -107,7 +110,7 @@ def with_interval(
     )
     baseline = calibration.effort_baseline
     if baseline is not None:
-        size, time = residual_statistics(calibration, recordings)
+        size, time = residual_statistics(used, recordings)
         baseline = replace(baseline, residual=size, correlation=time)
     stated = replace(calibration, interval=interval, effort_baseline=baseline)
     return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
@@ -169,10 +172,11 @@ def measure_coverage(
     0.9
     """
     interval = calibration.required_interval()
+    calibration = calibration.fitted_for(rezeroing=interval.rezero > 0.0)
     row = interval.index(level)
     shares, widths = [], []
     for recording in recordings:
-        error, rows = scored_error(calibration, recording, interval.rezero)
+        error, rows = judged_error(calibration, recording, interval.rezero)
         allowed = calibration.half_widths(recording, level)[rows]
         shares.append((np.abs(error) <= allowed).mean(axis=0))
         widths.append(allowed.mean(axis=0))
@@ -283,16 +287,6 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     return float(values[order][min(first, len(values) - 1)])
 
 
-def zero_offset(t: Array, error: Array, duration: float) -> tuple[Array, NDArray[np.bool_]]:
-    """Offset (n_joints,) that re-zeroes a recording, and the rows (n,) that it was taken from.
-
-    The median of the `error` (n, n_joints) in the first `duration` [s] of the stamps `t` (n,): a
-    few wrong readings do not move it.
-    """
-    used = t - t[0] < duration
-    return np.median(error[used], axis=0), used
-
-
 def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "sessions") -> bool:
     """Whether rows of a recording were in the training, or in what metadata list under `key`.
 
@@ -311,59 +305,15 @@ def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "se
     return False
 
 
-def known_error(
-    calibration: Calibration, recording: Recording
-) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Stamps (m,), truth minus corrected (m, n_joints), and places (n,) of the rows with truth.
-
-    Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
-    """
-    without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
-    if without:
-        raise CalibrationError(
-            f"{source_of(recording)} has no truth of {', '.join(without)}; record it with a sensor "
-            "at the joint, if only for a moment"
-        )
-    error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
-    known = np.asarray(np.isfinite(error).all(axis=1))
-    if not known.any():
-        raise CalibrationError(
-            f"{source_of(recording)}: no row has the truth of {', '.join(calibration.joints)}; an "
-            "interval is made of, and judged by, true positions"
-        )
-    return recording.t[known], error[known], known
-
-
 def _scores(calibration: Calibration, recording: Recording, rezero: float, growth: float) -> Array:
     """Scores (3, n_joints, m) of the model, the fixed offset and the measured position."""
     if OFFSET not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
-    error, rows = scored_error(calibration, recording, rezero)
-    offset_error, _ = scored_error(calibration.baselines[OFFSET], recording, rezero)
+    error, rows = judged_error(calibration, recording, rezero)
+    offset_error, _ = judged_error(calibration.baselines[OFFSET], recording, rezero)
     widening = 1.0 + growth * calibration.range_excess(recording)[rows]
     raw_error = recording.error(calibration.joints)[rows]
     return np.abs([error.T / widening, offset_error.T, raw_error.T])
-
-
-def scored_error(
-    calibration: Calibration, recording: Recording, rezero: float
-) -> tuple[Array, NDArray[np.int64]]:
-    """Errors (m, n_joints) [rad or m] that are judged, and the rows (m,) that they are of.
-
-    Those of all rows with truth or, where the first `rezero` [s] of them set the offset, of those
-    after; raises CalibrationError as `known_error`, or when nothing is left.
-    """
-    t, error, known = known_error(calibration, recording)
-    rows = np.flatnonzero(known)
-    if rezero > 0.0:
-        offset, used = zero_offset(t, error, rezero)
-        error, rows = (error - offset)[~used], rows[~used]
-    if not len(rows):
-        raise CalibrationError(
-            f"{source_of(recording)}: all of its truth lies within the {rezero:g} s that re-zero "
-            "it; nothing is left to judge, so give a longer recording"
-        )
-    return error, rows
 
 
 def session_of(recording: Recording) -> dict[str, Any]:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar, get_args
+from typing import TYPE_CHECKING, Any, Final, Generic, Self, TypeVar, get_args
 
 import numpy as np
 
@@ -31,11 +31,14 @@ MAX_JOINTS: Final = 64
 
 _KIND: Final = "calibration"
 _EXTRAS: Final = ("training_domain", "interval", "effort_baseline", "parity")  # not estimators
+_ZERO: Final = "zero"  # where arrays of the zero stand
+_MOVES: Final = "moves"
+_TAKEN: Final = frozenset({"model", "rezero_models", _ZERO, _MOVES, *_EXTRAS})  # no baseline's name
 _NAME: Final = re.compile(r"\w{0,60}", re.ASCII)
 _KEYS: Final = frozenset(
     {
         "kind", "robot", "joints", "target", "features", "units", "ranges", "gap_limit",
-        "model", "baselines", "metadata", "redundant",
+        "model", "baselines", "rezero_models", "metadata", "redundant",
     }
 )  # fmt: skip
 
@@ -65,6 +68,14 @@ class CalibrationData(Generic[Model]):
     effort_baseline: EffortBaseline | None = None  # for the monitors
     parity: ParityEquations | None = None  # of measured positions with `redundant` columns
     redundant: Mapping[str, str] = field(default_factory=dict)  # units of these, by column
+    rezero_models: Mapping[str, Model] = field(default_factory=dict)
+    """For motions that begin with re-zeroing: ``"model"`` and the baselines, fitted with a zero for
+    each recording or homing; empty where all recordings were taken to share one."""
+    offsets: Mapping[str, Array] = field(default_factory=dict)
+    """Zero (n_joints,) [rad or m] that re-zeroing found, of ``"model"`` and the baselines."""
+    moves: Array | None = None
+    """(n_signals, n_joints), how far a signal moves with the zero of each joint: then the zero is
+    one of the measured positions, as after a homing. None: it is added to the output."""
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
@@ -76,6 +87,39 @@ class CalibrationData(Generic[Model]):
     def loop_signals(self) -> tuple[str, ...]:
         """Columns of a sample in the control loop: `signals`, then those that check them."""
         return (*self.signals, *self.redundant)
+
+    @cached_property
+    def offset(self) -> Array:
+        """Zero of the model (n_joints,) [rad or m]."""
+        return self.offsets.get("model", np.zeros(len(self.joints)))
+
+    @cached_property
+    def signal_shift(self) -> Array:
+        """What is added to each signal (n_signals,) before anything is made of it."""
+        return np.zeros(len(self.signals)) if self.moves is None else self.moves @ self.offset
+
+    @cached_property
+    def output_shift(self) -> Array:
+        """What is added to the prediction (n_joints,) [rad or m]."""
+        by_signals = self.moves is not None and self.target == "position"
+        return np.zeros(len(self.joints)) if by_signals else self.offset
+
+    def fitted_for(self, *, rezeroing: bool) -> Self:
+        """Give the fit for motions that begin with re-zeroing, or for those that do not.
+
+        They are one unless zeros were fitted. An interval stays with the fit that it was made of.
+        """
+        if not self.rezero_models:
+            return self
+        models = {"model": self.model, **self.baseline_models}
+        models = dict(self.rezero_models) if rezeroing else models
+        interval = self.interval
+        if interval is not None and (interval.rezero > 0.0) != rezeroing:
+            interval = None
+        model = models.pop("model")
+        return replace(
+            self, model=model, baseline_models=models, interval=interval, rezero_models={}
+        )
 
 
 def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[str, Array]]:
@@ -92,11 +136,14 @@ def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[
         "gap_limit": data.gap_limit,
         "model": _encode_estimator(data.model),
         "baselines": {name: _encode_estimator(m) for name, m in data.baseline_models.items()},
+        "rezero_models": {name: _encode_estimator(m) for name, m in data.rezero_models.items()},
         "metadata": dict(data.metadata),
         "redundant": dict(data.redundant),
     }
     parts = {"model": data.model.arrays_}
     parts |= {name: model.arrays_ for name, model in data.baseline_models.items()}
+    parts |= {f"rezero_models/{name}": m.arrays_ for name, m in data.rezero_models.items()}
+    parts[_ZERO] = dict(data.offsets) | ({} if data.moves is None else {_MOVES: data.moves})
     for extra in _EXTRAS:
         if getattr(data, extra) is not None:
             parts[extra] = encode_arrays(getattr(data, extra))
@@ -120,16 +167,14 @@ def decode(
         feature_set = FeatureSet.parse(_strings(description["features"], "features"))
     except CalibrationError as error:
         raise ModelFileError(str(error)) from None
-    baselines = description["baselines"]
-    own = isinstance(baselines, dict) and not {"model", *_EXTRAS} & set(baselines)
-    _require(own, "the baselines are not estimators by name")
-    for name in baselines:
-        _name(name, "a baseline")
-    models = {
-        name: _decode_estimator(entry, name, _within(arrays, name))
-        for name, entry in {"model": description["model"], **baselines}.items()
-    }
-    left_over = sorted(n for n in arrays if n.partition("/")[0] not in {*models, *_EXTRAS})
+    baselines = _baselines(description["baselines"])
+    models = _decode_estimators({"model": description["model"], **baselines}, arrays)
+    again = description["rezero_models"]
+    good = isinstance(again, dict) and (not again or set(again) - set(baselines) == {"model"})
+    _require(good, "the models for re-zeroing are not those of the calibration")
+    rezero_models = _decode_estimators(again, _within(arrays, "rezero_models"))
+    known = {*models, *_EXTRAS, _ZERO, "rezero_models"}
+    left_over = sorted(n for n in arrays if n.partition("/")[0] not in known)
     _require(not left_over, f"arrays {left_over[:5]} belong to no estimator")
     lower, upper = _ranges(description["ranges"], feature_set)
     target, gap, metadata = (description[key] for key in ("target", "gap_limit", "metadata"))
@@ -150,6 +195,7 @@ def decode(
         model=models.pop("model"),
         baseline_models=models,
         metadata=metadata,
+        rezero_models=rezero_models,
     )
     needed = set(data.units) == set(data.signals)
     _require(needed, "the units are not those of the columns that the model needs")
@@ -165,7 +211,13 @@ def decode(
         "parity": lambda found: decode_parity_equations(found, n_signals, n_joints),
     }
     extras = {name: _within(arrays, name) for name in _EXTRAS}
-    return replace(data, **{n: decoders[n](found) for n, found in extras.items() if found})
+    data = replace(data, **{n: decoders[n](found) for n, found in extras.items() if found})
+    offsets = _within(arrays, _ZERO)
+    for name, array in offsets.items():
+        wanted = (len(data.signals), n_joints) if name == _MOVES else (n_joints,)
+        good = name in {"model", _MOVES, *data.baseline_models} and array.shape == wanted
+        _require(good and bool(np.isfinite(array).all()), f"the zero of {name!r:.60} is none")
+    return replace(data, moves=offsets.pop(_MOVES, None), offsets=offsets)
 
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
@@ -195,6 +247,21 @@ def _decode_estimator(entry: Any, name: str, arrays: Mapping[str, Array]) -> Est
     _require(known, f"estimator {name!r} is of family {family!r:.60}, not a known one")
     params = {key: tuple(v) if isinstance(v, list) else v for key, v in params.items()}
     return EstimatorData(family, params, arrays)
+
+
+def _baselines(value: Any) -> dict[str, Any]:
+    good = isinstance(value, dict) and not _TAKEN & set(value)
+    _require(good, "the baselines are not estimators by name")
+    return {_name(name, "a baseline"): entry for name, entry in value.items()}
+
+
+def _decode_estimators(
+    entries: Mapping[str, Any], arrays: Mapping[str, Array]
+) -> dict[str, EstimatorData]:
+    return {
+        name: _decode_estimator(entry, name, _within(arrays, name))
+        for name, entry in entries.items()
+    }
 
 
 def _within(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:

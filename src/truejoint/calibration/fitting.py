@@ -5,17 +5,16 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any, Final
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import (
     check_arm,
@@ -27,6 +26,7 @@ from truejoint.calibration.conformal import (
 from truejoint.calibration.effort_baseline import fit_effort_baseline
 from truejoint.calibration.parity import fit_parity_equations, redundant_columns
 from truejoint.calibration.training_domain import fit_training_domain
+from truejoint.calibration.zero import shift_signals, signal_moves
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import BASELINES, DEFAULT
@@ -47,7 +47,11 @@ from truejoint.robots import Robot
 
 LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond which it is refused
 
+ZeroOf = Literal["shared", "recording", "homing"]
+
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
+_SETTLED: Final = 1e-9  # [rad or m] that zeros are found to
+_FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
 
 
 def calibrate(
@@ -60,6 +64,7 @@ def calibrate(
     redundant: Sequence[str] | None = None,
     fit_rate: float | None = None,
     random_state: int | None = None,
+    zero: ZeroOf = "shared",
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
@@ -91,13 +96,21 @@ def calibrate(
         with a history still see every row.
     random_state : int, optional
         Seed, where the estimator has one; its own by default.
+    zero : {"shared", "recording", "homing"}
+        Whether the recordings share one zero. With ``"recording"``, the estimator is fitted a
+        second time, with an offset of truth against measured position for each recording; with
+        ``"homing"``, for each homing, by which the measured positions themselves are off, inputs of
+        the model included. The zeros are those of a linear model on the same features. The second
+        fit (`Calibration.fitted_for`) is for motions that begin with re-zeroing and is useless
+        without, as all that differs between recordings has gone into the zeros.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 
     Raises
     ------
     CalibrationError
-        If the recordings do not belong together, lack truth for more than a third of their time,
+        If the recordings do not belong together, are fewer than two where each has a zero of its
+        own, lack truth for more than a third of their time, do not tell the zeros of homings,
         have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
         feature for a network), or a feature is constant though its channel is in use.
 
@@ -108,6 +121,7 @@ def calibrate(
     """
     recordings = as_recordings(recordings)
     robot = _common_robot(recordings)
+    groups = _groups(recordings, zero)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
     model.check_recordings(recordings)
@@ -126,10 +140,7 @@ def calibrate(
         _part(recording, outlying, feature_set, chosen, gap_limit, stride)
         for recording, outlying in zip(recordings, _outlying(recordings, chosen), strict=True)
     ]
-    X, error, truth = (
-        np.concatenate([getattr(part, name)[part.fitted] for part in parts])
-        for name in ("features", "error", "truth")
-    )
+    X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
     unused = _unused_features(X, feature_set, robot)
     n_features = len(feature_set) - len(unused)
     needed = model.minimum_rows(n_features)
@@ -139,18 +150,33 @@ def calibrate(
             "record for longer, or choose fewer features or a simpler estimator"
         )
     report = progress or (lambda _fraction: None)
+    fits = 1 if groups is None else 2
 
-    def model_report(fraction: float) -> None:
-        report((1.0 - _BASELINE_SHARE) * fraction)
+    def fit(parts: Sequence[_Part], done: int) -> tuple[dict[str, JointRegressor], dict[str, str]]:
+        """Model and baselines, the fit after `done` of them, and notes on the latter."""
+        share = (1.0 - _BASELINE_SHARE) / fits
+        own = _fit_model(
+            clone(model), parts, target, stride, gap_limit, lambda f: report(share * (done + f))
+        )
+        X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
+        baselines, notes = _fit_baselines(X, error, n_features)
+        return {"model": own, **baselines}, notes
 
-    if model.family.remembers:
-        inputs = np.concatenate([part.features for part in parts])
-        times = [time_steps(np.array(recording.t), gap_limit) for recording in recordings]
-        targets = np.concatenate([part.targets(target, stride) for part in parts])
-        model.fit(inputs, targets, model_report, np.concatenate(times))
-    else:
-        model.fit(X, error if target == "error" else truth, model_report)
-    baselines, notes = _fit_baselines(X, error, n_features)
+    baselines, notes = fit(parts, 0)
+    zeros: dict[str, Any] = {"of": zero}
+    rezero_models: dict[str, JointRegressor] = {}
+    moves: Array | None = None
+    at_zero: Sequence[_Part] = parts
+    if groups is not None:
+        names, index = np.unique(groups, return_inverse=True)
+        moves = signal_moves(recordings, tuple(units), chosen) if zero == "homing" else None
+
+        def part_of(recording: Recording, outlying: Mask) -> _Part:
+            return _part(recording, outlying, feature_set, chosen, gap_limit, stride)
+
+        at_zero, found = _at_one_zero(parts, index, moves, tuple(units), part_of)
+        rezero_models, _ = fit(at_zero, 1)
+        zeros |= {"names": names.tolist(), "offsets": found.tolist()}
     report(1.0)
     fitted = Calibration(
         robot=robot.name,
@@ -162,8 +188,10 @@ def calibrate(
         gap_limit=gap_limit,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
-        model=model,
+        model=baselines.pop("model"),
         baseline_models=baselines,
+        rezero_models=rezero_models,
+        moves=moves,
         training_domain=fit_training_domain(recordings, loop_signals, gap_limit, X, error),
         parity=parity,
         redundant=redundant_units,
@@ -174,9 +202,12 @@ def calibrate(
             "settings": " ".join(repr(model).split()),
             "unused_features": unused,
             "baseline_notes": notes,
+            "zeros": zeros,
         },
     )
-    return replace(fitted, effort_baseline=fit_effort_baseline(fitted, recordings))
+    used = fitted.fitted_for(rezeroing=True)
+    baseline = fit_effort_baseline(used, [part.recording for part in at_zero])
+    return replace(fitted, effort_baseline=baseline)
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,15 +218,112 @@ class _Part:
     features: Array  # (n, k)
     truth: Array  # (n, n_joints) [rad or m], not known in every row
     error: Array  # (n, n_joints), truth minus measured
-    known: NDArray[np.bool_]  # (n,), where the truth of every joint is
-    outliers: int  # rows that are left out of those
+    known: Mask  # (n,), where the truth of every joint is, and not outlying
+    outlying: Mask  # (n,), rows that are left out
     fitted: Integers  # (m,), rows fitted to of those
+
+    @property
+    def outliers(self) -> int:
+        """Rows that are left out of those with truth."""
+        return int((np.isfinite(self.truth).all(axis=1) & self.outlying).sum())
 
     def targets(self, target: Target, stride: int) -> Array:
         """Targets of every row (n, n_joints), NaN where they are not fitted to."""
         targets = np.array(self.error if target == "error" else self.truth)
         targets[~self.known | (np.arange(len(targets)) % stride != 0)] = np.nan
         return targets
+
+
+def _fitted_rows(parts: Sequence[_Part], name: str) -> Array:
+    """Rows (m, ...) that are fitted to, of all parts, of the array called `name`."""
+    rows = [getattr(part, name)[part.fitted] for part in parts]
+    return np.asarray(np.concatenate(rows))
+
+
+def _fit_model(
+    model: JointRegressor,
+    parts: Sequence[_Part],
+    target: Target,
+    stride: int,
+    gap_limit: float,
+    report: Progress,
+) -> JointRegressor:
+    if not model.family.remembers:
+        known = "error" if target == "error" else "truth"
+        return model.fit(_fitted_rows(parts, "features"), _fitted_rows(parts, known), report)
+    inputs = np.concatenate([part.features for part in parts])
+    times = [time_steps(np.array(part.recording.t), gap_limit) for part in parts]
+    targets = np.concatenate([part.targets(target, stride) for part in parts])
+    return model.fit(inputs, targets, report, np.concatenate(times))
+
+
+def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> list[str] | None:
+    """Name what each recording shares its zero with; None where all share one."""
+    if zero not in get_args(ZeroOf):
+        raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
+    if zero == "shared":
+        return None
+    names = [f"{i}: {source_of(recording)}" for i, recording in enumerate(recordings)]
+    if zero == "homing":
+        homings = [recording.provenance.homing_id for recording in recordings]
+        names = [homing or name for homing, name in zip(homings, names, strict=True)]
+    if len(set(names)) < 2:
+        raise CalibrationError(
+            f"a zero for each {zero} takes two of them; all recordings are of {names[0]}: give "
+            "more, or let them share one zero"
+        )
+    return names
+
+
+def _at_one_zero(
+    parts: Sequence[_Part],
+    group: Integers,
+    moves: Array | None,
+    signals: Sequence[str],
+    part_of: Callable[[Recording, Mask], _Part],
+) -> tuple[Sequence[_Part], Array]:
+    """Parts without the zeros of their groups, and these zeros (n_groups, n_joints) [rad or m].
+
+    `group` (n_parts,) numbers the groups. The zeros are taken off the truth, or with `moves`
+    (n_signals, n_joints) added to the `signals`. They are about their mean. Raises CalibrationError
+    where the signals leave open what was added to them.
+    """
+    found = _group_zeros(parts, group)
+    if moves is None:
+        pairs = zip(parts, found[group], strict=True)
+        return [replace(p, error=p.error - z, truth=p.truth - z) for p, z in pairs], found
+    zeros, at_zero, left = np.zeros_like(found), parts, found
+    while np.abs(left).max() > _SETTLED:
+        zeros = zeros + left
+        at_zero = [
+            part_of(shift_signals(part.recording, signals, moves @ own), part.outlying)
+            for part, own in zip(parts, zeros[group], strict=True)
+        ]
+        before, left = left, _group_zeros(at_zero, group)
+        if not np.abs(left).max() < _FOLLOWS * np.abs(before).max():
+            raise CalibrationError(
+                "the true position hardly follows the measured one where other signals are known, "
+                "so the zero of a homing cannot be found; choose a zero for each recording"
+            )
+    return at_zero, zeros
+
+
+def _group_zeros(parts: Sequence[_Part], group: Integers) -> Array:
+    """Zeros (n_groups, n_joints) [rad or m] about their mean: least squares with the linear model.
+
+    The slopes are those within the groups, so a feature that changes between them alone has none.
+    """
+    rows = np.repeat(group, [len(part.fitted) for part in parts])
+    X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
+    within, errors = np.zeros_like(X), np.zeros_like(error)
+    for number in range(int(group.max()) + 1):
+        own = rows == number
+        varies = ~constant_columns(X[own])
+        within[np.ix_(own, varies)] = (X[own] - X[own].mean(axis=0))[:, varies]
+        errors[own] = error[own] - error[own].mean(axis=0)
+    left = error - get_estimator("linear").fit(within, errors).predict(X)
+    zeros = np.array([left[rows == n].mean(axis=0) for n in range(int(group.max()) + 1)])
+    return np.asarray(zeros - zeros.mean(axis=0))
 
 
 def _common_robot(recordings: Sequence[Recording]) -> Robot:
@@ -309,7 +437,7 @@ def _common_units(
     return units
 
 
-def _outlying(recordings: Sequence[Recording], joints: Sequence[str]) -> list[NDArray[np.bool_]]:
+def _outlying(recordings: Sequence[Recording], joints: Sequence[str]) -> list[Mask]:
     """Rows (n,) of each recording in which a joint is grossly off its neighbours."""
     by_joint = [gross_outliers(recordings, joint) for joint in joints]
     return [np.logical_or.reduce(masks) for masks in zip(*by_joint, strict=True)]
@@ -317,7 +445,7 @@ def _outlying(recordings: Sequence[Recording], joints: Sequence[str]) -> list[ND
 
 def _part(
     recording: Recording,
-    outlying: NDArray[np.bool_],
+    outlying: Mask,
     feature_set: FeatureSet,
     joints: tuple[str, ...],
     gap_limit: float,
@@ -327,10 +455,9 @@ def _part(
     known = np.asarray(np.isfinite(truth).all(axis=1))
     _check_truth(recording, known, joints)
     features, error = feature_set.compute(recording, gap_limit), recording.error(joints)
-    outliers = int((known & outlying).sum())
     known &= ~outlying
     return _Part(
-        recording, features, truth, error, known, outliers, np.flatnonzero(known)[::stride]
+        recording, features, truth, error, known, outlying, np.flatnonzero(known)[::stride]
     )
 
 
@@ -343,7 +470,7 @@ def _stride(fit_rate: float | None, dt: float) -> int:
     return max(1, round(1.0 / (fit_rate * dt)))
 
 
-def _check_truth(recording: Recording, known: NDArray[np.bool_], joints: Sequence[str]) -> None:
+def _check_truth(recording: Recording, known: Mask, joints: Sequence[str]) -> None:
     """Refuse a recording whose truth is missing for more than a third of its time on end."""
     t = recording.t
     what = ", ".join(f"truth/{joint}" for joint in joints)

@@ -1,15 +1,17 @@
-"""Re-zero a calibration: move its offset, and nothing else, to a brief truth."""
+"""The zero of a recording or homing: estimated with the model, and found again from brief truth."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from truejoint.array_types import Array
-from truejoint.calibration.conformal import known_error, zero_offset
+from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -17,6 +19,8 @@ if TYPE_CHECKING:
 
 
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
+_MOST_ROUNDS: Final = 20  # of moving the inputs of a model until its output fits
+_SAME_SENSOR: Final = 1e-5  # of its range that a signal may be off a line through another
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +30,8 @@ class Zero:
     Attributes
     ----------
     offset : ndarray, shape (n_joints,)
-        Median of truth minus corrected position [rad or m]: what is to be added.
+        By how much the zero of the calibration has to move [rad or m]: median of truth minus
+        corrected position or, where it moves the measured positions, what brings that to nothing.
     sd : ndarray, shape (n_joints,)
         Standard deviation of that as an estimate of the offset of a whole motion [rad or m].
         Errors of a model resemble each other over seconds, so a brief truth knows less than its
@@ -48,8 +53,10 @@ class Zero:
     duration: float
 
 
-def find_zero(calibration: Calibration, recording: Recording) -> Zero:
+def find_zero(calibration: Calibration, recording: Recording, duration: float = math.inf) -> Zero:
     """Offset of a calibration against the truth in a recording, however little there is of it.
+
+    Of the truth, the first `duration` [s] are used.
 
     Raises
     ------
@@ -61,7 +68,18 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
     >>> find_zero(model, test).offset.shape
     (1,)
     """
-    t, error, _ = known_error(calibration, recording)
+    t, error, known = known_error(calibration, recording)
+    used = at_start(t, duration)
+    t, offset = t[used], np.median(error[used], axis=0)
+    if calibration.moves is not None:
+        # The outputs move about as far as the inputs, but not just as far.
+        brief = recording.rows(slice(0, int(np.flatnonzero(known)[used][-1]) + 1))
+        left = offset
+        for _ in range(_MOST_ROUNDS):
+            now = np.median(known_error(moved(calibration, offset), brief)[1], axis=0)
+            if not np.abs(now).max() < np.abs(left).max():
+                break
+            offset, left = offset + now, now
     chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
     apart = np.abs(np.subtract.outer(t[chosen], t[chosen]))
     sd = np.full(len(calibration.joints), math.nan)
@@ -69,34 +87,40 @@ def find_zero(calibration: Calibration, recording: Recording) -> Zero:
     if baseline is not None:
         sizes = zip(baseline.residual, baseline.correlation, strict=True)
         sd = np.array([size * math.sqrt(np.exp(-apart / time).mean()) for size, time in sizes])
-    return Zero(zero_offset(t, error, math.inf)[0], sd, len(t), float(t[-1] - t[0]))
+    return Zero(offset, sd, len(t), float(t[-1] - t[0]))
 
 
-def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
-    """Give the calibration whose offset is that of the truth in a recording.
+def rezeroed(
+    calibration: Calibration, recording: Recording, duration: float = math.inf
+) -> Calibration:
+    """Give the calibration whose zero is that of the truth in a recording.
 
-    The baselines are re-zeroed likewise, each by its own errors, and the range of plausible
-    corrections moves along. The metadata say so under ``rezeroed``, and of the new homing.
+    Where zeros were fitted (`calibrate`, `zero`), it is the fit with these. The baselines are
+    re-zeroed likewise, each by its own errors, and the range of plausible corrections moves along.
+    The metadata say so under ``rezeroed``, and of the new homing.
 
     Parameters
     ----------
     calibration : Calibration
     recording : Recording
         With a brief truth: see `find_zero`.
+    duration : float
+        How much of the truth to use, from its beginning [s].
 
     Raises
     ------
     CalibrationError
-        As `find_zero`, or if the estimator has no offset of its own.
+        As `find_zero`.
 
     Examples
     --------
     >>> "rezeroed" in rezeroed(model, test).metadata
     True
     """
-    zero = find_zero(calibration, recording)
-    models = {
-        name: baseline.model.shifted(find_zero(baseline, recording).offset)
+    calibration = calibration.fitted_for(rezeroing=True)
+    zero = find_zero(calibration, recording, duration)
+    offsets = {
+        name: baseline.offset + find_zero(baseline, recording, duration).offset
         for name, baseline in calibration.baselines.items()
     }
     origin = recording.provenance
@@ -108,12 +132,116 @@ def rezeroed(calibration: Calibration, recording: Recording) -> Calibration:
         "rows": zero.rows,
         "duration": zero.duration,
     }
+    own = moved(calibration, zero.offset)
+    own = replace(own, offsets={**own.offsets, **offsets})
+    if origin.homing_id:
+        own = own.with_metadata(homing_ids=[origin.homing_id])
+    return own.with_metadata(rezeroed=facts)
+
+
+def moved(calibration: Calibration, offset: Array) -> Calibration:
+    """Move the zero of the model by `offset` (n_joints,) [rad or m]; baselines stay."""
     domain = calibration.training_domain
     if domain is not None:
-        bounds = {n: getattr(domain, n) + zero.offset for n in ("error_lower", "error_upper")}
+        bounds = {n: getattr(domain, n) + offset for n in ("error_lower", "error_upper")}
         domain = replace(domain, **bounds)
-    model = calibration.model.shifted(zero.offset)
-    moved = replace(calibration, model=model, baseline_models=models, training_domain=domain)
-    if origin.homing_id:
-        moved = moved.with_metadata(homing_ids=[origin.homing_id])
-    return moved.with_metadata(rezeroed=facts)
+    offsets = {**calibration.offsets, "model": calibration.offset + offset}
+    return replace(calibration, offsets=offsets, training_domain=domain)
+
+
+def positions_after_start(
+    model: Any, recording: Recording, joints: Sequence[str], duration: float
+) -> Array:
+    """Corrected positions (n, n_joints) [rad or m], re-zeroed from the first `duration` of truth.
+
+    `model` is a `Calibration`, or else anything with a method `correct`, whose output is moved.
+    """
+    if hasattr(model, "moves"):
+        return moved(model, find_zero(model, recording, duration).offset).correct(recording)
+    positions: Array = model.correct(recording)
+    error = recording.columns("truth", joints) - positions
+    known = np.isfinite(error).all(axis=1)
+    return positions + np.median(error[known][at_start(recording.t[known], duration)], axis=0)
+
+
+def at_start(t: Array, duration: float) -> NDArray[np.bool_]:
+    """Which stamps `t` (n,) [s] of known truth lie within `duration` [s] of the first."""
+    return np.asarray(t - t[0] < duration)
+
+
+def known_error(
+    calibration: Calibration, recording: Recording
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Stamps (m,), truth minus corrected (m, n_joints), and places (n,) of the rows with truth.
+
+    Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
+    """
+    source = recording.provenance.source or "recording"
+    without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
+    if without:
+        raise CalibrationError(
+            f"{source} has no truth of {', '.join(without)}; record it with a sensor at the joint, "
+            "if only for a moment"
+        )
+    error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
+    known = np.asarray(np.isfinite(error).all(axis=1))
+    if not known.any():
+        raise CalibrationError(
+            f"{source}: no row has the truth of {', '.join(calibration.joints)}; an interval is "
+            "made of, and judged by, true positions"
+        )
+    return recording.t[known], error[known], known
+
+
+def judged_error(
+    calibration: Calibration, recording: Recording, rezero: float
+) -> tuple[Array, NDArray[np.int64]]:
+    """Errors (m, n_joints) [rad or m] that are judged, and the rows (m,) that they are of.
+
+    Those of all rows with truth or, where the first `rezero` [s] of them set the zero, of those
+    after; raises CalibrationError as `known_error`, or when nothing is left.
+    """
+    if rezero > 0.0:
+        calibration = moved(calibration, find_zero(calibration, recording, rezero).offset)
+    t, error, known = known_error(calibration, recording)
+    used = at_start(t, rezero)
+    if used.all():
+        raise CalibrationError(
+            f"{recording.provenance.source or 'recording'}: all of its truth lies within the "
+            f"{rezero:g} s that re-zero it; nothing is left to judge, so give a longer recording"
+        )
+    return error[~used], np.flatnonzero(known)[~used]
+
+
+def shift_signals(recording: Recording, signals: Sequence[str], shift: Array) -> Recording:
+    """Add to each of the `signals` its `shift` (n_signals,) in the signal's unit."""
+    changed = {
+        signal: recording.column(signal) + by
+        for signal, by in zip(signals, shift, strict=True)
+        if by
+    }
+    if not changed:
+        return recording
+    return replace(recording, table=recording.table.assign(**changed))
+
+
+def signal_moves(
+    recordings: Sequence[Recording], signals: Sequence[str], joints: Sequence[str]
+) -> Array:
+    """How far each signal moves with a joint's measured position (n_signals, n_joints).
+
+    The measured position itself, and signals of its channel that are the same sensor's in another
+    unit: on a straight line with it in all recordings.
+    """
+    moves = np.zeros((len(signals), len(joints)))
+    for j, joint in enumerate(joints):
+        measured = np.concatenate([r.column(f"measured/{joint}") for r in recordings])
+        columns = np.column_stack([measured, np.ones_like(measured)])
+        for i, signal in enumerate(signals):
+            if signal.partition("/")[2] != joint:
+                continue
+            own = np.concatenate([recording.column(signal) for recording in recordings])
+            line = np.linalg.lstsq(columns, own)[0]
+            if np.abs(own - columns @ line).max() <= _SAME_SENSOR * np.ptp(own):
+                moves[i, j] = 1.0 if signal == f"measured/{joint}" else line[0]
+    return moves

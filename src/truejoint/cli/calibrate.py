@@ -66,6 +66,13 @@ def calibrate(
         float | None,
         typer.Option(help="Fit to rows at most at this rate [Hz]; features still see every row."),
     ] = None,
+    zero: Annotated[
+        Literal["shared", "recording", "homing"],
+        typer.Option(
+            help="Whether the recordings share one zero, or a second fit, for motions that begin "
+            "with re-zeroing, takes one for each recording (truth) or homing (measured positions)."
+        ),
+    ] = "shared",
     test: Annotated[
         list[str] | None,
         options.recordings("--test", "Recording to judge on; the accuracy goes into the file."),
@@ -115,7 +122,7 @@ def calibrate(
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
-    fitted = fit(training, unfitted, **how, random_state=seed)
+    fitted = fit(training, unfitted, **how, zero=zero, random_state=seed)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)

@@ -39,6 +39,12 @@ def evaluate(
             autocompletion=complete.tolerances,
         ),
     ] = None,
+    rezero_s: Annotated[
+        float,
+        typer.Option(
+            help="Re-zero on so much truth at the start of each recording, and judge the rest [s]."
+        ),
+    ] = 0.0,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
     accept: Accept = None,
     reader: options.Format = None,
@@ -72,7 +78,9 @@ def evaluate(
     if shown:
         checks["training"] = checked(shown, accepted_names, joints=first.joints)
     with progress("Judging"):
-        result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
+        result = truejoint.evaluate(
+            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s
+        )
     if report is not None:
         report_evaluation(result, report, checks, shown, force=force)
     if as_json:

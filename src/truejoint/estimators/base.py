@@ -159,21 +159,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             estimator.memory()
         return estimator
 
-    def shifted(self, offset: Array) -> Self:
-        """Fitted estimator that gives `offset` (n_outputs,) more than this one.
-
-        Raises CalibrationError if it finds its own zero.
-        """
-        moved = self.family.moved_by
-        if not moved or moved not in self.arrays_:
-            raise CalibrationError(
-                f"{self.name} has no offset that could be moved; it finds its own zero, or has to "
-                "be fitted anew"
-            )
-        arrays = {**self.arrays_, moved: self.arrays_[moved] + offset}
-        data = EstimatorData(self.family.name, self.model_params(), arrays)
-        return type(self).from_data(data, int(self.n_features_in_), len(offset))
-
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
         return max(self.least_rows, self.rows_per_feature * n_features)

@@ -135,12 +135,8 @@ class ElasticJointFilter(JointRegressor):
     def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
         for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
             jaw.check_changes(self.name, name, column[known], " under load")
-        turns = 0
-        for rows in histories(dt):
-            part = X[rows, 0]
-            if len(part) > 1 and np.ptp(part) > 0.0:
-                jaw.check_jumps(self.name, DRIVER, part)
-                turns += jaw.reversals(part)
+        jaw.check_jumps(self.name, DRIVER, X[:, 0], np.cumsum(dt == 0.0))
+        turns = sum(jaw.reversals(X[rows, 0]) for rows in histories(dt))
         jaw.check_reversals(self.name, "driver", turns)
 
     def estimate(

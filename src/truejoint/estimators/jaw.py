@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
@@ -39,7 +39,7 @@ class JawEstimator(JointRegressor):
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
         known = self._known(y)
-        self._check_motion(X[known], y[known, 0])
+        self._check_motion(X[known], y[known, 0], np.cumsum(dt == 0.0)[known])
         arrays = self._learn_jaw(X, y[:, 0], dt, known, progress)
         progress(1.0)
         return arrays
@@ -48,11 +48,11 @@ class JawEstimator(JointRegressor):
     def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
 
-    def _check_motion(self, X: Array, y: Array) -> None:
+    def _check_motion(self, X: Array, y: Array, history: Integers) -> None:
         inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
         for name, column in (*zip(inputs, X.T, strict=True), ("the jaw's truth", y)):
             check_changes(self.name, name, column)
-            check_jumps(self.name, name, column)
+            check_jumps(self.name, name, column, history)
             longest = longest_standstill(column, X, inputs.index(name) if name in inputs else None)
             if longest > 0.2:
                 raise CalibrationError(
@@ -71,12 +71,13 @@ def check_changes(estimator: str, name: str, column: Array, how: str = "") -> No
         )
 
 
-def check_jumps(estimator: str, name: str, column: Array) -> None:
+def check_jumps(estimator: str, name: str, column: Array, history: Integers) -> None:
     """Raise CalibrationError when a signal (n,) changes between two rows far more than usual.
 
     Far more is thirty times what it exceeds in one row of a hundred, and a fiftieth of its range.
+    Between rows that differ in their number of `history` (n,) it may: the robot was homed.
     """
-    moves = np.abs(np.diff(column))
+    moves = np.abs(np.diff(column)) * (np.diff(history) == 0)
     usual = float(np.quantile(moves, 0.99))
     if moves.max() > max(30.0 * usual, 0.02 * float(np.ptp(column))):
         raise CalibrationError(

@@ -11,13 +11,14 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
+from truejoint.calibration.zero import at_start, positions_after_start
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.intervals import judge_interval
-from truejoint.evaluation.metrics import tool_positions
+from truejoint.evaluation.metrics import rmse, tool_positions
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace
 from truejoint.evaluation.scoring import JudgedRecording
-from truejoint.evaluation.verdict import judge, remarks_on, seen_in_training
+from truejoint.evaluation.verdict import judge, remarks_on, rezero_remark, seen_in_training
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.recordings.signals import direction, velocity
 from truejoint.robots import Robot
@@ -60,6 +61,7 @@ def evaluate(
     chosen: str | None = None,
     tolerance: Mapping[str, float] | None = None,
     window: float = 10.0,
+    rezero: float = 0.0,
 ) -> Evaluation:
     """Accuracy of calibrations on test recordings, per joint, per recording and of the tool.
 
@@ -80,13 +82,18 @@ def evaluate(
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
     window : float
         Length [s] of the worst stretches.
+    rezero : float
+        When above 0, the first `rezero` seconds of truth of every recording set the zero of every
+        model and baseline, and are not judged: the accuracy of motions that begin so. Where a
+        calibration has a fit for that, it is the one that is judged. The raw position stays.
 
     Raises
     ------
     CalibrationError
-        If there is nothing to evaluate, calibrations differ in joints, or a tolerance is wrong.
+        If there is nothing to evaluate, calibrations differ in joints, or a tolerance or time is
+        wrong.
     RecordingError
-        If a recording lacks truth, or is of another arm than the first.
+        If a recording lacks truth beyond what re-zeroes it, or is of another arm than the first.
 
     Examples
     --------
@@ -94,7 +101,10 @@ def evaluate(
     >>> evaluation.verdict.passed
     True
     """
-    calibrations = _by_estimator(models)
+    if not (rezero >= 0.0 and np.isfinite(rezero)):
+        raise CalibrationError(f"the time to re-zero from is {rezero:g} s; it must be 0 s or more")
+    given = _by_estimator(models)
+    calibrations = _fitted_for(given, rezeroing=rezero > 0.0)
     recordings = as_recordings(recordings)
     chosen, joints = _checked_models(calibrations, chosen)
     robot = _checked_robot(recordings)
@@ -106,7 +116,7 @@ def evaluate(
     note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
     tested = [
-        _test(recording, name, fitted, joints, robot if not note else None, chosen)
+        _test(recording, name, fitted, joints, robot if not note else None, chosen, rezero)
         for recording, name in zip(recordings, names, strict=True)
     ]
     traces = [test.trace for test in tested]
@@ -119,6 +129,12 @@ def evaluate(
         objections=seen_in_training(metadata, recordings),
         remarks=tuple(remarks_on(metadata, recordings)),
     )
+    if rezero > 0.0:
+        plain = _fitted_for(given, rezeroing=False)[chosen][0]
+        own_scores = {score.joint: score for score in scores if score.estimator == chosen}
+        verdict = rezero_remark(
+            verdict, own_scores, _as_they_come(plain, recordings, traces), rezero
+        )
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -134,9 +150,10 @@ def evaluate(
         cartesian_note=note,
         worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
         window=window,
+        rezero=rezero,
         verdict=verdict,
         training=json_values(metadata),
-        **judge_interval(own, recordings, traces, chosen),
+        **judge_interval(given[chosen][0], recordings, traces),
     )
 
 
@@ -155,6 +172,29 @@ def _by_estimator(
             )
         found.setdefault(model.estimator, []).append(model)
     return found
+
+
+def _fitted_for(
+    models: Mapping[str, Sequence[JointCalibration]], *, rezeroing: bool
+) -> Mapping[str, Sequence[JointCalibration]]:
+    return {
+        name: [
+            seed.fitted_for(rezeroing=rezeroing) if isinstance(seed, Calibration) else seed
+            for seed in seeds
+        ]
+        for name, seeds in models.items()
+    }
+
+
+def _as_they_come(
+    model: Corrects, recordings: Sequence[Recording], traces: Sequence[Trace]
+) -> Array:
+    """RMSE (n_joints,) [rad or m] of positions that are not re-zeroed, on the rows of `traces`."""
+    errors = [
+        model.correct(recording)[np.isin(recording.t, trace.t)] - trace.truth
+        for recording, trace in zip(recordings, traces, strict=True)
+    ]
+    return np.asarray(rmse(np.concatenate(errors)))
 
 
 def _checked_models(
@@ -210,17 +250,27 @@ def _test(
     joints: tuple[str, ...],
     robot: Robot | None,
     chosen: str,
+    rezero: float,
 ) -> JudgedRecording:
     truth = recording.columns("truth", joints)
     known = np.asarray(np.isfinite(truth).all(axis=1))
+    if rezero > 0.0 and known.any():
+        known[np.flatnonzero(known)[at_start(recording.t[known], rezero)]] = False
     if known.sum() < 2:
+        besides = f" after the {rezero:g} s that re-zero it" if rezero > 0.0 else ""
         raise RecordingError(
             f"{recording.provenance.source or 'recording'}: {int(known.sum())} rows have the "
-            f"truth of {', '.join(joints)}; a test needs at least 2"
+            f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
         )
+
+    def positions(model: Corrects) -> Array:
+        if rezero > 0.0:
+            return positions_after_start(model, recording, joints, rezero)
+        return model.correct(recording)
+
     measured = recording.columns("measured", joints)
     estimates = {RAW: [_finite(measured, RAW, name)[known]]} | {
-        estimator: [_finite(seed.correct(recording), estimator, name)[known] for seed in seeds]
+        estimator: [_finite(positions(seed), estimator, name)[known] for seed in seeds]
         for estimator, seeds in models.items()
     }
     truth = truth[known]
@@ -238,8 +288,8 @@ def _test(
 
         true = tool_positions(robot.kinematics, pose(truth))
         for key, seeds in estimates.items():
-            positions = [tool_positions(robot.kinematics, pose(value)) for value in seeds]
-            tool_errors[key] = [position - true for position in positions]
+            tools = [tool_positions(robot.kinematics, pose(value)) for value in seeds]
+            tool_errors[key] = [position - true for position in tools]
         tool = {"truth": true} | {key: true + tool_errors[key][0] for key in (OFFSET, chosen)}
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
     trace = Trace(

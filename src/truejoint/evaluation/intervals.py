@@ -11,8 +11,9 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.conformal import trained_on, zero_offset
+from truejoint.calibration.conformal import trained_on
 from truejoint.calibration.interval import Interval
+from truejoint.calibration.zero import at_start, positions_after_start
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
 from truejoint.recordings.recording import Recording
@@ -34,7 +35,7 @@ class _Motion:
 
 
 def judge_interval(
-    calibration: object, recordings: Sequence[Recording], traces: Sequence[Trace], chosen: str
+    calibration: object, recordings: Sequence[Recording], traces: Sequence[Trace]
 ) -> dict[str, Any]:
     """Judge the interval of a `Calibration` on recordings that no part of it saw.
 
@@ -45,10 +46,11 @@ def judge_interval(
     if not isinstance(calibration, Calibration) or calibration.interval is None:
         return {"traces": tuple(traces)}
     interval = calibration.interval
+    calibration = calibration.fitted_for(rezeroing=interval.rezero > 0.0)
     stated = [float(level) for level in interval.levels]
     level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
     motions = [
-        _motion(calibration, level, recording, trace, chosen)
+        _motion(calibration, level, recording, trace)
         for recording, trace in zip(recordings, traces, strict=True)
     ]
     judged = [motion for motion in motions if not motion.objection]
@@ -73,23 +75,24 @@ def judge_interval(
     }
 
 
-def _motion(
-    calibration: Calibration, level: float, recording: Recording, trace: Trace, chosen: str
-) -> _Motion:
-    interval = calibration.required_interval()
-    known = np.isfinite(recording.columns("truth", calibration.joints)).all(axis=1)
-    position = trace.estimates[chosen]
-    error = -trace.error(chosen)
-    scored = np.ones(len(error), dtype=bool)
+def _motion(calibration: Calibration, level: float, recording: Recording, trace: Trace) -> _Motion:
+    interval, joints = calibration.required_interval(), calibration.joints
+    truth = recording.columns("truth", joints)
+    known = np.isfinite(truth).all(axis=1)
+    scored = np.ones(int(known.sum()), dtype=bool)
     if interval.rezero > 0.0:
-        shift, used = zero_offset(trace.t, error, interval.rezero)
-        error, position, scored = error - shift, position + shift, ~used
+        position = positions_after_start(calibration, recording, joints, interval.rezero)[known]
+        scored = ~at_start(recording.t[known], interval.rezero)
+    else:
+        position = calibration.correct(recording)[known]
+    error = truth[known] - position
     widening = 1.0 + interval.growth * calibration.range_excess(recording)[known]
     homing, own = recording.provenance.homing_id, _own_homings(calibration)
     holds = _allows_offset(interval) or not own or not homing or homing in own
     if holds and scored.any():
         half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
-        trace = replace(trace, lower=position - half, upper=position + half)
+        shown = np.isin(recording.t[known], trace.t)
+        trace = replace(trace, lower=(position - half)[shown], upper=(position + half)[shown])
     objection = ""
     if trained_on(calibration.metadata, recording):
         objection = "used in the fit"
@@ -158,7 +161,7 @@ def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> 
     if interval.rezero > 0.0:
         note += (
             f" Coverage and bands are of positions re-zeroed from the first {interval.rezero:g} s "
-            "of each recording; every other number is of positions as they come."
+            "of each recording, whatever other numbers are of."
         )
     sessions = calibration.metadata.get("interval_sessions", ())
     seen = [float(s["load"]) for s in sessions if s.get("load") is not None]

@@ -330,6 +330,8 @@ class Evaluation(Summarised):
         One row per estimator; empty when the note says why.
     worst, window : tuple of Stretch, float
         Worst first, and their length [s].
+    rezero : float
+        Time of truth [s] that every recording was re-zeroed from; 0: judged as they come.
     verdict : Verdict
     intervals, interval_trajectories : tuple of IntervalScore, tuple of str
         One row per stated level and joint of the chosen model's first seed, and what their shares
@@ -369,6 +371,7 @@ class Evaluation(Summarised):
     traces: tuple[Trace, ...]
     intervals: tuple[IntervalScore, ...] = ()
     interval_trajectories: tuple[str, ...] = ()
+    rezero: float = 0.0
     interval_level: float = math.nan
     interval_note: str = "The model states no interval: it was not given recordings to make one of."
     interval_objections: tuple[str, ...] = ()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from numbers import Real
 from pathlib import PurePath
 from typing import Any
 
+from truejoint.array_types import Array
 from truejoint.calibration.conformal import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.digits import shown
@@ -163,6 +165,29 @@ def remarks_on(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> 
                 "what is left of the offset shows only in other recordings."
             )
             return
+
+
+def rezero_remark(
+    verdict: Verdict, rezeroed: Mapping[str, Score], as_they_come: Array, duration: float
+) -> Verdict:
+    """Say what re-zeroing is worth: RMSE without it (n_joints,), by the fit for that, beside it."""
+    better: list[str] = []
+    worse: list[str] = []
+    for (joint, score), plain in zip(rezeroed.items(), as_they_come.tolist(), strict=True):
+        unit = display_unit(score.unit)
+        before, after = shown([plain * unit.scale, score.rmse * unit.scale])
+        harms = score.rmse > plain
+        (worse if harms else better).append(f"{joint} {after} {unit.name} instead of {before}")
+    start = f"from the first {duration:g} s of each recording"
+    remarks = []
+    if better:
+        remarks.append(f"Re-zeroed {start}: {_and(better)} as positions come.")
+    if worse:
+        remarks.append(
+            f"Re-zeroing {start} harms: {_and(worse)}. So short a stretch may be a part of a slow "
+            "cycle, with errors all to one side: re-zero from a longer one, or leave it."
+        )
+    return replace(verdict, remarks=(*remarks, *verdict.remarks))
 
 
 def _name(recording: Recording) -> str:

@@ -93,6 +93,7 @@ def export_c(
     """
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)
+    calibration = calibration.fitted_for(rezeroing=False)
     data = decode(*encode(calibration))
     limits = limits_of(data, range_margin)
     try:

@@ -94,6 +94,13 @@ class _Graph:
                 f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
         predicted = _BUILDERS[data.family](self, features, data, len(calibration.feature_set))
+        if calibration.signal_shift.any():
+            raise ExportError(
+                "its inputs are re-zeroed, which the ONNX graph leaves out; export C, or the model "
+                "before re-zeroing"
+            )
+        if calibration.output_shift.any():
+            predicted = self.node("Add", [predicted, self.constant(calibration.output_shift)])
         is_error = calibration.target == "error"
         terms = [measured, predicted] if is_error else [predicted]
         self.node("Add" if is_error else "Identity", terms, "position")

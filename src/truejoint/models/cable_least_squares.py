@@ -108,5 +108,4 @@ FAMILY: Final = Family(
     counts_samples=True,  # differences of rows
     inputs=lambda params: (MOTOR, DRIVE, RESET) if params["compensated"] else (DRIVE, RESET),
     targets=("position", "error"),
-    moved_by="constant",
 )

@@ -134,7 +134,6 @@ class Family:
     counts_samples: bool = False  # whether what was learnt belongs to one time step
     inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
     targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
-    moved_by: str = ""  # array that is added to the output, which re-zeroing moves; "": none
     states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
     offline: str = "uses later rows"  # why there is no row, where there is none
 

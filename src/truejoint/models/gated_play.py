@@ -82,5 +82,4 @@ FAMILY: Final = Family(
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position", "error"),
-    moved_by="constant",
 )

@@ -139,5 +139,4 @@ FAMILY: Final = Family(
     shapes=_shapes,
     pack=_pack,
     row=network_row,
-    moved_by="target_mean",
 )

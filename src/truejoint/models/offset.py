@@ -30,5 +30,4 @@ FAMILY: Final = Family(
     pack=lambda _params, arrays, _k, _n: LAYOUT.pack(**arrays),
     row=offset_row,
     targets=("error",),
-    moved_by="offset",
 )

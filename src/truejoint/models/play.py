@@ -223,5 +223,4 @@ FAMILY: Final = Family(
     remembers=True,
     inputs=inputs,
     targets=("position", "error"),
-    moved_by="constant",
 )

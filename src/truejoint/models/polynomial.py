@@ -119,5 +119,4 @@ FAMILY: Final = Family(
     shapes=_shapes,
     pack=_pack,
     row=polynomial_row,
-    moved_by="intercept",
 )

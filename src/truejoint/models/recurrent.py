@@ -149,5 +149,4 @@ FAMILY: Final = Family(
     row=recurrent_row,
     remembers=True,
     counts_samples=True,
-    moved_by="target_mean",
 )

@@ -32,7 +32,6 @@ FAMILY: Final = Family(
         ),
     },
     shapes=_shapes,
-    moved_by="target_mean",
     offline=(
         "is run by scikit-learn (linear models, trees, forests, boosted trees and logistic "
         "networks are not)"

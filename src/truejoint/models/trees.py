@@ -123,5 +123,4 @@ FAMILY: Final = Family(
     shapes=_shapes,
     pack=_pack,
     row=trees_row,
-    moved_by="offset",
 )

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truejoint.calibration.conformal import known_error
-from truejoint.calibration.zero import find_zero
+from truejoint.calibration.zero import find_zero, known_error, rezeroed
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 
 if TYPE_CHECKING:
@@ -122,6 +121,7 @@ def check_calibration(
     """
     t, error, known = known_error(calibration, recording)
     zero = find_zero(calibration, recording)
+    left = known_error(rezeroed(calibration, recording), recording)[1]
     allowed = np.full_like(error, math.nan)
     inside = np.full(error.shape[1], math.nan)
     if calibration.interval is not None:
@@ -135,7 +135,7 @@ def check_calibration(
             largest=float(np.abs(error[:, k]).max()),
             offset=float(zero.offset[k]),
             offset_sd=float(zero.sd[k]),
-            left=float(np.sqrt(np.mean((error[:, k] - zero.offset[k]) ** 2))),
+            left=float(np.sqrt(np.mean(left[:, k] ** 2))),
             half_width=float(allowed[:, k].mean()),
             inside=float(inside[k]),
         )

@@ -38,6 +38,7 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     the bits of `Status`.
     """
     pass_through(numbers, memory)
+    move_signals(numbers, memory)
     status = int(numbers[at.HOMING]) | int(numbers[at.SUSPECT]) | judge_finite(numbers, memory)
     if not isfinite(memory[at.T]):
         return status | _NOT_FINITE
@@ -67,6 +68,14 @@ def pass_through(numbers: Integers, memory: Array) -> None:
         memory[numbers[at.POSITION] + j] = measured
         memory[numbers[at.HALF_WIDTH] + j] = inf
         memory[numbers[at.CORRECTION] + j] = nan
+
+
+@compiled
+def move_signals(numbers: Integers, memory: Array) -> None:
+    """Add to the signals by how much their zero has moved since the training."""
+    shift = vector(memory, numbers[at.SHIFT], numbers[at.N_SIGNALS])
+    for i in range(numbers[at.N_SIGNALS]):
+        memory[numbers[at.SAMPLE] + i] += shift[i]
 
 
 @compiled
@@ -324,6 +333,8 @@ def predict(numbers: Integers, memory: Array, dt: float) -> None:
         vector(memory, numbers[at.PREDICTED], n),
         half_width,
     )
+    for j in range(n):
+        memory[numbers[at.PREDICTED] + j] += memory[numbers[at.ADDED] + j]
 
 
 @compiled

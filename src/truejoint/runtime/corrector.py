@@ -44,6 +44,9 @@ class Corrector(Summarised):
     range_margin : float
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.
+    rezeroing : bool
+        Run the fit for motions that begin with `rezero`, where the model has one of its own
+        (`calibrate`, `zero`). Until then it is the less accurate one.
 
     Attributes
     ----------
@@ -97,10 +100,11 @@ class Corrector(Summarised):
         *,
         level: float = 0.9,
         range_margin: float = RANGE_MARGIN,
+        rezeroing: bool = False,
     ) -> None:
         if not 0.0 < level < 1.0:
             raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
-        data = _read(model)
+        data = _read(model, rezeroing)
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
         # Packed memory holds on to the compiled functions whose addresses it contains.
@@ -225,12 +229,14 @@ def _real(values: ArrayLike) -> Array:
     return found
 
 
-def _read(model: str | os.PathLike[str] | Calibration) -> CalibrationData[EstimatorData]:
+def _read(
+    model: str | os.PathLike[str] | Calibration, rezeroing: bool
+) -> CalibrationData[EstimatorData]:
     if not isinstance(model, (str, os.PathLike)):
-        return decode(*encode(model))
+        return decode(*encode(model.fitted_for(rezeroing=rezeroing)))
     description, arrays = read_model_file(model)
     try:
-        data = decode(description, arrays)
+        data = decode(description, arrays).fitted_for(rezeroing=rezeroing)
         shape = len(data.feature_set), len(data.joints)
         find_family(data.model.family).check(data.model, *shape)
         limits_of(data)

@@ -56,6 +56,8 @@ POSITION: Final = LAYOUT.array("position", "put out [rad or m]")
 HALF_WIDTH: Final = LAYOUT.array("half_width", "put out [rad or m]")
 CORRECTION: Final = LAYOUT.array("correction", "what the model says [rad or m]")
 OFFSET: Final = LAYOUT.array("offset", "added to the corrected positions [rad or m]")
+SHIFT: Final = LAYOUT.array("shift", "added to each signal: their zero has moved")
+ADDED: Final = LAYOUT.array("added", "zero of the model, added to what it predicts [rad or m]")
 PREDICTED: Final = LAYOUT.array("predicted", "position or error [rad or m]")
 PREDICTED_WIDTH: Final = LAYOUT.array("predicted_width", "its half-width [rad or m]")
 BASE_WIDTH: Final = LAYOUT.array("base_width", "half-width within the trained range [rad or m]")
@@ -114,9 +116,13 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         own = model.layout.fields["deviations"].index
         model.memory[own] = NormalDist().inv_cdf(0.5 + 0.5 * level)
     n_white = len(limits.whitening)
+    shift = np.pad(data.signal_shift, (0, n_signals - len(data.signals)))
+    # Parity is that of the signals as they come, whatever is added to them for the model.
+    intercept = limits.parity_intercept - limits.parity @ shift
     per_signal = ("sample", "last", "stood", "partner_low", "partner_high", "spiked")
     return LAYOUT.pack(
-        {"row": family.row}, **vars(limits), n_signals=n_signals, n_features=k, n_joints=n_joints,
+        {"row": family.row}, **(vars(limits) | {"parity_intercept": intercept}),
+        n_signals=n_signals, n_features=k, n_joints=n_joints,
         n_white=n_white, n_parity=len(limits.parity), parity_shift=np.zeros(len(limits.parity)),
         is_position=data.target == "position", row=family.row_address(),
         growth=growth, **dict.fromkeys(per_signal, np.zeros(n_signals)),
@@ -124,6 +130,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         **dict.fromkeys(("position", "correction"), np.full(n_joints, np.nan)),
         half_width=np.full(n_joints, np.inf), base_width=base,
         **dict.fromkeys(("offset", "predicted", "predicted_width"), np.zeros(n_joints)),
+        shift=shift, added=data.output_shift,
         feature_memory=data.feature_set.start().memory, clock=np.zeros(2), operation=operation,
         source=source, parameter=parameter, slot=slot, trained_lower=data.lower,
         trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
