@@ -64,7 +64,10 @@ class Fault:
 
 
 class Odd:
-    """What raises whatever is asked of it."""
+    """What raises whatever is asked of it, but for its name, by which a test is called."""
+
+    def __repr__(self) -> str:
+        return "Odd()"
 
     def __len__(self) -> int:
         raise RuntimeError
