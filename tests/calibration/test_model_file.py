@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from truejoint.calibration import calibrate, model_file, read_calibration, write_calibration
 from truejoint.calibration.encoding import encode
-from truejoint.calibration.model_file import from_bytes, to_bytes
+from truejoint.calibration.model_file import FORMAT_VERSION, from_bytes, to_bytes
 from truejoint.errors import ModelFileError
 from truejoint.estimators import NeuralNetwork, PolynomialRegressor
 
@@ -181,8 +181,11 @@ def test_newer_format_is_told_from_damage(tmp_path, saved):
     length = int.from_bytes(saved[:8], "little")
     header = json.loads(saved[8 : 8 + length])
     inner = json.loads(header["__metadata__"]["truejoint"])
-    header["__metadata__"]["truejoint"] = json.dumps({**inner, "format": 3, "novelty": 1})
-    refused(tmp_path, with_header(header, saved[8 + length :]), "version 3 is newer .* update")
+    header["__metadata__"]["truejoint"] = json.dumps(
+        {**inner, "format": FORMAT_VERSION + 1, "novelty": 1}
+    )
+    message = f"version {FORMAT_VERSION + 1} is newer .* update"
+    refused(tmp_path, with_header(header, saved[8 + length :]), message)
 
 
 @settings(max_examples=400, deadline=None)

@@ -69,7 +69,8 @@ def fit_parity_equations(
         for name in dict.fromkeys((*columns, *(f"measured/{joint}" for joint in joints)))
     }
     found = list(_equations(tables, joints, columns))
-    used = [c for c in columns if any(c in weights for _, weights, _, _ in found)]
+    # By name, as a model file lists them, whatever their order in the recordings is.
+    used = sorted(c for c in columns if any(c in weights for _, weights, _, _ in found))
     names = list(dict.fromkeys((*signals, *used)))
     if not found:
         return None, {}
