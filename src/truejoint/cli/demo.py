@@ -64,7 +64,7 @@ def demo(
     say("5. Judging it on the random motion")
     with progress("   Correcting and comparing with the joint encoders"):
         result = truejoint.evaluate(model, test)
-    report_evaluation(result, folder / "report.html", model, [test], training, force=True)
+    report_evaluation(result, folder / "report.html", model, training, force=True)
     if as_json:
         result_json(result.to_dict())
     else:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -15,6 +15,8 @@ from truejoint.cli.inputs import Files, check_writable, parse_tolerances
 from truejoint.errors import CalibrationError
 
 CHECK_FAILED = 1
+
+_STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
 def evaluate(
@@ -36,7 +38,7 @@ def evaluate(
         typer.Option(
             metavar="JOINT=VALUE",
             help="Largest RMSE that you accept, in deg or mm, for instance elbow=0.2. Without "
-            "one, a joint must beat the fixed offset.",
+            "one, a joint must beat raw position, fixed offset and any simpler model.",
             autocompletion=complete.tolerances,
         ),
     ] = None,
@@ -68,7 +70,7 @@ def evaluate(
     with progress("Judging"):
         result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
     if report is not None:
-        report_evaluation(result, report, first, testing, shown, force=force)
+        report_evaluation(result, report, first, shown, force=force)
     if as_json:
         result_json(result.to_dict())
     else:
@@ -81,17 +83,14 @@ def report_evaluation(
     result: truejoint.evaluation.Evaluation,
     path: Path,
     model: truejoint.Calibration,
-    testing: Sequence[truejoint.Recording],
     training: Sequence[truejoint.Recording] = (),
     *,
     force: bool = False,
 ) -> None:
-    """Check the data and write the report, showing progress."""
+    """Check the training recordings and write the report, showing progress."""
     with progress(f"Writing {path}"):
         check_data = truejoint.evaluation.check_data
-        checks = {"test": check_data(testing, calibration=model)}
-        if training:
-            checks["training"] = check_data(training, joints=model.joints)
+        checks = {"training": check_data(training, joints=model.joints)} if training else {}
         command = command_line()
         truejoint.write_report(
             result, path, training=training, checks=checks, command=command, overwrite=force
@@ -108,6 +107,13 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
     if result.intervals or result.interval_objections:
         for line in (result.interval_note, *result.interval_objections):
             say(line)
-    out.print(result.verdict.text, style="green" if result.verdict.passed else "red")
-    for line in (*result.verdict.objections, *result.verdict.remarks):
+    if result.domain is not None:
+        if result.domain.inside < 1.0:
+            out.print(truejoint.evaluation.domain_table(result))
+        say(truejoint.evaluation.view.domain_line(result))
+    verdict = result.verdict
+    out.print(verdict.text, style=_STYLES[verdict.level])
+    for line in (*verdict.objections, *verdict.doubts, *verdict.remarks):
         out.print(f"  {line}")
+    if verdict.advice not in verdict.doubts:
+        out.print(verdict.advice)

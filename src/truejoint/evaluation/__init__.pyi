@@ -1,3 +1,6 @@
+from .comparison import Difference as Difference
+from .comparison import compare as compare
+from .comparison import simplest as simplest
 from .data_check import DataCheck as DataCheck
 from .data_check import Finding as Finding
 from .data_check import JointCoverage as JointCoverage
@@ -14,6 +17,8 @@ from .report import render_report as render_report
 from .report import write_report as write_report
 from .report.curves import plot_corrected as plot_corrected
 from .results import CartesianScore as CartesianScore
+from .results import Comparison as Comparison
+from .results import Domain as Domain
 from .results import Evaluation as Evaluation
 from .results import IntervalScore as IntervalScore
 from .results import JointVerdict as JointVerdict
@@ -27,6 +32,7 @@ from .splits import part_by_time as part_by_time
 from .splits import split_by_file as split_by_file
 from .splits import split_by_time as split_by_time
 from .verdict import judge as judge
+from .view import domain_table as domain_table
 from .view import findings_table as findings_table
 from .view import interval_table as interval_table
 from .view import score_table as score_table

@@ -16,7 +16,15 @@ from rich.text import Text
 from truejoint.array_types import Mask
 from truejoint.evaluation.data_check import DataCheck, JointCoverage
 from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
-from truejoint.evaluation.results import OFFSET, RAW, Evaluation, estimator_title, known_loads
+from truejoint.evaluation.results import (
+    OFFSET,
+    RAW,
+    Evaluation,
+    estimator_phrase,
+    estimator_title,
+    known_loads,
+)
+from truejoint.evaluation.verdict import limit_phrase
 from truejoint.units import DisplayUnit, display_unit
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
@@ -67,7 +75,7 @@ def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
         own, verdict = rows[evaluation.chosen], verdicts.get(name)
         limit = verdict.limit if verdict else rows[OFFSET].rmse
         value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
-        against = "tolerance" if verdict and verdict.stated else "fixed offset"
+        against = limit_phrase(verdict) if verdict else f"{estimator_phrase(OFFSET)}'s"
         percent = f"{percent_text(own.percent_of_offset)} of fixed offset"
         yield {
             "name": name,
@@ -115,6 +123,37 @@ def interval_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
                 "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
                 "chosen": score.level == evaluation.interval_level,
             }
+
+
+def domain_rows(evaluation: Evaluation) -> Iterator[Row]:
+    """RMSE inside and outside the trained domain, by joint and estimator; empty if all inside."""
+    if evaluation.domain is None or evaluation.domain.inside == 1.0:
+        return
+    for _, joint, unit in evaluation.shown_joints():
+        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
+        pairs = [[unit.scale * v for v in (s.rmse_inside, s.rmse_outside)] for s in scores]
+        decimals = decimals_for(value for pair in pairs for value in pair)
+        for score, pair in zip(scores, pairs, strict=True):
+            cells = [estimator_title(score.estimator), *(fixed(v, decimals) for v in pair)]
+            yield Row(joint, cells, unit.name, score.estimator == evaluation.chosen)
+
+
+def comparison_rows(evaluation: Evaluation) -> Iterator[Row]:
+    """Tell what the chosen model is beside every other, by joint, and over how many stretches."""
+    for found in evaluation.comparisons:
+        told = f"{found.stretches} of up to {duration(found.seconds)}"
+        yield Row(found.joint, [estimator_title(found.estimator), found.outcome, told])
+
+
+def domain_line(evaluation: Evaluation) -> str:
+    """Share of the test that the loop would correct, and why not the rest; empty if not known."""
+    domain = evaluation.domain
+    if domain is None:
+        return ""
+    flags = ", ".join(f"{name} {100 * share:.2g} %" for name, share in domain.flags.items())
+    return f"The loop would correct {100 * domain.inside:.3g} % of the rows" + (
+        f"; it flags {flags}." if flags else "."
+    )
 
 
 def load_rows(evaluation: Evaluation) -> Iterator[Row]:
@@ -256,30 +295,50 @@ def flattened(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
 
 
 def score_table(evaluation: Evaluation) -> Table:
-    """Joints (and the tool) by estimator: RMSE, spread over seeds, percent of the fixed offset.
+    """Joints (and the tool) by estimator: RMSE, spread over seeds; the smallest of a row is bold.
 
-    The smallest of a row is bold.
+    For the chosen estimator also the percentage of the fixed offset's.
 
     Examples
     --------
     >>> score_table(evaluation).row_count
     1
     """
-    title = f"{evaluation.title}: RMSE on the test, percent of the fixed offset"
-    table = Table("joint", title=title, box=box.SIMPLE_HEAD)
+    title = f"{evaluation.title}: RMSE on the test (percent: of the fixed offset's)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("joint", overflow="fold")
     for name in evaluation.estimators:
         style = "cyan" if name == evaluation.chosen else ""
-        table.add_column(estimator_title(name), justify="right", style=style)
+        table.add_column(estimator_title(name), justify="right", style=style, overflow="fold")
     for row in main_rows(evaluation):
         if row.name == "tool position":
             table.add_section()
         cells = []
         for cell in row.cells:
             text = Text(cell["rmse"], style="bold" if cell["best"] else "")
-            for small in filter(None, (cell["spread"], f"{cell['percent']:>6}")):
+            percent = f"{cell['percent']:>6}" if cell["chosen"] else ""
+            for small in filter(None, (cell["spread"], percent)):
                 text.append(f" {small}", style="not bold dim")
             cells.append(text)
         table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)
+    return table
+
+
+def domain_table(evaluation: Evaluation) -> Table:
+    """RMSE inside and outside the trained domain; without a row where all lies inside.
+
+    Examples
+    --------
+    >>> domain_table(evaluation).row_count
+    0
+    """
+    title = "RMSE inside and outside the trained domain"
+    table = Table("joint", "estimator", title=title, box=box.SIMPLE_HEAD)
+    for name in ("inside", "outside"):
+        table.add_column(name, justify="right")
+    for row in domain_rows(evaluation):
+        style = "cyan" if row.chosen else ""
+        table.add_row(Text(f"{row.name} [{row.unit}]"), *row.cells, style=style)
     return table
 
 

@@ -46,7 +46,7 @@ def write_report(
     training : sequence of Recording
         What the model was fitted on, for the figures of trajectories; may be empty.
     checks : mapping of str to DataCheck, optional
-        Data checks by name, such as ``"training"`` and ``"test"``.
+        Data checks by name beside that of the test, such as ``"training"``.
     command : str
         Command line that makes this report again.
     overwrite : bool
@@ -116,7 +116,7 @@ def render_report(
         view=view,
         recording_rows=recordings,
         told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
-        checks=checks or {},
+        checks={"test": evaluation.check, **(checks or {})},
         facts=_facts(evaluation),
         sources=used + tested,
         command=command,
