@@ -113,7 +113,7 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
         say(truejoint.evaluation.view.domain_line(result))
     verdict = result.verdict
     out.print(verdict.text, style=_STYLES[verdict.level])
-    for line in (*verdict.objections, *verdict.doubts, *verdict.remarks):
+    for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
         out.print(f"  {line}")
-    if verdict.advice not in verdict.doubts:
+    if verdict.advice and verdict.advice not in verdict.doubts:
         out.print(verdict.advice)

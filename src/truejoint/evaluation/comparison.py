@@ -77,6 +77,12 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     ------
     ValueError
         If the shapes differ, or there is no row at all.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(2, 1000))
+    >>> compare([noise[0]], [noise[1]]).outcome
+    'cannot be told'
     """
     if any(np.shape(a) != np.shape(b) for a, b in zip(own, other, strict=True)):
         raise ValueError("errors to compare differ in shape")

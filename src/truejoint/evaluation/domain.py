@@ -12,6 +12,7 @@ from truejoint.errors import CalibrationError
 from truejoint.evaluation.results import OFFSET, Domain, Trace
 from truejoint.recordings.recording import Recording
 from truejoint.runtime import Corrector, Status
+from truejoint.runtime.limits import believable_corrections
 
 _HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
 
@@ -32,12 +33,19 @@ def row_statuses(model: object, recordings: Sequence[Recording]) -> list[Integer
     return [corrector.run(recording).status & _HOMING for recording in recordings]
 
 
-def domain_of(traces: Sequence[Trace]) -> Domain | None:
-    """Share of the test's rows that the loop would correct, and why not the others."""
+def domain_of(model: object, traces: Sequence[Trace]) -> Domain | None:
+    """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
     known = [trace.status for trace in traces if trace.status is not None]
-    if not known:
+    if not known or not isinstance(model, Calibration) or model.training_domain is None:
         return None
     status = np.concatenate(known)
     shares = {str(bit.name): float(np.mean(status & bit != 0)) for bit in Status if bit}
     found = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
-    return Domain(float(np.mean(status == 0)), {name: share for share, name in found})
+    lower, upper = believable_corrections(model.training_domain)
+    error = np.concatenate([trace.truth - trace.measured for trace in traces])
+    beyond = (error < lower) | (error > upper)
+    return Domain(
+        inside=float(np.mean(status == 0)),
+        flags={name: share for share, name in found},
+        beyond=float(beyond.any(axis=1).mean()),
+    )

@@ -129,7 +129,7 @@ def evaluate(
     check = check_data(
         recordings, joints=joints, calibration=own if isinstance(own, Calibration) else None
     )
-    domain = domain_of(traces)
+    domain = domain_of(own, traces)
     estimators = tuple(tested[0].errors)
     comparisons = tuple(_comparisons(traces, chosen, estimators, joints))
     verdict = judge(

@@ -218,15 +218,19 @@ class Domain:
         Share of the rows that it would correct; in the others the raw position passes through.
     flags : mapping of str to float
         Share of the rows by name of `truejoint.runtime.Status`, largest first.
+    beyond : float
+        Share of the rows in which truth minus measured position is a larger correction than the
+        loop would ever believe.
 
     Examples
     --------
-    >>> evaluation.domain.inside
-    1.0
+    >>> evaluation.domain.inside, evaluation.domain.beyond
+    (1.0, 0.0)
     """
 
     inside: float
     flags: Mapping[str, float]
+    beyond: float
 
 
 @dataclass(frozen=True)
@@ -244,8 +248,8 @@ class Comparison:
 
     Examples
     --------
-    >>> evaluation.comparisons[0].estimator, evaluation.comparisons[0].outcome
-    ('raw', 'better')
+    >>> evaluation.comparisons[1].estimator, evaluation.comparisons[1].outcome
+    ('offset', 'better')
     """
 
     estimator: str
@@ -306,7 +310,7 @@ class Verdict:
     deploy, advice : str
         Estimator of the table that belongs on the robot, and the sentence that says so: the best
         of raw position, fixed offset and linear model, unless another beats it beyond chance, all
-        joints together.
+        joints together. Empty where the test cannot be believed.
 
     Examples
     --------

@@ -12,7 +12,7 @@ from truejoint.calibration.conformal import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.comparison import Outcome
 from truejoint.evaluation.data_check import DataCheck
-from truejoint.evaluation.digits import shown
+from truejoint.evaluation.digits import share_text, shown
 from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,
@@ -27,11 +27,8 @@ from truejoint.evaluation.results import (
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
 
-# Shares of the rows outside the training domain: what is worth a word, what forbids a verdict, and
-# what no other motion of the same instrument explains.
-_FEW: Final = 0.02
-_STRANGE: Final = 0.5
-_ANOTHER: Final = 0.9
+_FEW: Final = 0.02  # share of the rows that the loop refuses which is worth a word
+_MOST: Final = 0.5  # share of the rows that must be as in training for a verdict
 
 
 def judge(
@@ -87,6 +84,7 @@ def judge(
         else:
             verdict = _beside_simpler(row, others or [row], outcomes)
         verdicts.append(verdict)
+    deploy = "" if objections else deploy
     advice = _advice(deploy, chosen)
     found = list(_alike(verdicts, comparisons))
     if deploy not in ("", chosen) and not all(verdict.stated for verdict in verdicts):
@@ -240,13 +238,17 @@ def objections_to(
         if trained_on(metadata, recording):
             name = _name(recording) or "a recording"
             yield f"the model was trained on rows of {name}, which it is tested on"
-    if domain and domain.inside < 1.0 - _STRANGE:
-        what = (
-            "another instrument, mounting or unit than the model was made for"
-            if domain.inside < 1.0 - _ANOTHER
-            else "most of it is unlike the training"
+    if domain and domain.inside < _MOST:
+        yield (
+            f"the loop would refuse {_refused(domain)}: it is of another instrument, mounting or "
+            "unit than the training, or of a motion unlike it"
         )
-        yield f"{what}: the loop would refuse {_refused(domain)}"
+    if domain and domain.beyond > 1.0 - _MOST:
+        yield (
+            f"in {share_text(domain.beyond)} of the rows the truth is further from the measured "
+            "position than any correction that the loop would believe: it is of another "
+            "instrument, or of a zero that has moved"
+        )
 
 
 def doubts_about(
@@ -279,8 +281,12 @@ def doubts_about(
 
 
 def _refused(domain: Domain) -> str:
-    flags = ", ".join(f"{name} {100 * share:.2g} %" for name, share in domain.flags.items())
-    return f"{100 * (1 - domain.inside):.2g} % of the rows ({flags})"
+    return f"{share_text(1 - domain.inside)} of the rows ({flags_text(domain)})"
+
+
+def flags_text(domain: Domain) -> str:
+    """List the flags of the loop with their shares of the rows."""
+    return ", ".join(f"{name} {share_text(share)}" for name, share in domain.flags.items())
 
 
 def _name(recording: Recording) -> str:

@@ -15,7 +15,14 @@ from rich.text import Text
 
 from truejoint.array_types import Mask
 from truejoint.evaluation.data_check import DataCheck, JointCoverage
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
+from truejoint.evaluation.digits import (
+    decimals_for,
+    fixed,
+    percent_text,
+    share_text,
+    shown,
+    spread_text,
+)
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -24,7 +31,7 @@ from truejoint.evaluation.results import (
     estimator_title,
     known_loads,
 )
-from truejoint.evaluation.verdict import limit_phrase
+from truejoint.evaluation.verdict import flags_text, limit_phrase
 from truejoint.units import DisplayUnit, display_unit
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
@@ -150,10 +157,8 @@ def domain_line(evaluation: Evaluation) -> str:
     domain = evaluation.domain
     if domain is None:
         return ""
-    flags = ", ".join(f"{name} {100 * share:.2g} %" for name, share in domain.flags.items())
-    return f"The loop would correct {100 * domain.inside:.3g} % of the rows" + (
-        f"; it flags {flags}." if flags else "."
-    )
+    flags = f"; it flags {flags_text(domain)}." if domain.flags else "."
+    return f"The loop would correct {share_text(domain.inside)} of the rows{flags}"
 
 
 def load_rows(evaluation: Evaluation) -> Iterator[Row]:

@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.calibration.training_domain import partners
+from truejoint.calibration.training_domain import TrainingDomain, partners
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import MAX_RATE_RATIO
@@ -96,7 +96,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
-    correction_lower, correction_upper = _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
+    correction_lower, correction_upper = believable_corrections(seen)
     return Limits(
         shortest=shortest * seen.dt,
         longest=data.gap_limit,
@@ -117,6 +117,11 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )
+
+
+def believable_corrections(seen: TrainingDomain) -> tuple[Array, Array]:
+    """Range (n_joints,), (n_joints,) of corrections [rad or m] outside which none is believed."""
+    return _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
 
 
 def _widened(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:
