@@ -33,6 +33,12 @@ def evaluate(
     report: Annotated[Path | None, typer.Option(help="Also write the report, an .html page.")] = (
         None
     ),
+    tables: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER", help="Also write a table per joint, as .csv and .tex, into it."
+        ),
+    ] = None,
     tolerance: Annotated[
         list[str] | None,
         typer.Option(
@@ -71,6 +77,8 @@ def evaluate(
         result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)
     if report is not None:
         report_evaluation(result, report, first, shown, force=force)
+    if tables is not None:
+        truejoint.evaluation.write_tables(result, tables, overwrite=force)
     if as_json:
         result_json(result.to_dict())
     else:

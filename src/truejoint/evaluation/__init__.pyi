@@ -31,6 +31,9 @@ from .results import estimator_title as estimator_title
 from .splits import part_by_time as part_by_time
 from .splits import split_by_file as split_by_file
 from .splits import split_by_time as split_by_time
+from .tables import ScoreTable as ScoreTable
+from .tables import score_tables as score_tables
+from .tables import write_tables as write_tables
 from .verdict import judge as judge
 from .view import domain_table as domain_table
 from .view import findings_table as findings_table
