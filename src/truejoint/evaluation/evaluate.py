@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -170,12 +171,11 @@ def _comparisons(
 ) -> Iterator[Comparison]:
     """Set the chosen model beside each other one, in each joint, over all rows."""
     step = float(np.median(np.concatenate([np.diff(trace.t) for trace in traces])))
-    for other in (name for name in estimators if name != chosen):
-        for column, joint in enumerate(joints):
-            errors = [[t.error(name)[:, column] for t in traces] for name in (chosen, other)]
-            found = compare(*errors)
-            seconds = found.rows * step
-            yield Comparison(other, joint, found.outcome, found.stretches, seconds)
+    others = [name for name in estimators if name != chosen]
+    for (column, joint), other in product(enumerate(joints), others):
+        own, its = ([t.error(name)[:, column] for t in traces] for name in (chosen, other))
+        found = compare(own, its)
+        yield Comparison(other, joint, found.outcome, found.stretches, found.rows * step)
 
 
 def _to_deploy(traces: Sequence[Trace], estimators: Sequence[str]) -> str:

@@ -34,6 +34,27 @@ from truejoint.evaluation.results import (
 from truejoint.evaluation.verdict import flags_text, limit_phrase
 from truejoint.units import DisplayUnit, display_unit
 
+Grid = list[list[str]]  # header and rows
+
+_LABELS: Final = {
+    "created": "made",
+    "sha256": "SHA-256",
+    "rows": "rows trained on",
+    "sessions": "Recordings trained on",
+    "interval_sessions": "Recordings that made the interval",
+    "held_out": "Accuracy on recordings held out when it was made",
+    "homing_id": "homing",
+    "homing_ids": "homings",
+    "load": "load [kg]",
+    "start": "start [s]",
+    "first": "first row [s]",
+    "last": "last row [s]",
+    "data_sha256": "SHA-256 of the training data",
+    "sample_dt": "time between rows [s]",
+    "random_state": "seed",
+    "command": "command line",
+}
+
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
 
 
@@ -286,17 +307,44 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min"
 
 
-def flattened(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Nested JSON values as (name, text) pairs; long lists are cut short and say so."""
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            yield from flattened(value, f"{name}.")
-        elif isinstance(value, list | tuple):
-            more = f", and {len(value) - 24} more" if len(value) > 24 else ""
-            yield name, ", ".join(str(item) for item in value[:24]) + more
-        elif value is not None and value != "":
-            yield name, f"{value:.6g}" if isinstance(value, float) else str(value)
+def origin(metadata: Mapping[str, Any]) -> tuple[list[tuple[str, str]], list[tuple[str, Grid]]]:
+    """Tell what a model says of its training: facts by label, and what are tables.
+
+    A table is a list of objects, such as the sessions: its title, and its header and rows of text.
+    """
+    facts: list[tuple[str, str]] = []
+    grids: list[tuple[str, Grid]] = []
+    for key, value in metadata.items():
+        label = _LABELS.get(key, key.replace("_", " "))
+        if isinstance(value, list | tuple) and value and all(isinstance(v, Mapping) for v in value):
+            grids.append((label, _grid(value)))
+        else:
+            facts.append((label, _text(key, value)))
+    return [(label, text) for label, text in facts if text], grids
+
+
+def _grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
+    """Header and text of a table; columns that are empty throughout are left out."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    cells = {key: [_text(key, row.get(key)) for row in rows] for key in keys}
+    kept = [key for key in keys if any(cells[key])]
+    header = [_LABELS.get(key, key.replace("_", " ")) for key in kept]
+    return [header, *([cells[key][i] for key in kept] for i in range(len(rows)))]
+
+
+def _text(key: str, value: Any) -> str:
+    """One JSON value for a person; long lists are cut short and say so."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(name, item)}" for name, item in value.items())
+    if isinstance(value, list | tuple):
+        more = f", and {len(value) - 24} more" if len(value) > 24 else ""
+        return ", ".join(_text("", item) for item in value[:24]) + more
+    if isinstance(value, bool | None):
+        return {None: "", True: "yes", False: "no"}[value]
+    if isinstance(value, int | float):
+        plain = f"{value:,}" if isinstance(value, int) else f"{value:.6g}"
+        return duration(float(value)) if key == "duration" else plain
+    return str(value)
 
 
 def score_table(evaluation: Evaluation) -> Table:
