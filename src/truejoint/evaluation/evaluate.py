@@ -15,7 +15,7 @@ from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.comparison import compare, simplest
-from truejoint.evaluation.data_check import check_data
+from truejoint.evaluation.data_check import DataCheck, check_data
 from truejoint.evaluation.domain import domain_of, row_statuses
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import tool_positions
@@ -73,6 +73,7 @@ def evaluate(
     chosen: str | None = None,
     tolerance: Mapping[str, float] | None = None,
     window: float = 10.0,
+    check: DataCheck | None = None,
 ) -> Evaluation:
     """Accuracy of calibrations on test recordings, per joint, per recording and of the tool.
 
@@ -94,6 +95,8 @@ def evaluate(
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
     window : float
         Length [s] of the worst stretches.
+    check : DataCheck, optional
+        Of these recordings, where it was made already; a check that failed is a doubt.
 
     Raises
     ------
@@ -127,7 +130,7 @@ def evaluate(
     traces = [test.trace for test in tested]
     units = tuple(robot.joint(joint).unit for joint in joints)
     scores = scoring.joint_scores(tested, joints, units)
-    check = check_data(
+    check = check or check_data(
         recordings, joints=joints, calibration=own if isinstance(own, Calibration) else None
     )
     domain = domain_of(own, traces)
