@@ -41,9 +41,8 @@ def main() -> None:
     parser.add_argument("--pairs", type=int, default=200)
     pairs = parser.parse_args().pairs
     random = np.random.default_rng(0)
-    print(
-        "| data set, split | joint | equal, by stretches | equal, by samples | half told | stretches |"
-    )
+    columns = ("equal, by stretches", "equal, by samples", "half told", "stretches")
+    print(f"| data set, split | joint | {' | '.join(columns)} |")
     print("|---|---|---|---|---|---|")
     for dataset in DATASETS.values():
         for split in dataset.splits:

@@ -11,7 +11,7 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import Files, check_writable, parse_tolerances
+from truejoint.cli.inputs import Files, check_free, check_writable, parse_tolerances
 from truejoint.errors import CalibrationError
 
 CHECK_FAILED = 1
@@ -36,7 +36,8 @@ def evaluate(
     tables: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Also write a table per joint, as .csv and .tex, into it."
+            metavar="FOLDER",
+            help="Also write a table per joint, as .csv and .tex, into a new folder.",
         ),
     ] = None,
     tolerance: Annotated[
@@ -61,6 +62,8 @@ def evaluate(
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:
         check_writable(report, force, "--report")
+    if tables is not None:
+        check_free(tables, force, "--tables")
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
     first = models[0]

@@ -22,6 +22,8 @@ Outcome = Literal["better", "worse", "cannot be told"]
 # the next: batch means are then some 10 % too steady for a first-order process.
 _TIMES: Final = 5.0
 _FEWEST: Final = 4  # stretches below which nothing can be told
+# Few and long stretches, where slow and fast errors mix: a correlation time tells of the fast ones.
+_MOST: Final = 16
 _WINDOW: Final = 5.0  # lags that count, in integrated correlation times (Sokal's rule)
 _LEVEL: Final = 0.95  # two-sided
 
@@ -63,9 +65,10 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     """Compare the errors of two models, paired over stretches of the same recordings.
 
     The loss differential of Diebold and Mariano (1995), Comparing predictive accuracy, J. Bus.
-    Econ. Stat. 13, with its variance from batch means: recordings are cut into equal stretches of
-    at least `_TIMES` integrated correlation times, and Student's t is taken over their means. A
-    recording that is shorter is one stretch.
+    Econ. Stat. 13. Recordings are cut into about `_MOST` equal stretches, fewer where one would be
+    shorter than `_TIMES` integrated correlation times, and Student's t is taken over their means
+    (Ibragimov and Mueller, 2010, t-statistic based correlation and heterogeneity robust inference,
+    J. Bus. Econ. Stat. 28). A recording that is shorter is one stretch.
 
     Parameters
     ----------
@@ -89,7 +92,8 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     parts = [_loss(a) - _loss(b) for a, b in zip(own, other, strict=True) if len(a)]
     rows = np.concatenate(parts)
     mean = float(rows.mean())
-    shortest = math.ceil(_TIMES * correlation_time([part - mean for part in parts]))
+    memory = correlation_time([part - mean for part in parts])
+    shortest = math.ceil(max(_TIMES * memory, len(rows) / _MOST))
     batches = [b for part in parts for b in np.array_split(part, max(1, len(part) // shortest))]
     weights = np.array([len(batch) for batch in batches]) / len(rows)
     longest, margin = max(map(len, batches)), math.inf

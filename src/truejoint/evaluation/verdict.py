@@ -204,7 +204,10 @@ def _advice(deploy: str, chosen: str) -> str:
     """Say which model of the table belongs on the robot, and how to get it."""
     if not deploy:
         return ""
-    why = "closer to the truth than what is simpler, and beaten beyond chance by nothing else here"
+    why = (
+        "where the loop corrects, it is closer to the truth than what is simpler, and nothing "
+        "else here beats it beyond chance"
+    )
     if deploy == RAW:
         return "Deploy none of these models: beyond chance, none is better than the raw position."
     if deploy == chosen:

@@ -22,11 +22,12 @@ from truejoint.extras import require
 from truejoint.files import write_atomically
 from truejoint.units import DisplayUnit, display_unit
 
-MENU: Final = 12  # recordings that the time figures offer; the table lists all
-_BUDGET: Final = 900_000  # bytes that the time figures may take of the page
+MENU: Final = 36  # curves over time that the page offers, of all joints; at most 12 recordings
+_BUDGET: Final = 600_000  # bytes that the time figures may take of the page
 _CURVE_BYTES: Final = 22.0  # of one bucket: two points of x and y in base64
 _STRETCHES: Final = 6
-_LOOP_POINTS: Final = 12_000  # of all joints together
+_STRETCH_BUCKETS: Final = 300
+_LOOP_POINTS: Final = 6000  # of all joints together
 _ALL: Final = slice(None)
 
 
@@ -37,7 +38,8 @@ def menu_order(evaluation: Evaluation) -> list[int]:
         np.max(np.sqrt(np.mean(trace.error(evaluation.chosen) ** 2, axis=0)) / limits)
         for trace in evaluation.traces
     ]
-    return [int(i) for i in np.argsort(-np.array(ratio), kind="stable")][:MENU]
+    count = min(12, max(1, MENU // len(limits)))
+    return [int(i) for i in np.argsort(-np.array(ratio), kind="stable")][:count]
 
 
 def over_time(evaluation: Evaluation) -> list[Figure]:
@@ -45,7 +47,7 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
     order = menu_order(evaluation)
     banded = any(trace.lower is not None for trace in evaluation.traces)
     curves = (14 if banded else 6) * len(order) * len(evaluation.joints)
-    buckets = int(np.clip(_BUDGET / (_CURVE_BYTES * curves), 80, 1800))
+    buckets = int(np.clip(_BUDGET / (_CURVE_BYTES * curves), 50, 1800))
     return [
         Figure(
             f"time-{column}",
@@ -69,7 +71,7 @@ def worst_stretches(evaluation: Evaluation) -> Iterator[Figure]:
             f"{fixed(stretch.end, 1)} s: RMSE {rmse} {unit.name}, largest error {largest} "
             f"{unit.name}."
         )
-        spec = _tracking(evaluation, trace, column, 1500, rows)
+        spec = _tracking(evaluation, trace, column, _STRETCH_BUCKETS, rows)
         key, label = f"stretch-{rank - 1}", f"Worst stretch {rank}"
         yield Figure(key, label, caption, [spec], wide=False)
 
@@ -121,7 +123,7 @@ def _tracking(
 
 def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
-    most = min(6000, _LOOP_POINTS // len(evaluation.joints))
+    most = _LOOP_POINTS // len(evaluation.joints)
     pairs = ((OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8))
 
     def draw(column: int, unit: DisplayUnit) -> list[Spec]:

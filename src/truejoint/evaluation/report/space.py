@@ -80,7 +80,8 @@ def coloured_path(evaluation: Evaluation) -> Figure:
     columns = min(3, place.points.shape[1])
     axes = dict(zip("xyz", place.points[keep, :columns].T, strict=False))
     error, title = place.error, f"error [{place.unit}]"
-    dots = plot.coloured(axes, error[keep], title, float(np.quantile(error, 0.99)), size=2)
+    size = 2 if columns == 3 else 4
+    dots = plot.coloured(axes, error[keep], title, float(np.quantile(error, 0.99)), size=size)
     dots["showlegend"] = False
     caption = (
         f"{place.what}, coloured by {place.measure} of {estimator_phrase(evaluation.chosen)} "
@@ -130,7 +131,7 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
             layers.append((f"half-width [{unit.name}]", mean))
         panels: list[plot.Panel] = []
         for (title, values), domain in zip(layers, plot.columns(len(layers), 0.2), strict=True):
-            highest = float(values.max()) if len(values) else 1.0
+            highest = float(np.quantile(values, 0.95)) if len(values) else 1.0
             dots = plot.coloured({"x": x, "y": y}, values, title, highest, symbol="square")
             dots |= {"showlegend": False, "meta": {"cells": count}}  # for the size of the squares
             bounded = {"domain": [0.9 * end for end in domain], "range": list(edges[0][[0, -1]])}
@@ -140,7 +141,8 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
         said = " and the mean half-width that is stated" if len(layers) > 1 else ""
         caption = (
             f"{joint}: RMSE of {estimator_phrase(evaluation.chosen)}{said} over {place.where}, in "
-            f"cells that at least {_FEW} rows of the test crossed."
+            f"cells that at least {_FEW} rows of the test crossed; scales end at the 95th "
+            "percentile."
         )
         spec = plot.panels(panels, 320)
         title, wide = f"{joint}: error over the workspace", len(layers) > 1
