@@ -21,6 +21,7 @@ BENCHMARKS = (
     "corrector_speed",
     "exported_c_speed",
     "speed_training",
+    "beyond_chance",
     "accuracy_recordings",
     "grasper",
     "staleness",

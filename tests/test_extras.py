@@ -76,11 +76,6 @@ def test_the_loop_needs_neither_extras_nor_the_training_stack(folder: Path) -> N
     ("arguments", "message"),
     [
         (
-            ["evaluate", "jaw.safetensors", "run.csv", "--robot", "davinci_grasper",
-             "--report", "report.html"],
-            'a report needs plotly, which is not installed: pip install "truejoint[plots]"',
-        ),
-        (
             ["trajectory", "zigzag", "-o", "zigzag.csv", "--plot", "zigzag.png"],
             'which is not installed: pip install "truejoint[plots]"',
         ),

@@ -91,7 +91,7 @@ def test_a_corrected_recording_as_a_table(model: Calibration) -> None:
 
 def test_values_show_themselves_in_a_few_lines(model: Calibration) -> None:
     robot = truejoint.get_robot("dvrk_psm")
-    check = truejoint.evaluation.check_data(motion(1))
+    check = truejoint.recordings.check_data(motion(1))
     judged = truejoint.evaluate(model, motion(1))
     for value in (model, motion(1), judged, Corrector(model), robot, model.feature_set, check):
         assert "jaw" in repr(value)

@@ -2,7 +2,14 @@ import math
 
 import pytest
 
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
+from truejoint.evaluation.digits import (
+    decimals_for,
+    fixed,
+    percent_text,
+    share_text,
+    shown,
+    spread_text,
+)
 
 
 @pytest.mark.parametrize(
@@ -36,3 +43,9 @@ def test_a_spread_too_small_for_its_decimals_is_not_shown_as_none() -> None:
     assert spread_text(0.0123, 3) == "± 0.012"
     assert spread_text(0.0004, 3) == "±<0.001"
     assert spread_text(0.0, 3) == "± 0.000"
+
+
+def test_a_share_is_not_rounded_to_nothing_nor_to_all() -> None:
+    assert [share_text(x) for x in (0.0, 0.004, 0.042, 0.53, 0.997, 1.0)] == [
+        "0 %", "0.4 %", "4.2 %", "53 %", "99.7 %", "100 %",
+    ]  # fmt: skip

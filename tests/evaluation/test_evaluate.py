@@ -242,7 +242,7 @@ def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(
         own = evaluation.score("linear", joint)
         assert own.rmse == pytest.approx(np.sqrt(np.mean(left**2)), rel=1e-9)
         assert own.rmse < below.rmse
-    assert any("h2" in remark for remark in evaluation.verdict.remarks)
+    assert any("h2" in remark for remark in evaluation.verdict.doubts)
     assert "0.csv" in evaluate({"linear": [calibration]}, [train[0]]).verdict.text
     assert not check_data([test], model=calibration).failed
 

@@ -3,9 +3,12 @@ from typing import Any
 
 import pytest
 
+from truejoint.evaluation import DataCheck
 from truejoint.evaluation.splits import split_by_time
-from truejoint.evaluation.verdict import remarks_on, seen_in_training
+from truejoint.evaluation.verdict import doubts_about, objections_to
 from truejoint.recordings.recording import Recording
+
+NOTHING = DataCheck((), ())
 
 
 def _session(recording: Recording) -> dict[str, Any]:
@@ -26,8 +29,8 @@ def test_rows_of_training_are_found_and_a_later_part_is_not(
     recording = recording_of("davinci_grasper", sha256=sha256, session="s", source="x/a.csv")
     train, test = split_by_time(recording, 0.6, gap=1.0)
     metadata = {"sessions": [_session(train)]}
-    assert seen_in_training(metadata, [test]) == ()
-    (objection,) = seen_in_training(metadata, [test, recording])
+    assert not list(objections_to(metadata, [test], None))
+    (objection,) = objections_to(metadata, [test, recording], None)
     assert "rows of a.csv" in objection
 
 
@@ -36,13 +39,13 @@ def test_another_file_at_the_same_time_was_not_seen(
 ) -> None:
     train = recording_of("davinci_grasper", sha256="ab", source="a.csv")
     test = recording_of("davinci_grasper", sha256="cd", source="a.csv")
-    assert seen_in_training({"sessions": [_session(train)]}, [test]) == ()
-    assert seen_in_training({}, [test]) == ()
+    assert not list(objections_to({"sessions": [_session(train)]}, [test], None))
+    assert not list(objections_to({}, [test], None))
 
 
 def test_another_homing_is_said(recording_of: Callable[..., Recording]) -> None:
     test = recording_of("davinci_grasper", homing_id="h2")
-    (remark,) = tuple(remarks_on({"homing_ids": ["h1"]}, [test]))
-    assert "h2" in remark
-    assert tuple(remarks_on({"homing_ids": ["h1", "h2"]}, [test])) == ()
-    assert tuple(remarks_on({"homing_ids": []}, [test])) == ()
+    (doubt,) = doubts_about({"homing_ids": ["h1"]}, [test], None, NOTHING)
+    assert "h2" in doubt
+    assert not list(doubts_about({"homing_ids": ["h1", "h2"]}, [test], None, NOTHING))
+    assert not list(doubts_about({"homing_ids": []}, [test], None, NOTHING))

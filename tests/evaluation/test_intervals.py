@@ -127,7 +127,7 @@ def test_after_rezeroing_the_interval_of_one_homing_goes_with_the_new_one(one_ho
     tests = [motion(30, homing="h2", shift=0.01), motion(31, homing="h1")]
     assert evaluate({"linear": [again]}, tests).interval_trajectories == ("m30.parquet",)
     verdict = evaluate({"linear": [again]}, [motion(40, homing="h2", shift=0.01)]).verdict
-    assert any("re-zeroed on truth of m40.parquet" in remark for remark in verdict.remarks)
+    assert any("re-zeroed on truth of m40.parquet" in remark for remark in verdict.doubts)
 
 
 def test_a_homing_that_is_not_named_is_told(one_homing):

@@ -3,11 +3,20 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pytest
 from rich.console import Console
 
-from truejoint.evaluation import evaluate, findings_table, plot_corrected, score_table
+from truejoint.errors import RecordingError
+from truejoint.evaluation import (
+    evaluate,
+    findings_table,
+    plot_corrected,
+    score_table,
+    write_tables,
+)
 from truejoint.recordings import Recording, check_data
+from truejoint.units import display_unit
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])
@@ -31,3 +40,33 @@ def test_the_table_and_the_picture_show_every_joint(
     assert ("tool [mm]" in text) == bool(evaluation.cartesian)
     picture = plot_corrected(evaluation, tmp_path / "still.png", seconds=5)
     assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])
+def test_tables_go_to_a_paper_and_to_a_spreadsheet(
+    robot: str,
+    tmp_path: Path,
+    recording_of: Callable[..., Recording],
+    calibration_of: Callable[..., Any],
+) -> None:
+    train, test = recording_of(robot, seed=0), recording_of(robot, seed=1)
+    evaluation = evaluate({"ukf_elastic": [calibration_of([train])]}, [test])
+    folder = tmp_path / "tables"
+    paths = write_tables(evaluation, folder)
+    assert {path.suffix for path in paths} == {".csv", ".tex"}
+    assert (folder / "tool_position.csv").exists() == bool(evaluation.cartesian)
+    joint, unit = evaluation.joints[0], display_unit(evaluation.units[0])
+    table = pd.read_csv(folder / f"{joint}.csv")
+    for place, name in enumerate(evaluation.estimators):
+        score = evaluation.score(name, joint)
+        assert table[f"RMSE [{unit.name}]"][place] == unit.scale * score.rmse
+        assert table["percent of fixed offset"][place] == score.percent_of_offset
+    assert f"spread [{unit.name}]" not in table.columns  # of one seed there is none
+    text = (folder / f"{joint}.tex").read_text()
+    assert r"ukf\_elastic &" in text
+    assert text.count(r"\\") == len(evaluation.estimators) + 1
+    with pytest.raises(RecordingError, match="exists"):
+        write_tables(evaluation, folder)
+    assert write_tables(evaluation, folder, overwrite=True) == paths
+    with pytest.raises(RecordingError, match="is a file"):
+        write_tables(evaluation, paths[0])

@@ -24,7 +24,7 @@ def test_without_a_tolerance_every_joint_must_beat_the_fixed_offset() -> None:
     bad = judge(_scores(shoulder=0.2, elbow=1.0), "dnn")
     assert not bad.passed
     assert [joint.passed for joint in bad.joints] == [True, False]
-    assert "elbow 1.00 deg against a fixed offset of 1.00 deg" in bad.text
+    assert "elbow 1.00 deg against the fixed offset's 1.00 deg" in bad.text
 
 
 def test_a_stated_tolerance_decides_even_above_the_fixed_offset() -> None:
@@ -33,7 +33,7 @@ def test_a_stated_tolerance_decides_even_above_the_fixed_offset() -> None:
     verdict = judge(_scores(shoulder=0.21), "dnn", tolerance=tolerance)
     assert not verdict.passed
     assert verdict.text == (
-        "The neural network is not good enough in the joint: shoulder 0.210 deg against a "
+        "The neural network is not good enough in the joint: shoulder 0.210 deg against the "
         "tolerance of 0.200 deg."
     )
     assert judge(_scores(shoulder=1.5), "dnn", tolerance={"shoulder": math.radians(2)}).passed

@@ -88,6 +88,18 @@ class CalibrationData(Generic[Model]):
         """Columns of a sample in the control loop: `signals`, then those that check them."""
         return (*self.signals, *self.redundant)
 
+    def without_redundant(self) -> Self:
+        """Give it without the columns that check `signals`, for recordings that lack them."""
+        domain = self.training_domain
+        if domain is not None:
+            kept = {
+                name: values[: len(self.signals)]
+                for name, values in vars(domain).items()
+                if name.startswith("signal_")
+            }
+            domain = replace(domain, **kept)
+        return replace(self, training_domain=domain, parity=None, redundant={})
+
     @cached_property
     def offset(self) -> Array:
         """Zero of the model (n_joints,) [rad or m]."""

@@ -78,11 +78,9 @@ def demo(
     }
     coverage = truejoint.calibration.measure_coverage(models[0], short[MAKING:], LEVEL)
     same_homing = [tests["inside"], tests["all over"]]
-    whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE)
-    checks = {
-        "test": checked(same_homing, (), model=models[0]),
-        "training": checked(training, (), joints=models[0].joints),
-    }
+    check = checked(same_homing, (), model=models[0])
+    whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
+    checks = {"training": checked(training, (), joints=models[0].joints)}
     report_evaluation(whole, folder / "report.html", checks, training, force=True)
     say(f"8. The same on a real robot: {datasets.DATASETS[REAL].title}")
     real = on_a_real_robot()

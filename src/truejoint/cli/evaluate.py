@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
@@ -12,8 +12,10 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, err, out, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
-from truejoint.cli.inputs import Files, check_writable, parse_tolerances
+from truejoint.cli.inputs import Files, check_free, check_writable, parse_tolerances
 from truejoint.errors import CalibrationError
+
+_STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
 def evaluate(
@@ -30,12 +32,19 @@ def evaluate(
     report: Annotated[Path | None, typer.Option(help="Also write the report, an .html page.")] = (
         None
     ),
+    tables: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Also write a table per joint, as .csv and .tex, into a new folder.",
+        ),
+    ] = None,
     tolerance: Annotated[
         list[str] | None,
         typer.Option(
             metavar="JOINT=VALUE",
             help="Largest RMSE that you accept, in deg or mm, for instance elbow=0.2. Without "
-            "one, a joint must beat the fixed offset.",
+            "one, a joint must beat raw position, fixed offset and any simpler model.",
             autocompletion=complete.tolerances,
         ),
     ] = None,
@@ -61,6 +70,8 @@ def evaluate(
         from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
 
         check_writable(check_name(report), force, "--report")
+    if tables is not None:
+        check_free(tables, force, "--tables")
     accepted_names = check_names(accept)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     files = Files(reader, columns, robot, arm, models[0])  # a model may carry its robot
@@ -74,23 +85,25 @@ def evaluate(
     read_testing = files.find(recordings, part=part, split=split)
     read_training = files.find(training or [])
     testing, shown = read_testing(), read_training()
-    checks = {"test": checked(testing, accepted_names, model=first)}
-    if shown:
-        checks["training"] = checked(shown, accepted_names, joints=first.joints)
+    check = checked(testing, accepted_names, model=first)
+    of_training = checked(shown, accepted_names, joints=first.joints) if shown else None
     with progress("Judging"):
         result = truejoint.evaluate(
-            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s
+            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s, check=check
         )
+    checks = {} if of_training is None else {"training": of_training}
     if report is not None:
         report_evaluation(result, report, checks, shown, force=force)
+    if tables is not None:
+        truejoint.evaluation.write_tables(result, tables, overwrite=force)
     if as_json:
-        found = {name: check.to_dict() for name, check in checks.items()}
+        found = {name: each.to_dict() for name, each in {"test": check, **checks}.items()}
         result_json(result.to_dict() | {"checks": found})
     else:
         show(result)
-    if checks["test"].failed:
-        err.print(f"truejoint: {why_refused(checks['test'])}", style="red", soft_wrap=True)
-    if checks["test"].failed or not result.verdict.passed:
+    if check.failed:
+        err.print(f"truejoint: {why_refused(check)}", style="red", soft_wrap=True)
+    if check.failed or not result.verdict.passed:
         raise typer.Exit(CHECK_FAILED)
 
 
@@ -120,6 +133,13 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
     if result.intervals or result.interval_objections:
         for line in (result.interval_note, *result.interval_objections):
             say(line)
-    out.print(result.verdict.text, style="green" if result.verdict.passed else "red")
-    for line in (*result.verdict.objections, *result.verdict.remarks):
+    if result.domain is not None:
+        if result.domain.inside < 1.0:
+            out.print(truejoint.evaluation.domain_table(result))
+        say(truejoint.evaluation.view.domain_line(result))
+    verdict = result.verdict
+    out.print(verdict.text, style=_STYLES[verdict.level])
+    for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
         out.print(f"  {line}")
+    if verdict.advice and verdict.advice not in verdict.doubts:
+        out.print(verdict.advice)

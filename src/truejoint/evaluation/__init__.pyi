@@ -1,3 +1,6 @@
+from .comparison import Difference as Difference
+from .comparison import compare as compare
+from .comparison import simplest as simplest
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate
@@ -10,6 +13,8 @@ from .report import render_report as render_report
 from .report import write_report as write_report
 from .report.curves import plot_corrected as plot_corrected
 from .results import CartesianScore as CartesianScore
+from .results import Comparison as Comparison
+from .results import Domain as Domain
 from .results import Evaluation as Evaluation
 from .results import IntervalScore as IntervalScore
 from .results import JointVerdict as JointVerdict
@@ -22,7 +27,11 @@ from .results import estimator_title as estimator_title
 from .splits import part_by_time as part_by_time
 from .splits import split_by_file as split_by_file
 from .splits import split_by_time as split_by_time
+from .tables import ScoreTable as ScoreTable
+from .tables import score_tables as score_tables
+from .tables import write_tables as write_tables
 from .verdict import judge as judge
+from .view import domain_table as domain_table
 from .view import findings_table as findings_table
 from .view import interval_table as interval_table
 from .view import score_table as score_table

@@ -41,6 +41,13 @@ def percent_text(value: float) -> str:
     return "> 9999 %" if value > 9999 else f"{value:.0f} %"
 
 
+def share_text(share: float) -> str:
+    """Share as a percentage, with a decimal where it is near 0 or near all."""
+    percent = 100.0 * share
+    near = 0.0 < percent < 10.0 or 99.0 < percent < 100.0
+    return f"{percent:.{1 if near else 0}f} %"
+
+
 def spread_text(value: float, decimals: int) -> str:
     """Spread with the decimals of its value, or what it is smaller than; empty for NaN."""
     if not math.isfinite(value):

@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from pathlib import PurePath
 from typing import Any, Protocol
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.zero import at_start, positions_after_start
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
+from truejoint.evaluation.comparison import compare, simplest
+from truejoint.evaluation.domain import domain_of, row_statuses
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import rmse, tool_positions
-from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Evaluation, Trace
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Comparison, Evaluation, Trace
 from truejoint.evaluation.scoring import JudgedRecording
-from truejoint.evaluation.verdict import judge, remarks_on, rezero_remark, seen_in_training
+from truejoint.evaluation.verdict import doubts_about, judge, objections_to, rezero_remark
+from truejoint.recordings.data_check import DataCheck, check_data
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.recordings.signals import direction, velocity
 from truejoint.robots import Robot
@@ -26,6 +30,8 @@ from truejoint.summary import json_values
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
+# What needs no proof that it is better than something simpler.
+_PLAIN = {RAW, OFFSET, "linear"}
 
 
 class Corrects(Protocol):
@@ -62,12 +68,14 @@ def evaluate(
     tolerance: Mapping[str, float] | None = None,
     window: float = 10.0,
     rezero: float = 0.0,
+    check: DataCheck | None = None,
 ) -> Evaluation:
     """Accuracy of calibrations on test recordings, per joint, per recording and of the tool.
 
     Raw positions, the fixed offset, the linear and the polynomial model are always in the
     table, the latter three as fitted on the training rows of the chosen calibration. Models see
-    whole recordings, so their history is right; only rows with truth are judged.
+    whole recordings, so their history is right; only rows with truth are judged. The recordings
+    themselves are checked (`check_data`), and judged row by row as the loop would.
 
     Parameters
     ----------
@@ -86,6 +94,8 @@ def evaluate(
         When above 0, the first `rezero` seconds of truth of every recording set the zero of every
         model and baseline, and are not judged: the accuracy of motions that begin so. Where a
         calibration has a fit for that, it is the one that is judged. The raw position stays.
+    check : DataCheck, optional
+        Of these recordings, where it was made already; a check that failed is a doubt.
 
     Raises
     ------
@@ -115,19 +125,28 @@ def evaluate(
     fitted = _models(calibrations, chosen)
     note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
+    statuses = row_statuses(own, recordings)
     tested = [
-        _test(recording, name, fitted, joints, robot if not note else None, chosen, rezero)
-        for recording, name in zip(recordings, names, strict=True)
+        _test(recording, name, status, fitted, joints, robot if not note else None, chosen, rezero)
+        for recording, name, status in zip(recordings, names, statuses, strict=True)
     ]
     traces = [test.trace for test in tested]
     units = tuple(robot.joint(joint).unit for joint in joints)
     scores = scoring.joint_scores(tested, joints, units)
+    check = check or check_data(
+        recordings, joints=joints, model=own if isinstance(own, Calibration) else None
+    )
+    domain = domain_of(own, traces)
+    estimators = tuple(tested[0].errors)
+    comparisons = tuple(_comparisons(traces, chosen, estimators, joints))
     verdict = judge(
         scores,
         chosen,
         tolerance=tolerance or {},
-        objections=seen_in_training(metadata, recordings),
-        remarks=tuple(remarks_on(metadata, recordings)),
+        comparisons=comparisons,
+        deploy=_to_deploy(traces, estimators),
+        objections=tuple(objections_to(metadata, recordings, domain)),
+        doubts=tuple(doubts_about(metadata, recordings, domain, check)),
     )
     if rezero > 0.0:
         plain = _fitted_for(given, rezeroing=False)[chosen][0]
@@ -142,7 +161,7 @@ def evaluate(
         joints=joints,
         units=units,
         chosen=chosen,
-        estimators=tuple(tested[0].errors),
+        estimators=estimators,
         baseline_notes=dict(metadata.get("baseline_notes", {})),
         scores=scores,
         recording_scores=tuple(scoring.recording_scores(tested, joints, units)),
@@ -152,9 +171,45 @@ def evaluate(
         window=window,
         rezero=rezero,
         verdict=verdict,
+        check=check,
+        domain=domain,
+        comparisons=comparisons,
         training=json_values(metadata),
         **judge_interval(given[chosen][0], recordings, traces),
     )
+
+
+def _comparisons(
+    traces: Sequence[Trace], chosen: str, estimators: Sequence[str], joints: Sequence[str]
+) -> Iterator[Comparison]:
+    """Set the chosen model beside each other one, in each joint, over all rows."""
+    step = float(np.median(np.concatenate([np.diff(trace.t) for trace in traces])))
+    others = [name for name in estimators if name != chosen]
+    for (column, joint), other in product(enumerate(joints), others):
+        own, its = ([t.error(name)[:, column] for t in traces] for name in (chosen, other))
+        found = compare(own, its)
+        yield Comparison(other, joint, found.outcome, found.stretches, found.rows * step)
+
+
+def _to_deploy(traces: Sequence[Trace], estimators: Sequence[str]) -> str:
+    """Name the best of `_PLAIN` unless a richer one beats it, in rows that the loop would correct.
+
+    Joints count by their error as a multiple of the fixed offset's.
+    """
+    rows = [trace.inside for trace in traces]
+    if sum(map(np.sum, rows)) < 2:
+        rows = [np.ones(len(trace.t), dtype=bool) for trace in traces]
+    kept = {
+        name: [trace.error(name)[row] for trace, row in zip(traces, rows, strict=True)]
+        for name in estimators
+    }
+    scale = np.sqrt(np.mean(np.concatenate(kept[OFFSET]) ** 2, axis=0))
+    scale[scale == 0.0] = 1.0
+    scaled = {name: [error / scale for error in own] for name, own in kept.items()}
+    size = {name: sum(float(np.sum(e**2)) for e in scaled[name]) for name in _PLAIN & scaled.keys()}
+    plain = min(size, key=lambda name: size[name])
+    richer = {name: own for name, own in scaled.items() if name not in _PLAIN}
+    return simplest({plain: scaled[plain], **richer})
 
 
 def _by_estimator(
@@ -246,6 +301,7 @@ def _models(
 def _test(
     recording: Recording,
     name: str,
+    status: Integers | None,
     models: Mapping[str, Sequence[Corrects]],
     joints: tuple[str, ...],
     robot: Robot | None,
@@ -305,6 +361,7 @@ def _test(
         effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
         estimates={key: seeds[0] for key, seeds in estimates.items()},
         tool=tool,
+        status=None if status is None else status[known],
     )
     return JudgedRecording(trace, errors, tool_errors)
 

@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from scipy.special import stdtrit
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.estimators import registry
+from truejoint.evaluation.comparison import Outcome
 from truejoint.models import names
 from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit
+
+if TYPE_CHECKING:
+    from truejoint.recordings import DataCheck
 
 RAW: Final = "raw"
 OFFSET: Final = names.OFFSET
@@ -59,6 +63,9 @@ class Score:
         `rmse` as a percentage of that of the fixed offset.
     spread, seeds : float, int
         Sample standard deviation of the seeds' RMSE, NaN with fewer than two; how many there are.
+    rmse_inside, rmse_outside : float
+        Root mean square over the rows that the loop would correct, and over those that it would
+        refuse (`Domain`); NaN where there is none.
 
     Examples
     --------
@@ -76,6 +83,8 @@ class Score:
     percent_of_offset: float
     spread: float = math.nan
     seeds: int = 1
+    rmse_inside: float = math.nan
+    rmse_outside: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -201,15 +210,75 @@ class Stretch:
 
 
 @dataclass(frozen=True)
-class JointVerdict:
-    """One joint's RMSE [rad or m] beside the limit that it was held to.
+class Domain:
+    """What the corrector of the loop says of the test's rows, whatever the homing.
 
-    `stated` tells whether the user stated the limit; if not, it is the fixed offset's RMSE.
+    Attributes
+    ----------
+    inside : float
+        Share of the rows that it would correct; in the others the raw position passes through.
+    flags : mapping of str to float
+        Share of the rows by name of `truejoint.runtime.Status`, largest first.
+    beyond : float
+        Share of the rows in which truth minus measured position is a larger correction than the
+        loop would ever believe.
 
     Examples
     --------
-    >>> evaluation.verdict.joints[0].passed
-    True
+    >>> evaluation.domain.inside, evaluation.domain.beyond
+    (1.0, 0.0)
+    """
+
+    inside: float
+    flags: Mapping[str, float]
+    beyond: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Whether the chosen model is closer to the truth in a joint than another, beyond chance.
+
+    Attributes
+    ----------
+    estimator, joint : str
+        The other one.
+    outcome : {"better", "worse", "cannot be told"}
+        Of the chosen one's mean squared error, at 95 %.
+    stretches, seconds : int, float
+        Over how many stretches of the test, of which the longest lasts so long [s].
+
+    Examples
+    --------
+    >>> evaluation.comparisons[1].estimator, evaluation.comparisons[1].outcome
+    ('offset', 'better')
+    """
+
+    estimator: str
+    joint: str
+    outcome: Outcome
+    stretches: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class JointVerdict:
+    """One joint's RMSE [rad or m] beside the limit that it was held to.
+
+    Attributes
+    ----------
+    joint, unit : str
+    rmse, limit : float
+        Where no limit is `stated`, it is the RMSE of the estimator `against`.
+    stated, passed : bool
+    against : str
+        Empty where the limit is stated.
+    alike : str
+        Simpler estimator that the passed one is not better than beyond chance; empty without one.
+
+    Examples
+    --------
+    >>> evaluation.verdict.joints[0].against
+    'offset'
     """
 
     joint: str
@@ -218,6 +287,8 @@ class JointVerdict:
     limit: float
     stated: bool
     passed: bool
+    against: str = ""
+    alike: str = ""
 
 
 @dataclass(frozen=True)
@@ -233,14 +304,19 @@ class Verdict:
     joints : tuple of JointVerdict
     objections : tuple of str
         Why the test itself cannot be believed, for instance rows seen in training.
+    doubts : tuple of str
+        Why a pass has reservations, for instance rows unlike the training.
     remarks : tuple of str
-        What a reader should know though it changes nothing, for instance a simpler model that
-        does better in a joint.
+        What a reader should know though it changes nothing.
+    deploy, advice : str
+        Estimator of the table that belongs on the robot, and the sentence that says so: the best
+        of raw position, fixed offset and linear model, unless another beats it beyond chance, all
+        joints together. Empty where the test cannot be believed.
 
     Examples
     --------
-    >>> evaluation.verdict.rule
-    'No tolerance was stated, so a joint passes when its RMSE is below that of the fixed offset.'
+    >>> evaluation.verdict.level, evaluation.verdict.deploy
+    ('pass', 'linear')
     """
 
     passed: bool
@@ -248,7 +324,17 @@ class Verdict:
     rule: str
     joints: tuple[JointVerdict, ...]
     objections: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
+    deploy: str = ""
+    advice: str = ""
+
+    @property
+    def level(self) -> Literal["pass", "warn", "fail"]:
+        """``"pass"`` only without a doubt."""
+        if not self.passed:
+            return "fail"
+        return "warn" if self.doubts else "pass"
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,6 +362,9 @@ class Trace:
     lower, upper : ndarray, shape (n, n_joints), or None
         Bounds of the stated interval [rad or m], NaN in rows that it says nothing of; None where
         no interval holds.
+    status : ndarray, shape (n,), or None
+        Bits of `truejoint.runtime.Status` as the loop would give them once homed; None where no
+        loop takes the model.
 
     Examples
     --------
@@ -297,6 +386,12 @@ class Trace:
     tool: Mapping[str, Array]
     lower: Array | None = None
     upper: Array | None = None
+    status: Integers | None = None
+
+    @property
+    def inside(self) -> Mask:
+        """Rows (n,) that the loop would correct; all where that is not known."""
+        return np.ones(len(self.t), dtype=bool) if self.status is None else self.status == 0
 
     def error(self, estimator: str) -> Array:
         """Estimated minus true position (n, n_joints) [rad or m]."""
@@ -333,6 +428,10 @@ class Evaluation(Summarised):
     rezero : float
         Time of truth [s] that every recording was re-zeroed from; 0: judged as they come.
     verdict : Verdict
+    check, domain : DataCheck, Domain or None
+        Of the test's recordings; the domain is None where no loop takes the model.
+    comparisons : tuple of Comparison
+        The chosen model's first seed beside every other estimator, joint by joint.
     intervals, interval_trajectories : tuple of IntervalScore, tuple of str
         One row per stated level and joint of the chosen model's first seed, and what their shares
         are of: recordings, or all recordings after one homing.
@@ -367,6 +466,9 @@ class Evaluation(Summarised):
     worst: tuple[Stretch, ...]
     window: float
     verdict: Verdict
+    check: DataCheck
+    domain: Domain | None
+    comparisons: tuple[Comparison, ...]
     training: Mapping[str, Any]
     traces: tuple[Trace, ...]
     intervals: tuple[IntervalScore, ...] = ()
@@ -388,6 +490,7 @@ class Evaluation(Summarised):
             "test": ", ".join(trace.name for trace in self.traces),
             **accuracy,
             "verdict": self.verdict.text,
+            "advice": self.verdict.advice,
         }
 
     def score(self, estimator: str, joint: str) -> Score:
@@ -413,6 +516,7 @@ class Evaluation(Summarised):
             | {
                 "units": dict(zip(self.joints, self.units, strict=True)),
                 "recordings": self.recording_scores,
+                "verdict": vars(self.verdict) | {"level": self.verdict.level},
                 "worst": [
                     {**vars(s), "recording": self.traces[s.recording].name} for s in self.worst
                 ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -37,6 +38,11 @@ def joint_scores(
     """One `Score` per estimator and joint, over the rows of all recordings together."""
     pooled = {name: _pooled([test.errors[name] for test in tested]) for name in tested[0].errors}
     found = _over_seeds(pooled)
+    inside = np.concatenate([test.trace.inside for test in tested])
+    for name, seeds in pooled.items():
+        for key, rows in (("rmse_inside", inside), ("rmse_outside", ~inside)):
+            roots = [rmse(error[rows]) for error in seeds] if rows.any() else [math.nan]
+            found[name][key] = np.broadcast_to(np.mean(roots, axis=0), len(joints))
     return tuple(
         Score(
             estimator=name,

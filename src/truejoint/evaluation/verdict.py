@@ -7,15 +7,30 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import PurePath
-from typing import Any
+from typing import Any, Final
 
 from truejoint.array_types import Array
 from truejoint.calibration.conformal import trained_on
 from truejoint.errors import CalibrationError, unknown
-from truejoint.evaluation.digits import shown
-from truejoint.evaluation.results import OFFSET, JointVerdict, Score, Verdict, estimator_phrase
+from truejoint.evaluation.comparison import Outcome
+from truejoint.evaluation.digits import share_text, shown
+from truejoint.evaluation.results import (
+    BASELINES,
+    OFFSET,
+    RAW,
+    Comparison,
+    Domain,
+    JointVerdict,
+    Score,
+    Verdict,
+    estimator_phrase,
+)
+from truejoint.recordings.data_check import DataCheck
 from truejoint.recordings.recording import Recording
 from truejoint.units import display_unit
+
+_FEW: Final = 0.02  # share of the rows that the loop refuses which is worth a word
+_MOST: Final = 0.5  # share of the rows that must be as in training for a verdict
 
 
 def judge(
@@ -23,21 +38,29 @@ def judge(
     chosen: str,
     *,
     tolerance: Mapping[str, float] | None = None,
+    comparisons: Sequence[Comparison] = (),
+    deploy: str = "",
     objections: Sequence[str] = (),
-    remarks: Sequence[str] = (),
+    doubts: Sequence[str] = (),
 ) -> Verdict:
     """Verdict on the RMSE of the chosen model in every joint.
 
     Parameters
     ----------
     scores : sequence of Score
-        Rows of all estimators; those of `chosen` and of the fixed offset are needed.
+        Rows of all estimators, simplest first; those of `chosen` and of the fixed offset are
+        needed.
     chosen : str
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint. A joint without one must beat
-        the fixed offset.
-    objections, remarks : sequence of str
-        Reasons not to believe the test, of which any fails the verdict, and what else is to know.
+        the raw position and the fixed offset, and no simpler model may beat it.
+    comparisons : sequence of Comparison
+        Of the chosen model with others; where there is none, the RMSE alone decides.
+    deploy : str
+        Estimator that belongs on the robot.
+    objections, doubts : sequence of str
+        Reasons not to believe the test, of which any fails the verdict, and to pass it with
+        reservations.
 
     Raises
     ------
@@ -46,27 +69,78 @@ def judge(
 
     Examples
     --------
-    >>> judge(evaluation.scores, "linear", tolerance={"jaw": 1e-6}).passed
-    False
+    >>> judge(evaluation.scores, "linear", tolerance={"jaw": 1e-6}).level
+    'fail'
     """
-    rows = {(row.estimator, row.joint): row for row in scores}
     joints = list(dict.fromkeys(row.joint for row in scores))
     limits = _checked_tolerance(tolerance or {}, joints)
+    outcomes = {(found.estimator, found.joint): found.outcome for found in comparisons}
+    simpler = _simpler([row.estimator for row in scores], chosen)
     verdicts = []
     for joint in joints:
-        row = rows[chosen, joint]
-        stated = joint in limits
-        limit = limits[joint] if stated else rows[OFFSET, joint].rmse
-        passed = row.rmse <= limit if stated else row.rmse < limit
-        verdicts.append(JointVerdict(joint, row.unit, row.rmse, limit, stated, passed))
+        rows = {row.estimator: row for row in scores if row.joint == joint}
+        row, others = rows[chosen], [rows[name] for name in simpler if name in rows]
+        if joint in limits:
+            passed = row.rmse <= limits[joint]
+            verdict = JointVerdict(joint, row.unit, row.rmse, limits[joint], True, passed)
+        else:
+            verdict = _beside_simpler(row, others or [row], outcomes)
+        verdicts.append(verdict)
+    deploy = "" if objections else deploy
+    advice = _advice(deploy, chosen)
+    found = list(_alike(verdicts, comparisons))
+    if deploy not in ("", chosen) and not all(verdict.stated for verdict in verdicts):
+        found.append(advice)
     return Verdict(
         passed=all(v.passed for v in verdicts) and not objections,
         text=_text(chosen, verdicts, objections),
         rule=_rule(verdicts),
         joints=tuple(verdicts),
         objections=tuple(objections),
-        remarks=(*remarks, *_better_models(scores, verdicts)),
+        doubts=(*doubts, *found),
+        remarks=_better_models(scores, verdicts),
+        deploy=deploy,
+        advice=advice,
     )
+
+
+def _simpler(estimators: Sequence[str], chosen: str) -> list[str]:
+    """Baselines that are simpler than the chosen model, simplest first."""
+    names = list(dict.fromkeys(estimators))
+    last = BASELINES.index(chosen) if chosen in BASELINES else len(BASELINES)
+    return [name for name in names if name in BASELINES[:last]]
+
+
+def _beside_simpler(
+    row: Score, others: Sequence[Score], outcomes: Mapping[tuple[str, str], Outcome]
+) -> JointVerdict:
+    """Hold a joint to raw position and fixed offset, and to what simpler models reach."""
+
+    def outcome(other: Score) -> Outcome:
+        plain: Outcome = "better" if row.rmse < other.rmse else "worse"
+        return outcomes.get((other.estimator, other.joint), plain)
+
+    yardsticks = [other for other in others if other.estimator in (RAW, OFFSET)] or others
+    beaten = [other for other in others if outcome(other) == "worse"]
+    least = min(beaten or yardsticks, key=lambda other: other.rmse)
+    passed = row.rmse < least.rmse and not beaten
+    best = min(others, key=lambda other: other.rmse)
+    alike = best.estimator if passed and outcome(best) != "better" else ""
+    return JointVerdict(
+        row.joint, row.unit, row.rmse, least.rmse, False, passed, least.estimator, alike
+    )
+
+
+def _alike(verdicts: Sequence[JointVerdict], comparisons: Sequence[Comparison]) -> Iterator[str]:
+    """Tell where the chosen model cannot be told from a simpler one, and by how much data."""
+    for name in dict.fromkeys(verdict.alike for verdict in verdicts if verdict.alike):
+        joints = [verdict.joint for verdict in verdicts if verdict.alike == name]
+        found = [c.stretches for c in comparisons if c.estimator == name and c.joint in joints]
+        over = f" ({min(found)} stretches of the test)" if found else ""
+        yield (
+            f"In {_and(joints)} it cannot be told from {estimator_phrase(name)}, which is "
+            f"simpler{over}."
+        )
 
 
 def _checked_tolerance(tolerance: Mapping[str, float], joints: Sequence[str]) -> dict[str, float]:
@@ -84,16 +158,16 @@ def _checked_tolerance(tolerance: Mapping[str, float], joints: Sequence[str]) ->
 
 
 def _rule(verdicts: Sequence[JointVerdict]) -> str:
-    stated = [v for v in verdicts if v.stated]
-    if not stated:
-        return (
-            "No tolerance was stated, so a joint passes when its RMSE is below that of the fixed "
-            "offset."
-        )
-    rule = "A joint passes when its RMSE is within the tolerance stated for it."
+    rest = (
+        "its RMSE is below those of the raw position and of the fixed offset, and no simpler model "
+        "is closer beyond chance (95 %, over stretches longer than the error keeps its memory)"
+    )
     others = [v.joint for v in verdicts if not v.stated]
+    if len(others) == len(verdicts):
+        return f"No tolerance was stated, so a joint passes when {rest}."
+    rule = "A joint passes when its RMSE is within the tolerance stated for it."
     if others:
-        rule += f" No tolerance was stated for {_and(others)}: below the fixed offset passes."
+        rule += f" No tolerance was stated for {_and(others)}: passes when {rest}."
     return rule
 
 
@@ -109,17 +183,39 @@ def _text(chosen: str, verdicts: Sequence[JointVerdict], objections: Sequence[st
         return f"{title} is not good enough in {count}: {_and(parts)}."
     subject = "the joint" if len(verdicts) == 1 else f"all {len(verdicts)} joints"
     if not any(v.stated for v in verdicts):
-        return f"{title} is closer to the truth than a fixed offset in {subject}."
+        return f"{title} is closer to the truth than raw position and fixed offset in {subject}."
     if all(v.stated for v in verdicts):
         return f"{title} is within the stated tolerance in {subject}."
-    return f"{title} is within tolerance, or below the fixed offset where none is stated."
+    return f"{title} is within tolerance, or below raw and fixed offset where none is stated."
 
 
 def _beside(verdict: JointVerdict) -> str:
     unit = display_unit(verdict.unit)
     value, limit = shown([verdict.rmse * unit.scale, verdict.limit * unit.scale])
-    against = "tolerance" if verdict.stated else "fixed offset"
-    return f"{verdict.joint} {value} {unit.name} against a {against} of {limit} {unit.name}"
+    return (
+        f"{verdict.joint} {value} {unit.name} against {limit_phrase(verdict)} {limit} {unit.name}"
+    )
+
+
+def limit_phrase(verdict: JointVerdict) -> str:
+    """Name what a joint was held to, within a sentence and before its value."""
+    return "the tolerance of" if verdict.stated else f"{estimator_phrase(verdict.against)}'s"
+
+
+def _advice(deploy: str, chosen: str) -> str:
+    """Say which model of the table belongs on the robot, and how to get it."""
+    if not deploy:
+        return ""
+    why = (
+        "where the loop corrects, it is closer to the truth than what is simpler, and nothing "
+        "else here beats it beyond chance"
+    )
+    if deploy == RAW:
+        return "Deploy none of these models: beyond chance, none is better than the raw position."
+    if deploy == chosen:
+        return f"Deploy {estimator_phrase(deploy)}: {why}."
+    how = f" (truejoint calibrate -e {deploy})" if deploy in BASELINES else ""
+    return f"Deploy {estimator_phrase(deploy)} instead{how}: {why}."
 
 
 def _better_models(scores: Sequence[Score], verdicts: Sequence[JointVerdict]) -> tuple[str, ...]:
@@ -139,16 +235,38 @@ def _and(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
 
 
-def seen_in_training(
-    metadata: Mapping[str, Any], recordings: Sequence[Recording]
-) -> tuple[str, ...]:
-    """Object to each test recording whose rows were in the training (`trained_on`)."""
-    seen = [_name(r) or "a recording" for r in recordings if trained_on(metadata, r)]
-    return tuple(f"the model was trained on rows of {n}, which it is tested on" for n in seen)
+def objections_to(
+    metadata: Mapping[str, Any], recordings: Sequence[Recording], domain: Domain | None
+) -> Iterator[str]:
+    """Object to rows that were in the training (`trained_on`), and to a test unlike it."""
+    for recording in recordings:
+        if trained_on(metadata, recording):
+            name = _name(recording) or "a recording"
+            yield f"the model was trained on rows of {name}, which it is tested on"
+    if domain and domain.inside < _MOST:
+        yield (
+            f"the loop would refuse {_refused(domain)}: it is of another instrument, mounting or "
+            "unit than the training, or of a motion unlike it"
+        )
+    if domain and domain.beyond > 1.0 - _MOST:
+        yield (
+            f"in {share_text(domain.beyond)} of the rows the truth is further from the measured "
+            "position than any correction that the loop would believe: it is of another "
+            "instrument, or of a zero that has moved"
+        )
 
 
-def remarks_on(metadata: Mapping[str, Any], recordings: Sequence[Recording]) -> Iterator[str]:
-    """Tell of homings of the test that training has not seen, and of truth that re-zeroed."""
+def doubts_about(
+    metadata: Mapping[str, Any],
+    recordings: Sequence[Recording],
+    domain: Domain | None,
+    check: DataCheck,
+) -> Iterator[str]:
+    """Tell what a pass is to be taken with: data, domain, homings, and truth that re-zeroed."""
+    for finding in (finding for finding in check.findings if finding.level == "fail"):
+        yield f"The data check failed: {finding.what} ({finding.where})."
+    if domain and domain.inside < 1.0 - _FEW:
+        yield f"The loop would refuse {_refused(domain)}, and pass the raw position through there."
     known = set(metadata.get("homing_ids", ()))
     other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
     if known and other:
@@ -188,6 +306,15 @@ def rezero_remark(
             "cycle, with errors all to one side: re-zero from a longer one, or leave it."
         )
     return replace(verdict, remarks=(*remarks, *verdict.remarks))
+
+
+def _refused(domain: Domain) -> str:
+    return f"{share_text(1 - domain.inside)} of the rows ({flags_text(domain)})"
+
+
+def flags_text(domain: Domain) -> str:
+    """List the flags of the loop with their shares of the rows."""
+    return ", ".join(f"{name} {share_text(share)}" for name, share in domain.flags.items())
 
 
 def _name(recording: Recording) -> str:

@@ -14,10 +14,46 @@ from rich.table import Table
 from rich.text import Text
 
 from truejoint.array_types import Mask
-from truejoint.evaluation.digits import decimals_for, fixed, percent_text, shown, spread_text
-from truejoint.evaluation.results import OFFSET, RAW, Evaluation, estimator_title, known_loads
+from truejoint.evaluation.digits import (
+    decimals_for,
+    fixed,
+    percent_text,
+    share_text,
+    shown,
+    spread_text,
+)
+from truejoint.evaluation.results import (
+    OFFSET,
+    RAW,
+    Evaluation,
+    estimator_phrase,
+    estimator_title,
+    known_loads,
+)
+from truejoint.evaluation.verdict import flags_text, limit_phrase
 from truejoint.recordings import DataCheck, JointCoverage
 from truejoint.units import DisplayUnit, display_unit
+
+Grid = list[list[str]]  # header and rows
+
+_LABELS: Final = {
+    "created": "made",
+    "sha256": "SHA-256",
+    "rows": "rows trained on",
+    "sessions": "Recordings trained on",
+    "interval_sessions": "Recordings that made the interval",
+    "held_out": "Accuracy on recordings held out when it was made",
+    "homing_id": "homing",
+    "homing_ids": "homings",
+    "load": "load [kg]",
+    "start": "start [s]",
+    "first": "first row [s]",
+    "last": "last row [s]",
+    "data_sha256": "SHA-256 of the training data",
+    "sample_dt": "time between rows [s]",
+    "random_state": "seed",
+    "command": "command line",
+}
 
 _LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
 
@@ -67,7 +103,7 @@ def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
         own, verdict = rows[evaluation.chosen], verdicts.get(name)
         limit = verdict.limit if verdict else rows[OFFSET].rmse
         value, beside = shown([unit.scale * own.rmse, unit.scale * limit])
-        against = "tolerance" if verdict and verdict.stated else "fixed offset"
+        against = limit_phrase(verdict) if verdict else f"{estimator_phrase(OFFSET)}'s"
         percent = f"{percent_text(own.percent_of_offset)} of fixed offset"
         yield {
             "name": name,
@@ -115,6 +151,35 @@ def interval_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
                 "percent": percent_text(100 * (score.half_width / offset if offset > 0 else 1)),
                 "chosen": score.level == evaluation.interval_level,
             }
+
+
+def domain_rows(evaluation: Evaluation) -> Iterator[Row]:
+    """RMSE inside and outside the trained domain, by joint and estimator; empty if all inside."""
+    if evaluation.domain is None or evaluation.domain.inside == 1.0:
+        return
+    for _, joint, unit in evaluation.shown_joints():
+        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
+        pairs = [[unit.scale * v for v in (s.rmse_inside, s.rmse_outside)] for s in scores]
+        decimals = decimals_for(value for pair in pairs for value in pair)
+        for score, pair in zip(scores, pairs, strict=True):
+            cells = [estimator_title(score.estimator), *(fixed(v, decimals) for v in pair)]
+            yield Row(joint, cells, unit.name, score.estimator == evaluation.chosen)
+
+
+def comparison_rows(evaluation: Evaluation) -> Iterator[Row]:
+    """Tell what the chosen model is beside every other, by joint, and over how many stretches."""
+    for found in evaluation.comparisons:
+        told = f"{found.stretches} of up to {duration(found.seconds)}"
+        yield Row(found.joint, [estimator_title(found.estimator), found.outcome, told])
+
+
+def domain_line(evaluation: Evaluation) -> str:
+    """Share of the test that the loop would correct, and why not the rest; empty if not known."""
+    domain = evaluation.domain
+    if domain is None:
+        return ""
+    flags = f"; it flags {flags_text(domain)}." if domain.flags else "."
+    return f"The loop would correct {share_text(domain.inside)} of the rows{flags}"
 
 
 def load_rows(evaluation: Evaluation) -> Iterator[Row]:
@@ -242,44 +307,91 @@ def duration(seconds: float) -> str:
     return f"{hours} h {minutes} min"
 
 
-def flattened(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Nested JSON values as (name, text) pairs; long lists are cut short and say so."""
-    for key, value in values.items():
-        name = f"{prefix}{key}"
-        if isinstance(value, Mapping):
-            yield from flattened(value, f"{name}.")
-        elif isinstance(value, list | tuple):
-            more = f", and {len(value) - 24} more" if len(value) > 24 else ""
-            yield name, ", ".join(str(item) for item in value[:24]) + more
-        elif value is not None and value != "":
-            yield name, f"{value:.6g}" if isinstance(value, float) else str(value)
+def origin(metadata: Mapping[str, Any]) -> tuple[list[tuple[str, str]], list[tuple[str, Grid]]]:
+    """Tell what a model says of its training: facts by label, and what are tables.
+
+    A table is a list of objects, such as the sessions: its title, and its header and rows of text.
+    """
+    facts: list[tuple[str, str]] = []
+    grids: list[tuple[str, Grid]] = []
+    for key, value in metadata.items():
+        label = _LABELS.get(key, key.replace("_", " "))
+        if isinstance(value, list | tuple) and value and all(isinstance(v, Mapping) for v in value):
+            grids.append((label, _grid(value)))
+        else:
+            facts.append((label, _text(key, value)))
+    return [(label, text) for label, text in facts if text], grids
+
+
+def _grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
+    """Header and text of a table; columns that are empty throughout are left out."""
+    keys = list(dict.fromkeys(key for row in rows for key in row))
+    cells = {key: [_text(key, row.get(key)) for row in rows] for key in keys}
+    kept = [key for key in keys if any(cells[key])]
+    header = [_LABELS.get(key, key.replace("_", " ")) for key in kept]
+    return [header, *([cells[key][i] for key in kept] for i in range(len(rows)))]
+
+
+def _text(key: str, value: Any) -> str:
+    """One JSON value for a person; long lists are cut short and say so."""
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(name, item)}" for name, item in value.items())
+    if isinstance(value, list | tuple):
+        more = f", and {len(value) - 24} more" if len(value) > 24 else ""
+        return ", ".join(_text("", item) for item in value[:24]) + more
+    if isinstance(value, bool | None):
+        return {None: "", True: "yes", False: "no"}[value]
+    if isinstance(value, int | float):
+        plain = f"{value:,}" if isinstance(value, int) else f"{value:.6g}"
+        return duration(float(value)) if key == "duration" else plain
+    return str(value)
 
 
 def score_table(evaluation: Evaluation) -> Table:
-    """Joints (and the tool) by estimator: RMSE, spread over seeds, percent of the fixed offset.
+    """Joints (and the tool) by estimator: RMSE, spread over seeds; the smallest of a row is bold.
 
-    The smallest of a row is bold.
+    For the chosen estimator also the percentage of the fixed offset's.
 
     Examples
     --------
     >>> score_table(evaluation).row_count
     1
     """
-    title = f"{evaluation.title}: RMSE on the test, percent of the fixed offset"
-    table = Table("joint", title=title, box=box.SIMPLE_HEAD)
+    title = f"{evaluation.title}: RMSE on the test (percent: of the fixed offset's)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("joint", overflow="fold")
     for name in evaluation.estimators:
         style = "cyan" if name == evaluation.chosen else ""
-        table.add_column(estimator_title(name), justify="right", style=style)
+        table.add_column(estimator_title(name), justify="right", style=style, overflow="fold")
     for row in main_rows(evaluation):
         if row.name == "tool position":
             table.add_section()
         cells = []
         for cell in row.cells:
             text = Text(cell["rmse"], style="bold" if cell["best"] else "")
-            for small in filter(None, (cell["spread"], f"{cell['percent']:>6}")):
+            percent = f"{cell['percent']:>6}" if cell["chosen"] else ""
+            for small in filter(None, (cell["spread"], percent)):
                 text.append(f" {small}", style="not bold dim")
             cells.append(text)
         table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)
+    return table
+
+
+def domain_table(evaluation: Evaluation) -> Table:
+    """RMSE inside and outside the trained domain; without a row where all lies inside.
+
+    Examples
+    --------
+    >>> domain_table(evaluation).row_count
+    0
+    """
+    title = "RMSE inside and outside the trained domain"
+    table = Table("joint", "estimator", title=title, box=box.SIMPLE_HEAD)
+    for name in ("inside", "outside"):
+        table.add_column(name, justify="right")
+    for row in domain_rows(evaluation):
+        style = "cyan" if row.chosen else ""
+        table.add_row(Text(f"{row.name} [{row.unit}]"), *row.cells, style=style)
     return table
 
 

@@ -122,7 +122,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
-    correction_lower, correction_upper = _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
+    correction_lower, correction_upper = believable_corrections(seen)
     return Limits(
         shortest=shortest * seen.dt,
         longest=data.gap_limit,
@@ -164,6 +164,11 @@ def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[
         lower, upper = middle - half, middle + half
     names = ("parity", "parity_intercept", "parity_lower", "parity_upper")
     return dict(zip(names, (matrix, intercept, lower, upper), strict=True))
+
+
+def believable_corrections(seen: TrainingDomain) -> tuple[Array, Array]:
+    """Range (n_joints,), (n_joints,) of corrections [rad or m] outside which none is believed."""
+    return _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
 
 
 def _widened(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:

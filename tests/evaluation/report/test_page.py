@@ -1,8 +1,10 @@
+import base64
 import json
 import re
 import shutil
 import subprocess
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -10,8 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from truejoint.calibration import calibrate
 from truejoint.errors import RecordingError
-from truejoint.evaluation import Evaluation, evaluate
+from truejoint.evaluation import Evaluation, evaluate, score_tables
 from truejoint.evaluation.digits import decimals_for, fixed
 from truejoint.evaluation.report import render_report, write_report
 from truejoint.evaluation.report.page import script_json
@@ -27,6 +30,13 @@ HEADLESS = (
     "--enable-logging=stderr", "--v=0",
 )  # fmt: skip
 OPENED = ("raven2", "davinci_grasper")  # with and without kinematics; a browser is slow to start
+# Prints as soon as every figure is drawn.
+PRINTS = """(function wait() {
+  const root = document.documentElement.dataset;
+  if (root.drawn !== "yes") return setTimeout(wait, 50);
+  dispatchEvent(new Event("beforeprint"));
+  root.printed = "yes";
+})();"""
 HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\u2028'\".csv"
 
 
@@ -100,17 +110,17 @@ def test_the_page_loads_nothing(report: tuple[Evaluation, _Page, str]) -> None:
     style = text[text.index("<style>") : text.index("</style>")]
     assert "url(" not in style
     assert "@import" not in style
-    assert len(text) < 12e6
+    assert len(text) < 4e6
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; the page is not opened")
-def test_the_page_opens_without_a_console_error(
+def test_the_page_opens_and_prints_without_a_console_error(
     report: tuple[Evaluation, _Page, str], tmp_path: Path
 ) -> None:
     if report[0].robot not in OPENED:
         pytest.skip("pages of other robots are made of the same parts")
     page = tmp_path / "report.html"
-    page.write_text(report[2], encoding="utf-8")
+    page.write_text(report[2].replace("</body>", f"<script>{PRINTS}</script></body>"))
     assert CHROMIUM is not None
     opened = subprocess.run(  # noqa: S603  # a fixed command line on a page of our own
         [CHROMIUM, *HEADLESS, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom",
@@ -121,6 +131,10 @@ def test_the_page_opens_without_a_console_error(
     assert [line for line in said if "INFO:CONSOLE" not in line] == []
     assert [line for line in said if "Error" in line or "Refused" in line] == []
     assert opened.stdout.count("js-plotly-plot") >= len(report[0].joints)
+    assert 'data-printed="yes"' in opened.stdout
+    body = opened.stdout.partition('<script type="application/json"')[0]
+    assert "<canvas" not in body  # on paper, curves in space are projected
+    assert opened.stdout.count('aria-pressed="true"') > len(report[0].joints)
 
 
 def test_hostile_names_stay_text(report: tuple[Evaluation, _Page, str]) -> None:
@@ -153,14 +167,14 @@ def test_the_tables_hold_the_numbers(report: tuple[Evaluation, _Page, str]) -> N
 
 def test_every_figure_has_its_place_and_its_data(report: tuple[Evaluation, _Page, str]) -> None:
     evaluation, page, _ = report
-    figures = json.loads(page.scripts["figures"])
+    figures = json.loads(page.scripts["figures"])["figures"]
     keys = [figure["key"] for figure in figures]
     assert len(set(page.ids)) == len(page.ids)
     assert {f"figure-{key}" for key in keys} == {i for i in page.ids if i.startswith("figure-")}
     for joint in range(len(evaluation.joints)):
         assert f"time-{joint}" in keys
         assert f"residual-{joint}" in keys
-    assert {"trajectories", "loops", "histograms", "stretch-0"} <= set(keys)
+    assert {"trajectories", "coloured", "map-0", "loops", "histograms", "stretch-0"} <= set(keys)
     assert ("tool-paths" in keys) == ("cartesian" in keys) == bool(evaluation.cartesian)
     for figure in figures:
         for variant in figure["variants"]:
@@ -169,14 +183,23 @@ def test_every_figure_has_its_place_and_its_data(report: tuple[Evaluation, _Page
     space = next(figure for figure in figures if figure["key"] == "trajectories")
     kinds = {trace["type"] for trace in space["variants"][0]["data"]}
     assert kinds == ({"scatter3d"} if len(evaluation.joints) > 2 else {"scatter"})
-    assert (space["flat"] is not None) == (len(evaluation.joints) > 2)
 
 
 def test_every_link_leads_somewhere(report: tuple[Evaluation, _Page, str]) -> None:
     _, page, _ = report
-    targets = [value[1:] for tag, key, value in page.loads if tag == "a" and key == "href"]
+    links = [value for tag, key, value in page.loads if tag == "a" and key == "href"]
+    targets = [link[1:] for link in links if link.startswith("#")]
     assert targets
     assert set(targets) <= set(page.ids)
+
+
+def test_tables_can_be_taken_from_the_page(report: tuple[Evaluation, _Page, str]) -> None:
+    evaluation, page, _ = report
+    links = [value for tag, key, value in page.loads if value.startswith("data:text/plain")]
+    texts = [base64.b64decode(link.partition(",")[2]).decode() for link in links]
+    tables = list(score_tables(evaluation))
+    assert texts == [text for table in tables for text in (table.csv(), table.latex())]
+    assert len(tables) == len(evaluation.joints) + bool(evaluation.cartesian)
 
 
 def test_json_cannot_end_its_script() -> None:
@@ -213,3 +236,25 @@ def test_a_failed_verdict_opens_the_page(
     page = _Page(render_report(evaluation))
     assert page.words.index("Not passed") < page.words.index("Worst stretches")
     assert "is not good enough in the joint" in page.words
+
+
+def test_reservations_are_told_where_the_verdict_is(
+    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
+) -> None:
+    train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
+    table = test.table.copy()
+    table.loc[table.index % 5 > 1, "truth/jaw"] = np.nan
+    evaluation = evaluate({"dnn": [calibration_of([train])]}, replace(test, table=table))
+    words = _Page(render_report(evaluation)).words
+    assert "Passed, with reservations" in words
+    assert words.index("The data check failed: 60 %") < words.index("Worst stretches")
+    assert evaluation.verdict.advice in words
+
+
+def test_provenance_is_for_a_reader(recording_of: Callable[..., Recording]) -> None:
+    train = [recording_of("davinci_grasper", seed=i, session=f"s{i}") for i in range(2)]
+    evaluation = evaluate(calibrate(train, "linear"), recording_of("davinci_grasper", seed=4))
+    words = _Page(render_report(evaluation)).words
+    assert "{'" not in words
+    assert "Recordings trained on (2)" in words
+    assert "59.9 s" in words

@@ -22,11 +22,12 @@ from truejoint.files import write_atomically
 from truejoint.recordings.signals import gaps
 from truejoint.units import DisplayUnit, display_unit
 
-MENU: Final = 12  # recordings that the time figures offer; the table lists all
-_BUDGET: Final = 4_000_000  # bytes that the time figures may take of the page
+MENU: Final = 36  # curves over time that the page offers, of all joints; at most 12 recordings
+_BUDGET: Final = 600_000  # bytes that the time figures may take of the page
 _CURVE_BYTES: Final = 22.0  # of one bucket: two points of x and y in base64
 _STRETCHES: Final = 6
-_LOOP_POINTS: Final = 6000
+_STRETCH_BUCKETS: Final = 300
+_LOOP_POINTS: Final = 6000  # of all joints together
 _ALL: Final = slice(None)
 
 
@@ -37,7 +38,8 @@ def menu_order(evaluation: Evaluation) -> list[int]:
         np.max(np.sqrt(np.mean(trace.error(evaluation.chosen) ** 2, axis=0)) / limits)
         for trace in evaluation.traces
     ]
-    return [int(i) for i in np.argsort(-np.array(ratio), kind="stable")][:MENU]
+    count = min(12, max(1, MENU // len(limits)))
+    return [int(i) for i in np.argsort(-np.array(ratio), kind="stable")][:count]
 
 
 def over_time(evaluation: Evaluation) -> list[Figure]:
@@ -45,7 +47,7 @@ def over_time(evaluation: Evaluation) -> list[Figure]:
     order = menu_order(evaluation)
     banded = any(trace.lower is not None for trace in evaluation.traces)
     curves = (14 if banded else 6) * len(order) * len(evaluation.joints)
-    buckets = int(np.clip(_BUDGET / (_CURVE_BYTES * curves), 150, 1800))
+    buckets = int(np.clip(_BUDGET / (_CURVE_BYTES * curves), 50, 1800))
     return [
         Figure(
             f"time-{column}",
@@ -69,7 +71,7 @@ def worst_stretches(evaluation: Evaluation) -> Iterator[Figure]:
             f"{fixed(stretch.end, 1)} s: RMSE {rmse} {unit.name}, largest error {largest} "
             f"{unit.name}."
         )
-        spec = _tracking(evaluation, trace, column, 1500, rows)
+        spec = _tracking(evaluation, trace, column, _STRETCH_BUCKETS, rows)
         key, label = f"stretch-{rank - 1}", f"Worst stretch {rank}"
         yield Figure(key, label, caption, [spec], wide=False)
 
@@ -95,7 +97,7 @@ def _tracking(
             around = plot.outline(t[known], low, high, pieces)
             errors = plot.outline(t[known], middle - high, middle - low, pieces)
             name = f"{100 * evaluation.interval_level:g} % interval"
-            band: Spec = {"width": 0, "fill": "toself", "fillcolor": "rgba(0,114,178,0.17)"}
+            band: Spec = {"width": 0, "fill": "toself", "fillcolor": plot.BAND}
             band |= {"hoverinfo": "skip", "legendrank": 1001}
             for edge, place, legend in ((around, upper, whole), (errors, lower, False)):
                 options = {**band, **place, "showlegend": legend}
@@ -121,6 +123,7 @@ def _tracking(
 
 def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
+    most = _LOOP_POINTS // len(evaluation.joints)
     pairs = ((OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8))
 
     def draw(column: int, unit: DisplayUnit) -> list[Spec]:
@@ -130,7 +133,7 @@ def loops(evaluation: Evaluation) -> Figure:
                 np.column_stack((trace.truth[:, column], trace.error(name)[:, column]))
                 for trace in evaluation.traces
             ]
-            path, title = unit.scale * plot.joined(paths, _LOOP_POINTS), estimator_title(name)
+            path, title = unit.scale * plot.joined(paths, most), estimator_title(name)
             options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip"}
             curves.append(plot.curve(path[:, 0], path[:, 1], title, colour, **options))
         return curves
@@ -154,22 +157,16 @@ def histograms(evaluation: Evaluation) -> Figure:
         low = min(float(e.min()) for e in errors.values())
         high = max(float(e.max()) for e in errors.values())
         edges = np.linspace(low, high if high > low else low + 1e-9, 91)
-        return [
-            {
-                "type": "bar",
-                "x": plot.packed(0.5 * (edges[1:] + edges[:-1])),
-                "y": plot.packed(100.0 * np.histogram(error, edges)[0] / len(error)),
-                "width": float(edges[1] - edges[0]),
-                "name": plot.plain(estimator_title(name)),
-                "legendgroup": plot.plain(estimator_title(name)),
-                "marker": {"color": colour_of(name, evaluation), "line": {"width": 0}},
-                "opacity": 0.7,
-            }
-            for name, error in errors.items()
-        ]
+        middle = 0.5 * (edges[1:] + edges[:-1])
+        curves = []
+        for name, error in errors.items():
+            share = 100.0 * np.histogram(error, edges)[0] / len(error)
+            colour = colour_of(name, evaluation)
+            fill = {"fill": "tozeroy", "fillcolor": colour, "opacity": 0.75, "shape": "hvh"}
+            curves.append(plot.curve(middle, share, estimator_title(name), colour, **fill))
+        return curves
 
     spec = _small_multiples(evaluation, draw, "error", "share of rows [%]", 280)
-    spec["layout"] |= {"barmode": "overlay", "bargap": 0}
     caption = "Distribution of the error over all rows of the test; 90 equal bins a joint."
     return Figure("histograms", "Distribution of errors", caption, [spec])
 

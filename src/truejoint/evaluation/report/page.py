@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import base64
 import importlib.metadata
 import json
 import platform
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
+from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,14 +17,14 @@ import jinja2
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import view
-from truejoint.evaluation.report import curves, residuals, space
+from truejoint.evaluation.report import curves, plot, residuals, space
 from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
-from truejoint.extras import require
+from truejoint.evaluation.tables import score_tables
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.data_check import DataCheck
 from truejoint.recordings.recording import Recording
 
-_PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas", "plotly")
+_PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
 def write_report(
@@ -46,7 +48,7 @@ def write_report(
     training : sequence of Recording
         What the model was fitted on, for the figures of trajectories; may be empty.
     checks : mapping of str to DataCheck, optional
-        Data checks by name, such as ``"training"`` and ``"test"``.
+        Data checks by name beside that of the test, such as ``"training"``.
     command : str
         Command line that makes this report again.
     overwrite : bool
@@ -101,7 +103,12 @@ def render_report(
     """
     drawn = {
         "worst": list(curves.worst_stretches(evaluation)),
-        "paths": [space.trajectories(evaluation, training), *space.tool_paths(evaluation)],
+        "paths": [
+            space.trajectories(evaluation, training),
+            *space.tool_paths(evaluation),
+            space.coloured_path(evaluation),
+        ],
+        "maps": list(space.error_maps(evaluation)),
         "time": curves.over_time(evaluation),
         "residuals": list(residuals.residuals(evaluation)),
         "loops": [curves.loops(evaluation)],
@@ -110,7 +117,7 @@ def render_report(
         "intervals": residuals.stated_interval(evaluation),
     }
     shown = (figure for part in drawn.values() for figure in part)
-    figures = [{"key": f.key, "variants": f.variants, "flat": f.flat} for f in shown]
+    figures = [{"key": f.key, "variants": f.variants} for f in shown]
     recordings = view.recording_rows(evaluation)
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
@@ -125,13 +132,27 @@ def render_report(
         view=view,
         recording_rows=recordings,
         told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
-        checks=checks or {},
+        checks={"test": evaluation.check, **(checks or {})},
         facts=_facts(evaluation),
+        origin=view.origin(evaluation.training),
+        downloads=[
+            (table.name, suffix, f"{table.stem}.{suffix}", _data_uri(text))
+            for table in score_tables(evaluation)
+            for suffix, text in (("csv", table.csv()), ("tex", table.latex()))
+        ],
         sources=used + tested,
         command=command,
-        plotly=require("plotly.offline", "plots", "a report").get_plotlyjs(),
-        figures=script_json(figures),
+        plotly=_asset("plotly-gl3d.min.js"),
+        figures=script_json({"figures": figures, "dark": plot.DARK}),
     )
+
+
+def _data_uri(text: str) -> str:
+    return "data:text/plain;base64," + base64.b64encode(text.encode()).decode("ascii")
+
+
+def _asset(name: str) -> str:
+    return (files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 
 def render_page(template: str, *, package: str = __package__, **values: Any) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
@@ -30,6 +30,19 @@ SKY: Final = "#56b4e9"
 GREY: Final = "#9aa0a6"
 GRID: Final = "#e6e8eb"
 
+PAPER: Final = "#ffffff"
+WALL: Final = "#fafbfc"  # behind curves in space
+WALL_GRID: Final = "#d5d8dc"
+ZERO: Final = "#c4c9cf"
+BAND: Final = "rgba(0,114,178,0.17)"
+
+DARK: Final = {
+    INK: "#e6edf3", BLUE: "#58a6e0", ORANGE: "#f0883e", GREEN: "#3fbf92", PURPLE: "#d07fd0",
+    SKY: "#8fd0f5", GREY: "#7d8590", GRID: "#2b3138", PAPER: "#0f1419", WALL: "#161b22",
+    WALL_GRID: "#373e47", ZERO: "#4b535d", BAND: "rgba(88,166,224,0.25)",
+}  # fmt: skip
+"""What each colour of a figure becomes where the reader prefers dark pages."""
+
 COLOURS: Final = {"truth": INK, RAW: GREY, OFFSET: ORANGE, "chosen": BLUE}
 
 FONT: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', Arial, sans-serif"
@@ -39,7 +52,7 @@ FONT: Final = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Helvetica Neue', A
 class Figure:
     """One figure of the page: Plotly specifications, between which a menu switches.
 
-    `label` is for readers who cannot see it; `flat` stands in where a browser has no WebGL.
+    `label` is for readers who cannot see it.
     """
 
     key: str
@@ -47,7 +60,6 @@ class Figure:
     caption: str
     variants: Sequence[Spec]
     wide: bool = True
-    flat: Spec | None = None
 
 
 def colour_of(estimator: str, evaluation: Evaluation) -> str:
@@ -66,6 +78,26 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False)
 
 
+def coloured(
+    axes: Mapping[str, Array], colour: Array, title: str, highest: float, **style: Any
+) -> Spec:
+    """Draw dots in a plane or in space, `axes` x, y (and z) of (n,), by `colour` (n,) from 0 on."""
+    places = {name: packed(values) for name, values in axes.items()}
+    bar = {
+        "len": 0.8,
+        "y": 0.45,
+        "title": {"text": plain(title), "side": "top"},
+        "thickness": 10,
+        "outlinewidth": 0,
+    }
+    marker = {
+        "color": packed(colour), "cmin": 0.0, "cmax": highest, "colorscale": "Viridis",
+        "showscale": True, "colorbar": bar, "line": {"width": 0}, **style,
+    }  # fmt: skip
+    kind = "scatter3d" if "z" in axes else "scatter"
+    return {"type": kind, "mode": "markers", **places, "marker": marker, "name": plain(title)}
+
+
 def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
     """Draw ``"lines"`` or ``"markers"`` at (n,) points, values in the units of the axes."""
     places = {"x": packed(x), "y": packed(y)}
@@ -74,7 +106,7 @@ def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec
 
 def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec:
     """Draw a line, which its name in the legend shows and hides with all others of that name."""
-    keys = [key for key in ("width", "dash") if key in options]
+    keys = [key for key in ("width", "dash", "shape") if key in options]
     line = {"color": colour, "width": 1.3} | {key: options.pop(key) for key in keys}
     return scatter("lines", x, y, name, **{"legendgroup": plain(name), "line": line, **options})
 
@@ -84,7 +116,7 @@ def axis(title: str = "", **options: Any) -> Spec:
     return {
         "title": {"text": plain(title), "standoff": 6, "font": {"size": 12}},
         "gridcolor": GRID,
-        "zerolinecolor": "#c4c9cf",
+        "zerolinecolor": ZERO,
         "linecolor": "#8b9198",
         "tickfont": {"size": 11},
         "ticks": "outside",
@@ -100,21 +132,12 @@ def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
     """Curves, and the layout that all figures share with their own axes."""
     layout = {
         "height": height,
-        "margin": {"l": 56, "r": 12, "t": 36, "b": 44},
+        "margin": {"l": 56, "r": 12, "t": 10, "b": 44},
         "font": {"family": FONT, "size": 12, "color": INK},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
+        "paper_bgcolor": PAPER,
+        "plot_bgcolor": PAPER,
         "hovermode": "closest",
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1.0,
-            "yanchor": "top",
-            "yref": "container",
-            "font": {"size": 12},
-            "traceorder": "normal",
-        },
+        "showlegend": False,  # the page has one that a keyboard reaches
         **options,
     }
     return {"data": data, "layout": layout}

@@ -16,7 +16,7 @@ from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
 from truejoint.evaluation.results import Evaluation, estimator_phrase, known_loads
 from truejoint.units import DisplayUnit, display_unit
 
-_POINTS: Final = 1200  # of each direction in each panel
+_POINTS: Final = 3600  # of each direction in a panel of every joint together, at most 1200 of one
 _BINS: Final = 24
 _FEW: Final = 8  # rows below which a bin has no median
 _COLOURS: Final = (BLUE, ORANGE, plot.GREEN, plot.PURPLE, plot.SKY, plot.GREY)  # of joints
@@ -47,7 +47,8 @@ def residuals(evaluation: Evaluation) -> Iterator[Figure]:
             f"{against}{several}. Dots are rows, blue while the joint moves up and orange while it "
             "moves down; lines are medians, bands hold the middle 90 %."
         )
-        spec = _spec(panels, error, moves, f"error [{unit.name}]")
+        most = min(1200, _POINTS // len(evaluation.joints))
+        spec = _spec(panels, error, moves, f"error [{unit.name}]", most)
         yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
@@ -79,7 +80,7 @@ def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Pan
     return [*panels, _Panel("time [s]", np.concatenate(times))]
 
 
-def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
+def _spec(panels: list[_Panel], error: Array, moves: Array, title: str, most: int) -> Spec:
     drawn = []
     low, high = float(error.min()), float(error.max())
     margin = 0.05 * (high - low) or 1e-9
@@ -99,14 +100,16 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str) -> Spec:
             if rows.any() and panel.steps:
                 curves.append(_bars(x, y, panel.steps, 0.04 * side * apart, name, colour))
             elif rows.any():
-                curves += _cloud(x, y, name, colour, legend=i == 0)
+                curves += _cloud(x, y, name, colour, most, legend=i == 0)
         drawn.append(({"title": panel.title, "domain": domain, **ticks}, errors, curves))
     return plot.panels(drawn, 270)
 
 
-def _cloud(x: Array, y: Array, name: str, colour: str, *, legend: bool) -> Iterable[Spec]:
-    """Dots, and the median and the middle 90 % of `y` (n,) along `x` (n,)."""
-    keep, hidden = plot.every(len(x), _POINTS), {"legendgroup": name, "showlegend": False}
+def _cloud(
+    x: Array, y: Array, name: str, colour: str, most: int, *, legend: bool
+) -> Iterable[Spec]:
+    """At most `most` dots, and the median and the middle 90 % of `y` (n,) along `x` (n,)."""
+    keep, hidden = plot.every(len(x), most), {"legendgroup": name, "showlegend": False}
     style = {"marker": {"color": colour, "size": 2.5, "opacity": 0.22}, "hoverinfo": "skip"}
     dots = plot.scatter("markers", x[keep], y[keep], name, **style, **hidden)
     centre, low, middle, high = binned(x, y)

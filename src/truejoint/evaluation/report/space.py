@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
-from truejoint.evaluation.results import OFFSET, Evaluation, estimator_title
+from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
 from truejoint.recordings.recording import Recording
 from truejoint.recordings.signals import velocity
 
 # Curves (n, k) with title and colour.
 _Groups = Sequence[tuple[str, str, Sequence[Array]]]
 
-_POINTS: Final = 5000  # points of a 3-D curve; more are not seen at this size
+_POINTS: Final = 3000  # points of a 3-D curve; more are not seen at this size
+_CELLS: Final = (6, 24)  # of a map along each axis, at least and at most
+_FEW: Final = 8  # rows below which a cell of a map is left blank
 
 
 def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figure:
@@ -44,8 +47,7 @@ def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figur
         "where the two overlap."
     )
     if len(names) == 2:
-        spec = _planes(groups, names, 400 if len(units) == 1 else 420)
-        return Figure("trajectories", title, caption, [spec])
+        return Figure("trajectories", title, caption, [_plane(groups, names)])
     if len(names) > 3:
         caption += f" The first three of {len(names)} calibrated joints are shown."
     return _space("trajectories", title, caption, groups, names[:3], "cube")
@@ -65,16 +67,151 @@ def tool_paths(evaluation: Evaluation) -> list[Figure]:
     ]
     caption = (
         "Tool position in the base frame, through the same forward kinematics for the true, the "
-        "fixed-offset and the calibrated joint positions. Click a name in the legend to hide it."
+        "fixed-offset and the calibrated joint positions."
     )
     names = ["x [mm]", "y [mm]", "z [mm]"]
     return [_space("tool-paths", "Tool path", caption, groups, names, "data")]
 
 
+def coloured_path(evaluation: Evaluation) -> Figure:
+    """Path of the tool or, without kinematics, of the joints, by the chosen model's error."""
+    place = _workspace(evaluation)
+    keep = plot.every(len(place.points), _POINTS)
+    columns = min(3, place.points.shape[1])
+    axes = dict(zip("xyz", place.points[keep, :columns].T, strict=False))
+    error, title = place.error, f"error [{place.unit}]"
+    size = 2 if columns == 3 else 4
+    dots = plot.coloured(axes, error[keep], title, float(np.quantile(error, 0.99)), size=size)
+    dots["showlegend"] = False
+    caption = (
+        f"{place.what}, coloured by {place.measure} of {estimator_phrase(evaluation.chosen)} "
+        f"[{place.unit}]; the scale ends at the 99th percentile."
+    )
+    names = place.names[:columns]
+    if columns == 2:
+        axis = {"xaxis": plot.axis(names[0]), "yaxis": plot.axis(names[1])}
+        margin = {"l": 56, "r": 90, "t": 10, "b": 44}
+        spec = plot.drawing([dots | {"xaxis": "x", "yaxis": "y"}], 380, **axis, margin=margin)
+    else:
+        spec = _scene([dots], names, place.aspect)
+    return Figure("coloured", "Error along the path", caption, [spec])
+
+
+def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
+    """Map each joint's RMSE, and the mean half-width that it states, over the workspace."""
+    place = _workspace(evaluation)
+    widest = np.argsort(-np.ptp(place.points[:, :3], axis=0), kind="stable")[:2]
+    a, b = sorted(widest.tolist())
+    # A cell that an even motion would cross in three times the rows that it needs.
+    count = int(np.clip(np.sqrt(len(place.points) / (3 * _FEW)), *_CELLS))
+    edges = [np.linspace(*_ends(place.points[:, i]), count + 1) for i in (a, b)]
+    cells = [
+        np.clip(np.searchsorted(edge, place.points[:, i], side="right") - 1, 0, count - 1)
+        for i, edge in zip((a, b), edges, strict=True)
+    ]
+    cell = cells[0] * count + cells[1]
+    rows = np.bincount(cell, minlength=count**2)
+    seen = np.flatnonzero(rows >= _FEW)
+    middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
+    x, y = middle[0][seen // count], middle[1][seen % count]
+    for column, joint, unit in evaluation.shown_joints():
+        square = np.square(unit.scale * evaluation.error(evaluation.chosen, column))
+        layers = [(f"RMSE [{unit.name}]", np.sqrt(_means(square, cell, rows)[seen]))]
+        bounds = [(t.lower, t.upper) for t in evaluation.traces]
+        half = [
+            0.5 * (high - low)[:, column]
+            for low, high in bounds
+            if low is not None and high is not None
+        ]
+        if len(half) == len(bounds):
+            known = np.isfinite(np.concatenate(half))
+            width = np.where(known, unit.scale * np.concatenate(half), 0.0)
+            counts = np.bincount(cell, known, minlength=count**2)
+            mean = _means(width, cell, np.maximum(counts, 1))[seen]
+            layers.append((f"half-width [{unit.name}]", mean))
+        panels: list[plot.Panel] = []
+        for (title, values), domain in zip(layers, plot.columns(len(layers), 0.2), strict=True):
+            highest = float(np.quantile(values, 0.95)) if len(values) else 1.0
+            dots = plot.coloured({"x": x, "y": y}, values, title, highest, symbol="square")
+            dots |= {"showlegend": False, "meta": {"cells": count}}  # for the size of the squares
+            bounded = {"domain": [0.9 * end for end in domain], "range": list(edges[0][[0, -1]])}
+            across = {"title": place.names[a], **bounded}
+            up = {"title": place.names[b], "range": list(edges[1][[0, -1]]), "zeroline": False}
+            panels.append((across | {"zeroline": False}, up, [dots]))
+        said = " and the mean half-width that is stated" if len(layers) > 1 else ""
+        caption = (
+            f"{joint}: RMSE of {estimator_phrase(evaluation.chosen)}{said} over {place.where}, in "
+            f"cells that at least {_FEW} rows of the test crossed; scales end at the 95th "
+            "percentile."
+        )
+        spec = plot.panels(panels, 320)
+        title, wide = f"{joint}: error over the workspace", len(layers) > 1
+        yield Figure(f"map-{column}", title, caption, [spec], wide=wide)
+
+
+@dataclass(frozen=True)
+class _Workspace:
+    """Where the test went: points (n, k) with their axis titles, and the error (n,) there."""
+
+    points: Array
+    names: Sequence[str]
+    what: str
+    where: str
+    error: Array
+    measure: str
+    unit: str
+    aspect: str
+
+
+def _workspace(evaluation: Evaluation) -> _Workspace:
+    """Tool positions [mm] or, without kinematics, joint positions and of one joint its speed."""
+    traces, chosen = evaluation.traces, evaluation.chosen
+    if evaluation.cartesian:
+        true = 1e3 * np.concatenate([trace.tool["truth"] for trace in traces])
+        found = 1e3 * np.concatenate([trace.tool[chosen] for trace in traces])
+        names = ["x [mm]", "y [mm]", "z [mm]"]
+        return _Workspace(
+            true, names, "True path of the tool", "the tool's position", _length(found - true),
+            "the tool's distance from it", "mm", "data",
+        )  # fmt: skip
+    shown = evaluation.shown_joints()
+    points = np.concatenate([trace.truth for trace in traces])
+    names = [f"{joint} [{unit.name}]" for _, joint, unit in shown]
+    points = points * [unit.scale for _, _, unit in shown]
+    unit = shown[0][2]
+    if len(shown) == 1:
+        speed = unit.scale * np.concatenate([trace.velocity for trace in traces])
+        error = np.abs(unit.scale * evaluation.error(chosen, 0))
+        return _Workspace(
+            np.hstack((points, speed)), [*names, f"speed [{unit.name}/s]"], "Position and speed",
+            "position and speed", error, "the absolute error", unit.name, "cube",
+        )  # fmt: skip
+    limits = np.array([joint.limit for joint in evaluation.verdict.joints])
+    errors = np.concatenate([np.abs(trace.error(chosen)) for trace in traces])
+    return _Workspace(
+        points, names, "Path of the joints", "two joints", (errors / limits).max(axis=1),
+        "the worst joint's absolute error as a multiple of its limit", "limit", "cube",
+    )  # fmt: skip
+
+
+def _ends(values: Array) -> tuple[float, float]:
+    low, high = float(values.min()), float(values.max())
+    return (low, high) if high > low else (low - 0.5, low + 0.5)
+
+
+def _means(values: Array, cell: Integers, rows: Integers) -> Array:
+    """Mean of `values` (n,) in each cell, where there is a row."""
+    return np.bincount(cell, values, minlength=len(rows)) / np.maximum(rows, 1)
+
+
+def _length(vectors: Array) -> Array:
+    return np.asarray(np.linalg.norm(vectors, axis=1))
+
+
 def _space(
     key: str, title: str, caption: str, groups: _Groups, names: Sequence[str], aspect: str
 ) -> Figure:
-    """Curves in 3-D, and their projections where a browser cannot draw that."""
+    """Draw curves in space."""
     data = []
     for name, colour, paths in groups:
         if paths:
@@ -82,13 +219,18 @@ def _space(
             curve = {"type": "scatter3d", "mode": "lines", **dict(zip("xyz", points, strict=False))}
             line = {"color": colour, "width": 2.5}
             data.append(curve | {"name": plot.plain(name), "line": line, "opacity": 0.6})
+    return Figure(key, title, caption, [_scene(data, names, aspect)])
+
+
+def _scene(data: Sequence[Spec], names: Sequence[str], aspect: str) -> Spec:
+    """Lay out three axes in space."""
     scene: Spec = {
         f"{letter}axis": {
             "title": {"text": plot.plain(name), "font": {"size": 12}},
-            "gridcolor": "#d5d8dc",
-            "backgroundcolor": "#fafbfc",
+            "gridcolor": plot.WALL_GRID,
+            "backgroundcolor": plot.WALL,
             "showbackground": True,
-            "zerolinecolor": "#d5d8dc",
+            "zerolinecolor": plot.WALL_GRID,
             "tickfont": {"size": 11},
             "nticks": 6,
         }
@@ -98,17 +240,12 @@ def _space(
         "aspectmode": aspect,
         "camera": {"eye": {"x": 1.62, "y": 1.46, "z": 0.85}, "center": {"x": 0, "y": 0, "z": -0.1}},
     }
-    spec = plot.drawing(data, 560, scene=scene, margin={"l": 0, "r": 0, "t": 28, "b": 0})
-    return Figure(key, title, caption, [spec], flat=_planes(groups, names, 340))
+    return plot.drawing(data, 520, scene=scene, margin={"l": 0, "r": 0, "t": 0, "b": 0})
 
 
-def _planes(groups: _Groups, names: Sequence[str], height: int) -> Spec:
-    """Curves projected on the plane of each pair of axes."""
-    pairs = [(0, 1), (0, 2), (1, 2)][: 1 if len(names) == 2 else 3]
+def _plane(groups: _Groups, names: Sequence[str]) -> Spec:
+    """Draw curves in a plane."""
     drawn = [(name, colour, plot.joined(paths, _POINTS)) for name, colour, paths in groups if paths]
-    panels: list[plot.Panel] = []
-    for (a, b), domain in zip(pairs, plot.columns(len(pairs), 0.09), strict=True):
-        style = {"width": 1.0, "opacity": 0.7, "showlegend": not panels, "hoverinfo": "skip"}
-        curves = [plot.curve(path[:, a], path[:, b], *who, **style) for *who, path in drawn]
-        panels.append(({"title": names[a], "domain": domain}, {"title": names[b]}, curves))
-    return plot.panels(panels, height)
+    style = {"width": 1.0, "opacity": 0.7, "hoverinfo": "skip"}
+    curves = [plot.curve(path[:, 0], path[:, 1], *who, **style) for *who, path in drawn]
+    return plot.panels([({"title": names[0]}, {"title": names[1]}, curves)], 400)

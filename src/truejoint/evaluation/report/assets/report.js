@@ -1,27 +1,142 @@
 "use strict";
 (() => {
-  const figures = JSON.parse(document.getElementById("figures").textContent);
+  const { figures, dark } = JSON.parse(document.getElementById("figures").textContent);
   const canvas = document.createElement("canvas");
   const hasWebGL = Boolean(canvas.getContext("webgl2") || canvas.getContext("webgl"));
+  const darkScreen = matchMedia("(prefers-color-scheme: dark)");
+  const PAPER = { wide: 900, half: 440 }; // widths of figures in print, as in the style sheet [px]
+  const NARROWEST = 210; // of a panel that stands beside others [px]
+  const ROW = 230; // height of a panel that stands above others [px]
   const config = {
-    responsive: true,
     displaylogo: false,
+    displayModeBar: "hover",
     showSendToCloud: false,
     plotlyServerURL: "",
     modeBarButtonsToRemove: ["pan2d", "select2d", "lasso2d", "zoomIn2d", "zoomOut2d", "autoScale2d"],
     toImageButtonOptions: { format: "svg" },
   };
+  const chosen = new Map(figures.map((figure) => [figure.key, 0])); // variant shown
+  const hidden = new Map(); // names in a legend, by figure, that the reader switched
+  let printing = false;
 
-  const draw = (figure, variant) => {
-    const place = document.getElementById(`figure-${figure.key}`);
-    const flat = figure.flat && !hasWebGL;
-    const spec = flat ? figure.flat : figure.variants[variant];
-    place.style.minHeight = `${spec.layout.height}px`;
-    if (flat && !place.dataset.flat) {
-      place.dataset.flat = "yes";
-      place.nextElementSibling.append(" (This browser has no WebGL: projections in place of 3-D.)");
+  const place = (figure) => document.getElementById(`figure-${figure.key}`);
+  const group = (trace) => trace.legendgroup || trace.name;
+
+  /** Copy of plain values with the colours of dark paper; packed numbers are not walked through. */
+  const inDark = (value) => {
+    if (typeof value === "string") return dark[value] || value;
+    if (Array.isArray(value)) return value.map(inDark);
+    if (value === null || typeof value !== "object" || "bdata" in value) return value;
+    return Object.fromEntries(Object.entries(value).map(([key, item]) => [key, inDark(item)]));
+  };
+
+  /** Projections of curves in space on the three planes. */
+  const flattened = ({ data, layout }) => {
+    const flat = { ...layout, height: 340 };
+    delete flat.scene;
+    const traces = [["x", "y"], ["x", "z"], ["y", "z"]].flatMap(([a, b], index) => {
+      const number = index ? String(index + 1) : "";
+      const [xaxis, yaxis] = [`x${number}`, `y${number}`];
+      const axis = { gridcolor: layout.scene.xaxis.gridcolor, automargin: true, nticks: 5 };
+      flat[`xaxis${number}`] = { ...axis, title: layout.scene[`${a}axis`].title, anchor: yaxis,
+        domain: [0.34 * index, 0.34 * index + 0.22] };
+      flat[`yaxis${number}`] = { ...axis, title: layout.scene[`${b}axis`].title, anchor: xaxis };
+      return data.map(({ z, ...trace }) => {
+        const places = { x: trace.x, y: trace.y, z };
+        const flatter = { ...trace, type: "scatter", x: places[a], y: places[b], xaxis, yaxis,
+          showlegend: index === 0 && trace.showlegend !== false, legendgroup: group(trace) };
+        if (trace.marker) flatter.marker = { ...trace.marker, showscale: index === 2, size: 3 };
+        return flatter;
+      });
+    });
+    flat.margin = { l: 56, r: 12, t: 8, b: 44 };
+    return { data: traces, layout: flat };
+  };
+
+  /** Panels one above the other where they are too narrow side by side; colour bars beside theirs. */
+  const arranged = ({ data, layout }, width) => {
+    const fitted = { ...layout };
+    const numbers = Object.keys(layout).filter((key) => /^xaxis\d*$/.test(key)).map((key) => key.slice(5));
+    const domains = numbers.map((number) => String(layout[`xaxis${number}`].domain));
+    const beside = new Set(domains).size;
+    if (beside > 1 && width / beside < NARROWEST) {
+      const left = layout.yaxis.title;
+      const [row, gap] = [1 / numbers.length, 62 / (ROW * numbers.length)];
+      numbers.forEach((number, index) => {
+        const y = layout[`yaxis${number}`];
+        const title = y.title && y.title.text ? y.title : left;
+        const top = 1 - index * row;
+        const full = data.some((trace) => trace.meta) ? 0.8 : 1; // beside it stands a colour bar
+        fitted[`xaxis${number}`] = { ...layout[`xaxis${number}`], domain: [0, full] };
+        fitted[`yaxis${number}`] = { ...y, title, showticklabels: true, domain: [top - row + gap, top] };
+      });
+      fitted.height = ROW * numbers.length + 40;
     }
-    return Plotly.react(place, spec.data, spec.layout, config);
+    const bars = data.map((trace) => {
+      if (!trace.marker || !trace.marker.showscale || !trace.xaxis) return trace;
+      const x = fitted[trace.xaxis.replace("x", "xaxis")].domain || [0, 1];
+      const y = fitted[trace.yaxis.replace("y", "yaxis")].domain || [0, 1];
+      const colorbar = { ...trace.marker.colorbar, x: x[1] + 0.005, y: (y[0] + y[1]) / 2, len: 0.95 * (y[1] - y[0]) };
+      const marker = { ...trace.marker, colorbar };
+      if (trace.meta) { // squares of a map meet, and do not overlap
+        const [wide, high] = [(width - 80) * (x[1] - x[0]), (fitted.height - 60) * (y[1] - y[0])];
+        marker.size = 0.92 * Math.min(wide, high) / trace.meta.cells;
+      }
+      return { ...trace, marker };
+    });
+    return { data: bars, layout: fitted };
+  };
+
+  const draw = (figure) => {
+    const element = place(figure);
+    let spec = figure.variants[chosen.get(figure.key)];
+    const inSpace = Boolean(spec.layout.scene);
+    if (inSpace && (printing || !hasWebGL)) spec = flattened(spec);
+    const width = printing ? PAPER[element.parentElement.className] : element.clientWidth;
+    spec = arranged(spec, width);
+    if (spec.layout.scene) { // a cube is as wide as it is high
+      const height = Math.min(spec.layout.height, Math.max(width, 300));
+      spec = { ...spec, layout: { ...spec.layout, height } };
+    }
+    if (!printing && darkScreen.matches) spec = inDark(spec);
+    const off = hidden.get(figure.key) || new Map();
+    const data = spec.data.map((trace) =>
+      off.has(group(trace)) ? { ...trace, visible: !off.get(group(trace)) } : trace);
+    element.style.minHeight = `${spec.layout.height}px`;
+    element.dataset.width = width;
+    const drawn = Plotly.react(element, data, { ...spec.layout, width }, config);
+    legend(figure, data);
+    return drawn;
+  };
+
+  /** Names that can be switched by keyboard as by mouse. */
+  const legend = (figure, data) => {
+    const list = place(figure).previousElementSibling;
+    const shown = data.filter((trace) => trace.name && trace.showlegend !== false);
+    const names = [...new Map(shown.map((trace) => [group(trace), trace])).entries()];
+    if (list.childElementCount !== names.length) {
+      list.replaceChildren(...names.map(([name]) => {
+        const button = document.createElement("button");
+        button.type = "button";
+        button.dataset.group = name;
+        button.append(document.createElement("i"), "");
+        button.addEventListener("click", () => {
+          const off = hidden.get(figure.key) || new Map();
+          hidden.set(figure.key, off.set(name, button.getAttribute("aria-pressed") === "true"));
+          draw(figure);
+        });
+        return button;
+      }));
+    }
+    names.forEach(([, trace], index) => {
+      const button = list.children[index];
+      const text = document.createElement("textarea"); // names come escaped, as plotly wants them
+      text.innerHTML = trace.name;
+      const colour = trace.fillcolor || (trace.line || trace.marker).color;
+      button.firstChild.style.background = typeof colour === "string" ? colour : "";
+      button.lastChild.textContent = text.value;
+      button.setAttribute("aria-pressed", String(trace.visible === undefined || trace.visible === true));
+    });
   };
 
   // One after the other, so that the page can be read while the rest is still being drawn.
@@ -29,17 +144,41 @@
   const next = () => {
     const figure = queue.shift();
     if (figure) {
-      draw(figure, 0).then(() => setTimeout(next, 0));
+      draw(figure).then(() => setTimeout(next, 0));
     } else {
       document.documentElement.dataset.drawn = "yes";
     }
   };
+  const redraw = () => {
+    queue.length = 0;
+    figures.forEach(draw);
+  };
   next();
+
+  addEventListener("beforeprint", () => {
+    printing = true;
+    redraw();
+  });
+  addEventListener("afterprint", () => {
+    printing = false;
+    redraw();
+  });
+  darkScreen.addEventListener("change", redraw);
+  let waiting = 0;
+  addEventListener("resize", () => {
+    clearTimeout(waiting);
+    waiting = setTimeout(() => {
+      if (!printing) figures.filter((f) => Number(place(f).dataset.width) !== place(f).clientWidth).forEach(draw);
+    }, 150);
+  });
 
   const menu = document.getElementById("recording");
   if (menu) {
     menu.addEventListener("change", () => {
-      figures.filter((f) => f.variants.length > 1).forEach((f) => draw(f, Number(menu.value)));
+      figures.filter((f) => f.variants.length > 1).forEach((f) => {
+        chosen.set(f.key, Number(menu.value));
+        draw(f);
+      });
     });
   }
 })();

@@ -1,0 +1,153 @@
+"""Whether one model is closer to the truth than another, beyond what chance would show.
+
+Rows of a motion resemble their neighbours, so they are no independent trials: stretches are, if
+they are longer than the difference of the two models keeps its memory.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from scipy.special import stdtrit
+
+from truejoint.array_types import Array
+
+Outcome = Literal["better", "worse", "cannot be told"]
+
+# A stretch is this many integrated correlation times long, so that the mean of one tells little of
+# the next: batch means are then some 10 % too steady for a first-order process.
+_TIMES: Final = 5.0
+_FEWEST: Final = 4  # stretches below which nothing can be told
+# Few and long stretches, where slow and fast errors mix: a correlation time tells of the fast ones.
+_MOST: Final = 16
+_WINDOW: Final = 5.0  # lags that count, in integrated correlation times (Sokal's rule)
+_LEVEL: Final = 0.95  # two-sided
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Mean squared error of one model less that of another, with its 95 % interval.
+
+    Attributes
+    ----------
+    mean, low, high : float
+        In the square of the errors' unit; the bounds are infinite where there are too few
+        stretches to tell.
+    stretches, rows : int
+        How many there are, and how many rows the longest has.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(2, 1000))
+    >>> compare([noise[0]], [2 * noise[1]]).outcome
+    'better'
+    """
+
+    mean: float
+    low: float
+    high: float
+    stretches: int
+    rows: int
+
+    @property
+    def outcome(self) -> Outcome:
+        """``"better"`` where the first model is, beyond chance."""
+        if self.high < 0.0:
+            return "better"
+        return "worse" if self.low > 0.0 else "cannot be told"
+
+
+def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
+    """Compare the errors of two models, paired over stretches of the same recordings.
+
+    The loss differential of Diebold and Mariano (1995), Comparing predictive accuracy, J. Bus.
+    Econ. Stat. 13. Recordings are cut into about `_MOST` equal stretches, fewer where one would be
+    shorter than `_TIMES` integrated correlation times, and Student's t is taken over their means
+    (Ibragimov and Mueller, 2010, t-statistic based correlation and heterogeneity robust inference,
+    J. Bus. Econ. Stat. 28). A recording that is shorter is one stretch.
+
+    Parameters
+    ----------
+    own, other : sequence of ndarray, shape (n,) or (n, k)
+        Errors of each recording; of k outputs the squares are added. Recordings without a row are
+        passed over.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or there is no row at all.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(2, 1000))
+    >>> compare([noise[0]], [noise[1]]).outcome
+    'cannot be told'
+    """
+    if any(np.shape(a) != np.shape(b) for a, b in zip(own, other, strict=True)):
+        raise ValueError("errors to compare differ in shape")
+    parts = [_loss(a) - _loss(b) for a, b in zip(own, other, strict=True) if len(a)]
+    rows = np.concatenate(parts)
+    mean = float(rows.mean())
+    memory = correlation_time([part - mean for part in parts])
+    shortest = math.ceil(max(_TIMES * memory, len(rows) / _MOST))
+    batches = [b for part in parts for b in np.array_split(part, max(1, len(part) // shortest))]
+    weights = np.array([len(batch) for batch in batches]) / len(rows)
+    longest, margin = max(map(len, batches)), math.inf
+    if len(batches) >= _FEWEST:
+        left = np.array([batch.mean() for batch in batches]) - mean
+        count = 1.0 / float(np.sum(weights**2))  # of stretches of one length that weigh as much
+        variance = float(np.sum(weights * left**2)) / max(count - 1.0, 1e-9)
+        margin = float(stdtrit(len(batches) - 1, 0.5 + 0.5 * _LEVEL)) * math.sqrt(variance)
+    return Difference(mean, mean - margin, mean + margin, len(batches), longest)
+
+
+def simplest(losses: Mapping[str, Sequence[Array]]) -> str:
+    """Name the simplest model that no other beats beyond chance.
+
+    Parameters
+    ----------
+    losses : mapping of str to sequence of ndarray, shape (n, k)
+        Errors of each model by recording, simplest first, in units that can be added.
+
+    Examples
+    --------
+    >>> noise = np.random.default_rng(0).normal(size=(1000, 1))
+    >>> simplest({"offset": [3 * noise], "linear": [noise], "network": [0.999 * noise[::-1]]})
+    'linear'
+    """
+    size = {k: sum(float(np.sum(np.square(e))) for e in errors) for k, errors in losses.items()}
+    best = min(size, key=lambda name: size[name])
+    return next(
+        name
+        for name, errors in losses.items()
+        if name == best or compare(losses[best], errors).outcome != "better"
+    )
+
+
+def correlation_time(parts: Sequence[Array]) -> float:
+    """Integrated correlation time [rows] of series (n,) about zero, 1 for white noise.
+
+    Sokal's automatic window: lags up to the first that is `_WINDOW` times as long as the time
+    itself (A. Sokal, Monte Carlo methods in statistical mechanics, 1997, eq. 3.19 and what follows
+    it).
+    """
+    size = 2 ** math.ceil(math.log2(2 * max(map(len, parts))))
+    spectrum = np.sum([np.abs(np.fft.rfft(part, size)) ** 2 for part in parts], axis=0)
+    lags = np.fft.irfft(spectrum, size)[: max(map(len, parts))]
+    if not lags[0] > 0.0:
+        return 1.0
+    lengths = np.array([len(part) for part in parts])
+    pairs = np.maximum(lengths[:, None] - np.arange(len(lags)), 0).sum(axis=0)
+    correlation = (lags / pairs) / (lags[0] / pairs[0])
+    times = 2.0 * np.cumsum(correlation) - 1.0
+    enough = np.arange(len(times)) >= _WINDOW * times
+    return max(float(times[int(np.argmax(enough))] if enough.any() else times.max()), 1.0)
+
+
+def _loss(error: Array) -> Array:
+    square = np.square(error)
+    return square if square.ndim == 1 else square.sum(axis=1)

@@ -1,0 +1,53 @@
+"""What the corrector of the loop says of the rows of a test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from truejoint.array_types import Integers
+from truejoint.calibration import Calibration
+from truejoint.errors import CalibrationError
+from truejoint.evaluation.results import OFFSET, Domain, Trace
+from truejoint.recordings.recording import Recording
+from truejoint.runtime import Corrector, Status
+from truejoint.runtime.limits import believable_corrections
+
+_HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
+
+
+def row_statuses(model: object, recordings: Sequence[Recording]) -> list[Integers | None]:
+    """`Status` bits (n,) of every row, by the corrector's own kernel; None if it takes no `model`.
+
+    A moved zero is another matter than rows unlike the training, so bits of the homing are left
+    out. An estimator that uses later rows runs in no loop; its training domain is judged by alone.
+    """
+    if not isinstance(model, Calibration) or model.training_domain is None:
+        return [None] * len(recordings)
+    known = all(column in r.units for r in recordings for column in model.redundant)
+    model = model if known else model.without_redundant()
+    try:
+        corrector = Corrector(model)
+    except CalibrationError:
+        corrector = Corrector(model.baselines[OFFSET])
+    corrector.set_homing(True)
+    return [corrector.run(recording).status & _HOMING for recording in recordings]
+
+
+def domain_of(model: object, traces: Sequence[Trace]) -> Domain | None:
+    """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
+    known = [trace.status for trace in traces if trace.status is not None]
+    if not known or not isinstance(model, Calibration) or model.training_domain is None:
+        return None
+    status = np.concatenate(known)
+    shares = {str(bit.name): float(np.mean(status & bit != 0)) for bit in Status if bit}
+    found = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
+    lower, upper = believable_corrections(model.training_domain)
+    error = np.concatenate([trace.truth - trace.measured for trace in traces])
+    beyond = (error < lower) | (error > upper)
+    return Domain(
+        inside=float(np.mean(status == 0)),
+        flags={name: share for share, name in found},
+        beyond=float(beyond.any(axis=1).mean()),
+    )
