@@ -1,6 +1,7 @@
 """Faults put into the readings of a simulated arm: which redundancy shows them, and how soon.
 
     python -m benchmarks.faults [--seeds 20] [--seconds 30] [--estimator linear] [--small]
+    python -m benchmarks.faults --healthy 60 [--seeds 20]
 
 Each seed is an arm of its own, homed once, with a model of its zig-zags and an interval. Faults
 begin ten seconds into a random motion, in one joint's reading at a time, with the motors and the
@@ -12,11 +13,15 @@ A fault is found with the first sample that is not OK. The time to it counts whi
 faster than a tenth of its fastest. "Before 3 w": found before the reading is off by three times the
 stated half-width, among the runs in which it ever is. "OK again": runs in which any sample is OK
 later than 0.2 s after the first that is not, with the reading off by more than the half-width.
+
+`--healthy` puts no fault in: each arm works for so many minutes, with a pause of ten seconds every
+two minutes, and what is flagged is counted.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -58,12 +63,12 @@ class Case:
 
 def true_reading(case: Case) -> Row:
     """Give the reading of the joint without a fault."""
-    return case.rows[:, case.column("measured")].copy()
+    return np.array(case.rows[:, case.column("measured")])
 
 
 def since(case: Case) -> Row:
     """Time since the fault began [s], 0 before."""
-    return np.maximum(case.t - case.t[BEGIN], 0.0)
+    return np.array(np.maximum(case.t - case.t[BEGIN], 0.0))
 
 
 def stuck(case: Case) -> Row:
@@ -175,6 +180,21 @@ def cases(model: Calibration, samples: Samples) -> list[Case]:
     ]
 
 
+def work_healthily(seed: int, minutes: float, estimator: str) -> None:
+    """Print what is flagged of one arm's work."""
+    session = simulated_session(seed)
+    model = session.fit(estimator)
+    corrector = Corrector(model)
+    corrector.set_homing(True, HOMING)
+    seen: Counter[int] = Counter()
+    for part in range(max(1, round(minutes / 2))):
+        samples = session.samples(corrector.signals, 110.0, seed=1000 * seed + part, pause=10.0)
+        step = corrector.step
+        seen.update(step(t, row) for t, row in zip(samples.t, samples.rows, strict=True))
+    flagged = {repr(Status(bits)): n for bits, n in seen.items() if bits}
+    print(f"seed {seed}: {sum(seen.values())} samples, {sum(flagged.values())} flagged {flagged}")
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -183,7 +203,12 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0, help="of motion with the fault")
     parser.add_argument("--estimator", default="linear")
     parser.add_argument("--small", action="store_true", help="two seeds, ten seconds: a minute")
+    parser.add_argument("--healthy", type=float, metavar="MINUTES", help="no faults, so long")
     options = parser.parse_args()
+    if options.healthy:
+        for seed in range(options.first_seed, options.first_seed + options.seeds):
+            work_healthily(seed, options.healthy, options.estimator)
+        return
     if options.small:
         options.seeds, options.seconds = 2, 10.0
     seen: dict[tuple[str, str, str], list[Outcome]] = {}

@@ -47,8 +47,10 @@ class Session:
         model = calibrate(self.training, estimator, redundant=redundant)
         return with_interval(model, self.held_back)
 
-    def samples(self, signals: tuple[str, ...], duration: float, seed: int = 7) -> Samples:
-        """Go on moving at random for `duration` [s] and take every sample."""
+    def samples(
+        self, signals: tuple[str, ...], duration: float, seed: int = 7, pause: float = 0.0
+    ) -> Samples:
+        """Go on moving at random for `duration` [s], then hold for `pause`; take every sample."""
         stamps: list[NDArray[np.float64]] = []
         parts: list[NDArray[np.float64]] = []
 
@@ -61,6 +63,8 @@ class Session:
 
         self.arm.subscribe(keep)
         follow(self.arm, random_motion(self.arm.robot, duration=duration, seed=seed))
+        if pause > 0.0:
+            self.arm.wait(pause)
         self.arm.unsubscribe(keep)
         return Samples(signals, np.concatenate(stamps).tolist(), np.concatenate(parts))
 

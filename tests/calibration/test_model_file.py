@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from truejoint.calibration import calibrate, model_file, read_calibration, write_calibration
 from truejoint.calibration.encoding import encode
-from truejoint.calibration.model_file import FORMAT_VERSION, from_bytes, to_bytes
+from truejoint.calibration.model_file import from_bytes, to_bytes
 from truejoint.errors import ModelFileError
 from truejoint.estimators import NeuralNetwork, PolynomialRegressor
 
@@ -147,8 +147,8 @@ def with_header(header: Any, data: bytes = b"") -> bytes:
         {"__metadata__": {"truejoint": "[" * 50_000}}, {"__metadata__": {"truejoint": "[]"}},
         {"__metadata__": {"truejoint": '{"format": true}'}},
         {"__metadata__": {"truejoint": '{"format": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 2, "a": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 2, "a": "\\ud800"}'}},
+        {"__metadata__": {"truejoint": '{"format": 3, "a": 1e999}'}},
+        {"__metadata__": {"truejoint": '{"format": 3, "a": "\\ud800"}'}},
     ],
     ids=lambda header: str(header)[:40],
 )  # fmt: skip
@@ -173,19 +173,20 @@ def test_hostile_headers_are_refused(tmp_path, header):
     ids=str,
 )  # fmt: skip
 def test_headers_that_lie_about_tensors_are_refused(tmp_path, entry):
-    header = {"__metadata__": {"truejoint": '{"format": 2}'}, "a": entry}
+    header = {"__metadata__": {"truejoint": '{"format": 3}'}, "a": entry}
     refused(tmp_path, with_header(header, bytes(16)), "tensor")
 
 
-def test_newer_format_is_told_from_damage(tmp_path, saved):
+@pytest.mark.parametrize(
+    ("version", "said"),
+    [(4, "version 4 is newer .* update"), (2, "version 2 is older .* calibrate again")],
+)
+def test_another_format_is_told_from_damage(tmp_path, saved, version, said):
     length = int.from_bytes(saved[:8], "little")
     header = json.loads(saved[8 : 8 + length])
     inner = json.loads(header["__metadata__"]["truejoint"])
-    header["__metadata__"]["truejoint"] = json.dumps(
-        {**inner, "format": FORMAT_VERSION + 1, "novelty": 1}
-    )
-    message = f"version {FORMAT_VERSION + 1} is newer .* update"
-    refused(tmp_path, with_header(header, saved[8 + length :]), message)
+    header["__metadata__"]["truejoint"] = json.dumps({**inner, "format": version, "novelty": 1})
+    refused(tmp_path, with_header(header, saved[8 + length :]), said)
 
 
 @settings(max_examples=400, deadline=None)

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -9,7 +13,7 @@ from hypothesis import strategies as st
 from numba import njit
 
 from truejoint.filters import FilterResult, Gate, UnscentedFilter
-from truejoint.filters.sigma_points import LambdaSigmaPoints, ScaledSigmaPoints
+from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.filters.state_space import StateSpaceModel, linear_model
 from truejoint.filters.status import FilterStatus as Status
 
@@ -375,3 +379,82 @@ def test_a_million_steps_of_garbage(
     smoothed = estimator.smooth(result)
     assert np.all(np.isfinite(smoothed.x))
     assert sound(smoothed.P)
+
+
+def bounded(**options) -> UnscentedFilter:
+    """The joint, with what is possible of it."""
+    free = joint().model
+    possible = {"position": (-10.0, 10.0), "encoder": (-10.0, 10.0), "acceleration": (-5.0, 5.0)}
+    return UnscentedFilter(replace(free, possible=possible, longest_step=0.5), **options)
+
+
+@pytest.mark.parametrize("form", [{}, {"square_root": True}, {"second_generation": False}])
+def test_what_is_not_possible_is_left_out_and_does_not_last(form) -> None:
+    z, truth = record()
+    dt, u = np.full(400, DT), np.zeros((400, 1))
+    z[100, 0], u[150], dt[200] = 1e20, 1e20, 1e9
+    result = bounded(**form).run(z, u, x0=[0.0, 0.5], P0=np.diag([100.0, 10.0]), dt=dt)
+    expected = np.zeros(400, dtype=int)
+    expected[100] = Status.PARTIAL | Status.INVALID_MEASUREMENT
+    expected[150] = Status.INVALID_INPUT
+    expected[200] = Status.RESTARTED
+    np.testing.assert_array_equal(result.status, expected)
+    assert np.abs(result.x[:, 0] - truth)[10:].max() < 0.04
+    # It says how little it knows once it starts anew, and knows it again after forty rows.
+    deviation = np.sqrt(result.P[:, 0, 0])
+    assert deviation[200] > 3.0 * deviation[199]
+    assert deviation[240] < 2.0 * deviation[199]
+    assert np.abs(result.x[200:, 0] - truth[200:])[10:].max() < 0.04
+    assert sound(bounded(**form).smooth(result).P)
+
+
+def test_a_state_that_is_not_possible_starts_anew() -> None:
+    z, truth = record()
+    u = np.zeros((400, 1))
+    z[100:110] = np.nan, 1e4  # nobody has said what speed is possible
+    result = bounded().run(z, u, x0=[0.0, 0.5], P0=np.diag([100.0, 10.0]), dt=DT)
+    assert (result.status[100:120] & int(Status.RESTARTED)).any()
+    assert not result.status[120:].any()
+    assert np.abs(result.x[120:, 0] - truth[120:]).max() < 0.04
+
+
+def test_bounds_that_make_no_sense_are_refused() -> None:
+    free = joint().model
+    for possible in ({"jaw": (0.0, 1.0)}, {"position": (1.0, 1.0)}, {"speed": (np.nan, 1.0)}):
+        with pytest.raises(FilterError, match="give the lowest and the highest"):
+            replace(free, possible=possible)
+    with pytest.raises(FilterError, match="longest step is 0"):
+        replace(free, longest_step=0.0)
+
+
+@njit
+def picky(x, u, dt, parameters, out):
+    if u[0] > 1.0:
+        raise ValueError("too much")
+    out[0] = x[0] / (1.0 - u[0])
+
+
+@njit
+def plain(x, u, parameters, out):
+    out[0] = x[0]
+
+
+def test_model_functions_that_raise_print_nothing(capfd) -> None:
+    model = StateSpaceModel(
+        picky, plain, [[1e-6]], [[1e-4]], states=("x",), measurements=("z",), inputs=("u",)
+    )
+    u = np.array([[0.0], [2.0], [1.0], [0.0]])
+    result = UnscentedFilter(model).run(np.ones(4), u, x0=[1.0], P0=[[1.0]], dt=DT)
+    failed = int(Status.TRANSITION_FAILED)
+    np.testing.assert_array_equal(result.status, [0, failed, failed, 0])
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_model_is_copied_with_addresses_of_its_own_and_a_state_is_not() -> None:
+    estimator = bounded()
+    again = pickle.loads(pickle.dumps(estimator))  # noqa: S301  # our own
+    z, _ = record(50)
+    np.testing.assert_array_equal(run(again, z).x, run(estimator, z).x)
+    state = estimator.initial_state([0.0, 0.5], np.eye(2))
+    with pytest.raises(TypeError, match="make another from the same model"):
+        copy.deepcopy(state)

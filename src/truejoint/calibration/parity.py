@@ -24,8 +24,10 @@ if TYPE_CHECKING:
 REDUNDANT: Final = ("motor", "driver", "setpoint")
 """Quantities that say where a joint is, beside its measured position."""
 
+_COUPLED: Final = "motor"  # the quantity in which cables couple the joints
+
 _USEFUL: Final = 0.1  # of a joint's range, that an equation may be off by in training at most
-_BETTER: Final = 0.5  # of the deviation with the joint's own channel, to bring in other channels
+_BETTER: Final = 0.1  # of the deviation with the joint's own channel, to bring in other channels
 _DROPPED: Final = 1.1  # by what the deviation may grow for a column that is left out
 _ROUNDING: Final = 1e-9  # of a joint's range, below which a deviation is rounding
 _FITTED_ROWS: Final = 20_000
@@ -107,8 +109,8 @@ def _equations(
         position = tables[f"measured/{joint}"]
         scale = float(np.ptp(position))
         for quantity in REDUNDANT:
-            same = [name for name in varying if name.partition("/")[0] == quantity]
-            own = [name for name in same if name == f"{quantity}/{joint}"]
+            own = [name for name in varying if name == f"{quantity}/{joint}"]
+            same = [name for name in varying if name.partition("/")[0] == quantity == _COUPLED]
             chosen = _chosen_columns(tables, position, own, same, _ROUNDING * scale)
             if not chosen:
                 continue

@@ -16,7 +16,7 @@ from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import solve_rows, wrap
 from truejoint.filters.fields import call_measurement
-from truejoint.filters.prediction import LIMIT, finish, place_points, within_limit
+from truejoint.filters.prediction import LIMIT, finish, place_points, possible, within_limit
 from truejoint.filters.status import FilterStatus
 
 _MISSING: Final = int(FilterStatus.MISSING)
@@ -42,7 +42,7 @@ def _choose_measurements(numbers: Integers, memory: Array) -> int:
     count = 0
     for i in range(m):
         innovation[i] = np.nan
-        if abs(z[i]) <= LIMIT:
+        if possible(numbers, memory, z[i : i + 1], 1, numbers[at.N] + i):
             numbers[numbers[at.CHOSEN] + count] = i
             count += 1
         elif not math.isnan(z[i]):

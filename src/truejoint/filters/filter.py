@@ -241,6 +241,7 @@ class UnscentedFilter:
             "angles": [name in model.angles for name in (*model.states, *model.measurements)],
             "x": x0, "covariance": P0, "factor": factor,
             "x_prior": x0, "covariance_prior": P0, "factor_prior": factor,
+            "lowest": model.bounds[0], "highest": model.bounds[1], "longest": model.longest_step,
         }  # fmt: skip
         if callable(model.process_noise):
             functions["process_noise"] = model.process_noise

@@ -2,19 +2,46 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import borrow, compiled, copy, fill, vector
 from truejoint.filters import fields as at
 from truejoint.filters.correction import correct
-from truejoint.filters.prediction import predict
+from truejoint.filters.prediction import possible, predict
+from truejoint.filters.status import FilterStatus
+
+_RESTARTED: Final = int(FilterStatus.RESTARTED)
+
+
+@compiled
+def restart(numbers: Integers, memory: Array) -> None:
+    """Put the filter back to where it stood before its first step."""
+    n = numbers[at.N]
+    size = n * n
+    copy(vector(memory, numbers[at.X_PRIOR], n), vector(memory, numbers[at.X], n), n)
+    copy(vector(memory, numbers[at.P_PRIOR], size), vector(memory, numbers[at.P], size), size)
+    copy(vector(memory, numbers[at.S_PRIOR], size), vector(memory, numbers[at.S], size), size)
+    if numbers[at.G] != 0:
+        fill(vector(memory, numbers[at.Q], n * n), n * n, 0.0)
+    numbers[at.REJECTED] = 0
 
 
 @compiled
 def step(numbers: Integers, memory: Array) -> int:
     """Advance the state in the memory by DT, correct it by the measurement in Z; status bits."""
     lent_numbers, lent_memory = borrow(numbers), borrow(memory)
-    status = predict(lent_numbers, lent_memory)
+    status = 0
+    if memory[at.DT] > memory[at.LONGEST]:
+        restart(lent_numbers, lent_memory)
+        memory[at.DT] = 0.0
+        status = _RESTARTED
+    status |= predict(lent_numbers, lent_memory)
     status |= correct(lent_numbers, lent_memory)
+    x = vector(lent_memory, numbers[at.X], numbers[at.N])
+    if not possible(lent_numbers, lent_memory, x, numbers[at.N], 0):
+        restart(lent_numbers, lent_memory)
+        status |= _RESTARTED
     numbers[at.STATUS] = status
     return status
 
@@ -56,16 +83,3 @@ def run(
         nis[k] = memory[at.NIS]
         loglik[k] = memory[at.LOGLIK]
         inflation[k] = memory[at.INFLATION]
-
-
-@compiled
-def restart(numbers: Integers, memory: Array) -> None:
-    """Put the filter back to where it stood before its first step."""
-    n = numbers[at.N]
-    size = n * n
-    copy(vector(memory, numbers[at.X_PRIOR], n), vector(memory, numbers[at.X], n), n)
-    copy(vector(memory, numbers[at.P_PRIOR], size), vector(memory, numbers[at.P], size), size)
-    copy(vector(memory, numbers[at.S_PRIOR], size), vector(memory, numbers[at.S], size), size)
-    if numbers[at.G] != 0:
-        fill(vector(memory, numbers[at.Q], n * n), n * n, 0.0)
-    numbers[at.REJECTED] = 0

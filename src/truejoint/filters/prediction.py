@@ -37,6 +37,18 @@ def within_limit(values: Array, count: int, limit: float) -> bool:
 
 
 @inlined
+def possible(numbers: Integers, memory: Array, values: Array, count: int, first: int) -> bool:
+    """Whether numbers are within `LIMIT` and the bounds that begin at index `first`."""
+    for i in range(count):
+        lowest = memory[numbers[at.LOWEST] + first + i]
+        highest = memory[numbers[at.HIGHEST] + first + i]
+        # `not (a <= b)` instead of `a > b`: it holds for NaN too.
+        if not (abs(values[i]) <= LIMIT and lowest <= values[i] and values[i] <= highest):
+            return False
+    return True
+
+
+@inlined
 def place_points(numbers: Integers, memory: Array, factor_block: int, scale: float) -> None:
     """Deviations of 2 n sigma points, plus and minus reach times a factor's columns: (15), (18)."""
     n = numbers[at.N]
@@ -112,7 +124,9 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
 @compiled
 def _check_inputs(numbers: Integers, memory: Array) -> bool:
     u = vector(memory, numbers[at.U], numbers[at.INPUTS])
-    return 0.0 <= memory[at.DT] <= LIMIT and within_limit(u, numbers[at.INPUTS], LIMIT)
+    if not (0.0 <= memory[at.DT] <= LIMIT):
+        return False
+    return possible(numbers, memory, u, numbers[at.INPUTS], numbers[at.N] + numbers[at.M])
 
 
 @compiled

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+import dis
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
+from numba import njit
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
@@ -64,8 +67,11 @@ class StateSpaceModel:
 
     The functions are compiled with ``numba.njit(cache=True, error_model="numpy")`` and fill `out`;
     the options keep them on disk and let a division by zero give infinity. The filter survives
-    NaN and infinity with a status. An exception counts as a failed function too, but numba prints
-    each one, which takes milliseconds.
+    NaN and infinity with a status. An exception of theirs counts as a failed function too; of one
+    that they call, numba prints each, which takes milliseconds.
+
+    A model that states what is possible recovers from absurd numbers: it leaves out measurements
+    and inputs that are not, and starts anew from the prior where the state or a time step is not.
 
     Parameters
     ----------
@@ -85,6 +91,11 @@ class StateSpaceModel:
     angles : tuple of str
         States and measurements that are angles [rad]: their differences are taken the short way
         round and their values kept in (-pi, pi].
+    possible : mapping of str to (float, float)
+        Lowest and highest possible value of states, measurements and inputs by name; for a name
+        that is a state and a measurement, of both. Without, up to 1e100.
+    longest_step : float
+        Time [s] over which the model holds.
 
     Raises
     ------
@@ -107,8 +118,14 @@ class StateSpaceModel:
     inputs: tuple[str, ...] = ()
     parameters: npt.ArrayLike = ()
     angles: tuple[str, ...] = ()
+    possible: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    longest_step: float = np.inf
     addresses: tuple[int, int, int] = field(init=False, repr=False)
     """Where the compiled transition, measurement and process noise (0: a matrix) stand."""
+    called: tuple[Dispatcher, ...] = field(init=False, repr=False)
+    """What stands there: an address is valid as long as its function lives."""
+    bounds: Array = field(init=False, repr=False)
+    """Lowest and highest (2, n + m + inputs) of each state, measurement and input."""
 
     def __post_init__(self) -> None:
         for kind in ("states", "measurements", "inputs", "angles"):
@@ -122,6 +139,9 @@ class StateSpaceModel:
             raise FilterError(f"angles {sorted(unknown)}: neither a state nor a measurement")
         n, m = len(self.states), len(self.measurements)
         freeze = object.__setattr__
+        freeze(self, "bounds", self._bounds())
+        if not self.longest_step > 0.0:
+            raise FilterError(f"longest step is {self.longest_step}: give a time above 0 s")
         parameters = np.array(self.parameters, dtype=np.float64)
         if parameters.ndim != 1:
             raise FilterError(f"parameters: shape is {parameters.shape}, must be one row")
@@ -131,23 +151,41 @@ class StateSpaceModel:
         x, u = np.zeros(n), np.zeros(len(self.inputs))
         f = _compile(self.transition, TRANSITION, "transition", (x, u, 1e-3, parameters), (n,))
         h = _compile(self.measurement, MEASUREMENT, "measurement", (x, u, parameters), (m,))
-        q = 0
+        called = [f, h]
         if callable(self.process_noise):
             given = (x, u, 1e-3, parameters)
-            q = _compile(self.process_noise, PROCESS_NOISE, "process noise", given, (n, n))
+            noise_of = _compile(self.process_noise, PROCESS_NOISE, "process noise", given, (n, n))
+            called.append(noise_of)
         else:
             freeze(self, "process_noise", check_covariance(self.process_noise, n, "process noise"))
-        freeze(self, "addresses", (f, h, q))
+        places, functions = zip(*called, strict=True)
+        freeze(self, "addresses", (*places, 0)[:3])
+        freeze(self, "called", functions)
+
+    def _bounds(self) -> Array:
+        names = (*self.states, *self.measurements, *self.inputs)
+        for name, (lowest, highest) in self.possible.items():
+            if name not in names or not lowest < highest:
+                raise FilterError(
+                    f"possible {name!r}: {lowest} to {highest}; give the lowest and the highest "
+                    f"value, by the name of one of {', '.join(names)}"
+                )
+        return np.array([self.possible.get(name, (-np.inf, np.inf)) for name in names]).T.copy()
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        given = (getattr(self, f.name) for f in fields(self) if f.init)
+        return type(self), tuple(given)
 
 
 def _compile(
     function: Any, signature: Any, what: str, given: tuple[Any, ...], shape: tuple[int, ...]
-) -> int:
-    """Address of a model function, after a trial run in Python that sees writes out of bounds."""
+) -> tuple[int, Dispatcher]:
+    """Address of a model function, and the function, after a trial run that sees stray writes."""
     if not isinstance(function, Dispatcher):
         raise FilterError(f"{what}: {function!r} is not compiled; decorate it with numba.njit")
     try:
-        place = address(function, signature)
+        called = _quiet(function) if _may_raise(function) else function
+        place = address(called, signature)
     except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
         reason = " ".join(str(error).split())[:200]
         raise FilterError(f"{what}: numba cannot compile it for {signature}: {reason}") from None
@@ -159,11 +197,43 @@ def _compile(
         raise FilterError(f"{what}: {error}; check its names and parameters") from None
     except (ArithmeticError, ValueError, NotImplementedError):
         # Zero may lie outside the model; compiled, it gives NaN there. Or it runs compiled only.
-        return place
+        return place, called
     if np.any(out == _UNWRITTEN):
         element = int(np.flatnonzero(out == _UNWRITTEN)[0])
         raise FilterError(f"{what}: it does not write element {element} of `out`")
-    return place
+    return place, called
+
+
+def _may_raise(function: Dispatcher) -> bool:
+    """Whether there is a `raise`, an `assert`, or a division that Python would refuse."""
+    divides = function.targetoptions.get("error_model") != "numpy"
+    return any(
+        code.opname in ("RAISE_VARARGS", "LOAD_ASSERTION_ERROR")
+        or (divides and code.opname == "BINARY_OP" and code.argrepr.strip("=") in ("/", "//", "%"))
+        for code in dis.get_instructions(function.py_func)
+    )
+
+
+def _quiet(function: Dispatcher) -> Dispatcher:
+    """Give a function that writes NaN where this one raises: numba prints what nobody catches."""
+
+    @njit(error_model="numpy")
+    def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+        try:
+            function(x, u, parameters, out)
+        except Exception:  # noqa: BLE001  # numba tells no other
+            out[:] = np.nan
+
+    @njit(error_model="numpy")
+    def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
+        try:
+            function(x, u, dt, parameters, out)
+        except Exception:  # noqa: BLE001
+            out[:] = np.nan
+
+    arguments = inspect.signature(function.py_func).parameters
+    chosen: Dispatcher = transition if len(arguments) == len(TRANSITION.args) else measurement
+    return chosen
 
 
 @inlined

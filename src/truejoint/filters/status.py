@@ -26,9 +26,9 @@ class FilterStatus(IntFlag):
     REACQUIRED = 8
     """Gated too often in a row: the covariance was enlarged and the measurement used."""
     INVALID_INPUT = 16
-    """dt is negative or not finite, or a control input is not finite: the state was held."""
+    """dt is negative or not finite, or a control input is not possible: the state was held."""
     INVALID_MEASUREMENT = 32
-    """A measurement is infinite or absurdly large: that component was treated as missing."""
+    """A measurement is not possible: that component was treated as missing."""
     TRANSITION_FAILED = 64
     """The transition or the process noise gave NaN or a number out of range: the state was held."""
     MEASUREMENT_FAILED = 128
@@ -39,9 +39,15 @@ class FilterStatus(IntFlag):
     """State or covariance would have left +-1e100: this step's change was not made."""
     SINGULAR = 1024
     """A predicted measurement has no variance at all: that component was not used."""
+    RESTARTED = 2048
+    """More time passed than the model holds for, or the state became none that is possible: it
+    started anew from the prior."""
 
 
 BROKEN_PREDICTION = (
-    FilterStatus.INVALID_INPUT | FilterStatus.TRANSITION_FAILED | FilterStatus.OUT_OF_RANGE
+    FilterStatus.INVALID_INPUT
+    | FilterStatus.TRANSITION_FAILED
+    | FilterStatus.OUT_OF_RANGE
+    | FilterStatus.RESTARTED
 )
 """Steps over which a smoother passes nothing backwards."""

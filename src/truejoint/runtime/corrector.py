@@ -170,7 +170,7 @@ class Corrector(Summarised):
         try:
             if type(sample) is not np.ndarray or sample.dtype is not _FLOAT:
                 sample = _real(sample)
-            if type(t) is not float:
+            if not isinstance(t, (float, int)):
                 t = float(_real(t))
             if len(sample) != self._n_signals:
                 return self._refuse()
