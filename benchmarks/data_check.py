@@ -263,8 +263,8 @@ FAULTS = {
     "zero": (zero, "zero"),
     "redundant_file": (redundant_file, "redundant"),
     "redundant_row": (redundant_row, "redundant"),
-    "frozen": (frozen, "frozen"),
-    "saturated": (saturated, "saturated"),
+    "frozen": (frozen, "frozen saturated"),
+    "saturated": (saturated, "frozen saturated"),
 }
 
 
@@ -285,13 +285,13 @@ def inject(name: str, fault: str, seed: int) -> dict[str, object] | None:
     random = np.random.default_rng([seed, *fault.encode()])
     joints = whole[0].joints_of("truth")
     case = Case(whole, str(random.choice(joints)), int(random.integers(len(whole))), random)
-    change, kind = FAULTS[fault]
+    change, kinds = FAULTS[fault][0], set(FAULTS[fault][1].split())
     changed = change(case)
     if changed is None:
         return None
     check = check_data(changed.recordings)
-    found = [f for f in check.findings if f.name == kind and f"/{case.joint}" in f.where]
-    also = sorted({finding for finding, _ in named(check)} - {kind} - healthy_names(name, seed))
+    found = [f for f in check.findings if f.name in kinds and f"/{case.joint}" in f.where]
+    also = sorted({finding for finding, _ in named(check)} - kinds - healthy_names(name, seed))
     what = found[0].what if found else ""
     return {"joint": case.joint, "found": bool(found), "what": what, "also": also}
 

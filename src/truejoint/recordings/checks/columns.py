@@ -14,6 +14,7 @@ from truejoint.recordings.recording import Recording, runs
 from truejoint.recordings.signals import GAP_STEPS, gaps
 
 _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
+_FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
 _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
 
@@ -41,8 +42,8 @@ def judge_columns(
             rows = np.flatnonzero(known)
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
-                still = _stands(joint, recording.t, rows, truth[rows], measured[rows])
-                yield from still
+            if len(rows) >= _FEWEST:
+                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows])
 
 
 def _clock(t: Array) -> Iterable[Defect]:

@@ -146,7 +146,11 @@ def _judge_zeros(
 def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Seen]:
     """Two sensors of one joint that disagree, in a recording or from a row on."""
     column = f"{quantity}/{joint}"
-    known = [r for r in recordings if column in r.units and np.ptp(r.column(column)) > 0.0]
+    known = [
+        r
+        for r in recordings
+        if len(r) >= FEWEST and column in r.units and np.ptp(r.column(column)) > 0.0
+    ]
     if not known:
         return []
     explained = explain(known, joint, quantity)
