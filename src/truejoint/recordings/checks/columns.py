@@ -173,6 +173,7 @@ def _stands(
 
 
 def _moves_on(outwards: Array, first: int, last: int) -> float:
-    """How far outwards from both ends of a stretch a quarter of its rows are."""
+    """How far outwards from both ends of a stretch, its first if all ends there, a quarter is."""
     within = outwards[first : last + 1]
-    return float(np.quantile(within, 0.75) - max(within[0], within[-1]))
+    ends = within[:1] if last == len(outwards) - 1 else within[[0, -1]]
+    return float(np.quantile(within, 0.75) - ends.max())
