@@ -27,7 +27,7 @@ from truejoint.array_types import Array
 from truejoint.crtk import simulated_arm
 from truejoint.motion import random_motion, zigzag
 from truejoint.recordings import DataCheck, Recording, check_data
-from truejoint.recordings.checks.explained import SLOW, explain
+from truejoint.recordings.checks.explained import SLOW, explain, robust_spread
 from truejoint.recordings.checks.zeros import left_out_zeros
 from truejoint.recordings.datasets import read_dataset
 
@@ -203,7 +203,8 @@ def delay(case: Case) -> Case | None:
 def zero(case: Case) -> Case:
     """Truth of one recording moved by four spreads, and three scatters of the set's zeros."""
     zeros = left_out_zeros(explain(case.recordings, case.joint))
-    shift = max(4.0 * zeros.spread, 3.0 * zeros.scatter) * case.random.choice([-1.0, 1.0])
+    scatter = robust_spread(zeros.offsets) if len(case.recordings) > 2 else 0.0
+    shift = max(4.0 * zeros.spread, 3.0 * scatter) * case.random.choice([-1.0, 1.0])
     return case.changed(f"truth/{case.joint}", lambda x: x + shift)
 
 

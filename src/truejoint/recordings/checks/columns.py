@@ -161,7 +161,8 @@ def _stands(
             where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
             share = held / len(still)
             yield Defect("fail", "saturated", what, f"{name}/{joint}", advice, where, share)
-        elif np.ptp(other[first : last + 1]) > 0.25 * span:  # less may be honest slack
+        # Less may be honest slack; single rows may be outliers.
+        elif np.ptp(np.quantile(other[first : last + 1], [0.1, 0.9])) > 0.2 * span:
             seconds = float(t[last] - t[first])
             what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "

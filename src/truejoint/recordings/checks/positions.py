@@ -33,9 +33,7 @@ REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
 _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
-_MOVED_OF_SCATTER: Final = 3.0  # and scatters of the zeros of all recordings, if there are ...
-_FEWEST_THAT_SCATTER: Final = 5
-_MOVED_OF_NOISE: Final = 4.0  # and spreads of the residual of all together
+_MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
 _STEP_OF_REDUNDANT: Final = 0.6  # of the step that counts for the truth, which is noisier
 _LATE: Final = 0.015  # s
 _LATE_DROP: Final = 0.05  # of the residual's variance
@@ -131,8 +129,6 @@ def _judge_zeros(
     zeros = left_out_zeros(explained)
     column = f"{explained.quantity}/{explained.joint}"
     limit = max(_MOVED * zeros.spread, _MOVED_OF_NOISE * explained.spread)
-    if len(recordings) >= _FEWEST_THAT_SCATTER:
-        limit = max(limit, _MOVED_OF_SCATTER * zeros.scatter)
     seen = []
     for number in np.flatnonzero(np.abs(zeros.offsets) > limit).tolist():
         recording, apart = recordings[number], float(zeros.apart[number])
