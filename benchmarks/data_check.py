@@ -27,7 +27,7 @@ from truejoint.array_types import Array
 from truejoint.crtk import simulated_arm
 from truejoint.motion import random_motion, zigzag
 from truejoint.recordings import DataCheck, Recording, check_data
-from truejoint.recordings.checks.explained import SLOW, explain
+from truejoint.recordings.checks.explained import SLOW, explain, robust_spread
 from truejoint.recordings.checks.zeros import left_out_zeros
 from truejoint.recordings.datasets import read_dataset
 
@@ -203,7 +203,8 @@ def delay(case: Case) -> Case | None:
 def zero(case: Case) -> Case:
     """Truth of one recording moved by four spreads, and three scatters of the set's zeros."""
     zeros = left_out_zeros(explain(case.recordings, case.joint))
-    shift = max(4.0 * zeros.spread, 3.0 * zeros.scatter) * case.random.choice([-1.0, 1.0])
+    scatter = robust_spread(zeros.offsets) if len(case.recordings) > 2 else 0.0
+    shift = max(4.0 * zeros.spread, 3.0 * scatter) * case.random.choice([-1.0, 1.0])
     return case.changed(f"truth/{case.joint}", lambda x: x + shift)
 
 
@@ -263,8 +264,8 @@ FAULTS = {
     "zero": (zero, "zero"),
     "redundant_file": (redundant_file, "redundant"),
     "redundant_row": (redundant_row, "redundant"),
-    "frozen": (frozen, "frozen"),
-    "saturated": (saturated, "saturated"),
+    "frozen": (frozen, "frozen saturated"),
+    "saturated": (saturated, "frozen saturated"),
 }
 
 
@@ -285,13 +286,13 @@ def inject(name: str, fault: str, seed: int) -> dict[str, object] | None:
     random = np.random.default_rng([seed, *fault.encode()])
     joints = whole[0].joints_of("truth")
     case = Case(whole, str(random.choice(joints)), int(random.integers(len(whole))), random)
-    change, kind = FAULTS[fault]
+    change, kinds = FAULTS[fault][0], set(FAULTS[fault][1].split())
     changed = change(case)
     if changed is None:
         return None
     check = check_data(changed.recordings)
-    found = [f for f in check.findings if f.name == kind and f"/{case.joint}" in f.where]
-    also = sorted({finding for finding, _ in named(check)} - {kind} - healthy_names(name, seed))
+    found = [f for f in check.findings if f.name in kinds and f"/{case.joint}" in f.where]
+    also = sorted({finding for finding, _ in named(check)} - kinds - healthy_names(name, seed))
     what = found[0].what if found else ""
     return {"joint": case.joint, "found": bool(found), "what": what, "also": also}
 

@@ -47,6 +47,20 @@ def test_polynomial_finds_the_error_of_a_recording_that_it_never_saw(build, targ
     )
 
 
+def test_gross_outliers_of_the_truth_are_left_out_and_counted(build):
+    clean = build(3000, 0)
+    rows = np.random.default_rng(1).choice(3000, 60, replace=False)
+    truth = clean.column("truth/elbow").copy()
+    truth[rows] += np.resize([0.5, -0.3], 60)
+    fitted = calibrate([clean], "linear")
+    assert fitted.metadata["outliers"] == 0
+    robust = calibrate([changed(clean, truth__elbow=truth)], "linear")
+    assert robust.metadata["outliers"] == robust.metadata["sessions"][0]["outliers"] == 60
+    assert robust.metadata["rows_without_truth"] == 0
+    test = build(600, 2)
+    np.testing.assert_allclose(robust.correct(test), fitted.correct(test), atol=2e-4)
+
+
 def test_baselines_are_those_fitted_to_the_same_rows(build):
     recordings = [build(1200, 0), build(1200, 1)]
     network = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shlex
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from tests.cli.conftest import Call
 from typer.main import get_command
 
-from truejoint import read_calibration, read_recording
+from truejoint import read_calibration, read_recording, write_parquet
 from truejoint.cli.app import app
 from truejoint.motion import read_trajectory
 from truejoint.robots import catalogue
@@ -62,7 +63,7 @@ def test_evaluate_judges_and_reports(call: Call, session: Path, tmp_path: Path) 
     report = tmp_path / "report.html"
     result = call(
         "evaluate", session / "m.st", session / "random.parquet", "--report", report, "--json",
-        "--training", session / "zigzag.parquet",
+        "--training", session / "zigzag.parquet", "--accept", "range",
     )  # fmt: skip
     assert result.code == 0
     values = json.loads(result.out)
@@ -73,6 +74,8 @@ def test_evaluate_judges_and_reports(call: Call, session: Path, tmp_path: Path) 
 
 def test_missed_tolerance_is_exit_code_1(call: Call, session: Path) -> None:
     arguments = ["evaluate", session / "m.st", session / "random.parquet"]
+    assert call(*arguments, "--tolerance", "elbow=5").code == 1  # outside the range of training
+    arguments += ["--accept", "range"]
     assert call(*arguments, "--tolerance", "elbow=5").code == 0
     missed = call(*arguments, "--tolerance", "elbow=0.0001")
     assert missed.code == 1
@@ -83,6 +86,32 @@ def test_testing_on_training_rows_fails(call: Call, session: Path) -> None:
     result = call("evaluate", session / "m.st", session / "zigzag.parquet")
     assert result.code == 1
     assert "trained on" in result.out
+
+
+def test_a_failed_data_check_ends_in_one_line_unless_accepted(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(session / "zigzag.parquet")
+    truth = recording.column("truth/elbow").copy()
+    truth[100:4000:100] += 0.5
+    spoiled = replace(recording, table=recording.table.assign(**{"truth/elbow": truth}))
+    write_parquet(spoiled, tmp_path / "spoiled.parquet")
+    arguments = ["calibrate", tmp_path / "spoiled.parquet", "-e", "linear", "-o", tmp_path / "m.st"]
+    refused = call(*arguments)
+    assert refused.code == 1
+    assert "fail: outliers: truth/elbow in" in refused.err
+    assert refused.err.splitlines()[-1] == (
+        "truejoint: the data check failed (outliers): mend the data, or go on with "
+        "--accept outliers"
+    )
+    assert not (tmp_path / "m.st").exists()
+    said = json.loads(call(*arguments, "--json").out)
+    assert [f["name"] for f in said["check"]["findings"] if f["level"] == "fail"] == ["outliers"]
+    assert call(*arguments, "--accept", "outliers").code == 0
+    assert call(*arguments, "--accept", "outlier", "--force").code == 2
+    judged = call("evaluate", session / "m.st", tmp_path / "spoiled.parquet", "--json")
+    assert judged.code == 1
+    assert json.loads(judged.out)["checks"]["test"]["findings"][0]["name"] == "outliers"
 
 
 def test_held_out_accuracy_goes_into_the_model(call: Call, session: Path, tmp_path: Path) -> None:
@@ -167,7 +196,8 @@ def test_bad_recordings_are_one_line_and_exit_code_2(
 ) -> None:
     path = _damaged(session, tmp_path, damage)
     model = tmp_path / "m.st"
-    result = call("calibrate", path, "--robot", "raven2", "-e", "linear", "-o", model)
+    arguments = ["calibrate", path, "--robot", "raven2", "-e", "linear", "-o", model]
+    result = call(*arguments, "--accept", "missing")
     assert result.code == 2
     last = result.err.strip().splitlines()[-1]
     assert last.startswith("truejoint: ")

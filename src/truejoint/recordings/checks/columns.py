@@ -14,6 +14,7 @@ from truejoint.recordings.recording import Recording, runs
 from truejoint.recordings.signals import GAP_STEPS, gaps
 
 _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
+_FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
 _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
 
@@ -41,8 +42,8 @@ def judge_columns(
             rows = np.flatnonzero(known)
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
-                still = _stands(joint, recording.t, rows, truth[rows], measured[rows])
-                yield from still
+            if len(rows) >= _FEWEST:
+                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows])
 
 
 def _clock(t: Array) -> Iterable[Defect]:
@@ -160,7 +161,8 @@ def _stands(
             where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
             share = held / len(still)
             yield Defect("fail", "saturated", what, f"{name}/{joint}", advice, where, share)
-        elif np.ptp(other[first : last + 1]) > 0.25 * span:  # less may be honest slack
+        # Less may be honest slack; single rows may be outliers.
+        elif np.ptp(np.quantile(other[first : last + 1], [0.1, 0.9])) > 0.2 * span:
             seconds = float(t[last] - t[first])
             what = (
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
@@ -172,6 +174,7 @@ def _stands(
 
 
 def _moves_on(outwards: Array, first: int, last: int) -> float:
-    """How far outwards from both ends of a stretch a quarter of its rows are."""
+    """How far outwards from both ends of a stretch, its first if all ends there, a quarter is."""
     within = outwards[first : last + 1]
-    return float(np.quantile(within, 0.75) - max(within[0], within[-1]))
+    ends = within[:1] if last == len(outwards) - 1 else within[[0, -1]]
+    return float(np.quantile(within, 0.75) - ends.max())

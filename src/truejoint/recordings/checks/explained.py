@@ -22,7 +22,7 @@ _RIDGE: Final = 1e-4  # of the rows, for standardised columns
 _ROUNDS: Final = 8
 _BISQUARE: Final = 4.685  # spreads; 95 % efficient for normal noise (Beaton and Tukey, 1974)
 # No spread counts as less, as a share of the joint's range: rounding is no finding.
-_FINEST: Final = 1e-5
+_FINEST: Final = 1e-4
 _FINEST_OF_OTHERS: Final = 1e-3
 
 

@@ -33,8 +33,7 @@ REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
 _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
-_MOVED_OF_SCATTER: Final = 3.0  # and scatters of the zeros of all recordings
-_MOVED_OF_NOISE: Final = 4.0  # and spreads of the residual of all together
+_MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
 _STEP_OF_REDUNDANT: Final = 0.6  # of the step that counts for the truth, which is noisier
 _LATE: Final = 0.015  # s
 _LATE_DROP: Final = 0.05  # of the residual's variance
@@ -129,9 +128,7 @@ def _judge_zeros(
         return []
     zeros = left_out_zeros(explained)
     column = f"{explained.quantity}/{explained.joint}"
-    limit = max(
-        _MOVED * zeros.spread, _MOVED_OF_SCATTER * zeros.scatter, _MOVED_OF_NOISE * explained.spread
-    )
+    limit = max(_MOVED * zeros.spread, _MOVED_OF_NOISE * explained.spread)
     seen = []
     for number in np.flatnonzero(np.abs(zeros.offsets) > limit).tolist():
         recording, apart = recordings[number], float(zeros.apart[number])
@@ -146,7 +143,11 @@ def _judge_zeros(
 def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Seen]:
     """Two sensors of one joint that disagree, in a recording or from a row on."""
     column = f"{quantity}/{joint}"
-    known = [r for r in recordings if column in r.units and np.ptp(r.column(column)) > 0.0]
+    known = [
+        r
+        for r in recordings
+        if len(r) >= FEWEST and column in r.units and np.ptp(r.column(column)) > 0.0
+    ]
     if not known:
         return []
     explained = explain(known, joint, quantity)

@@ -25,11 +25,6 @@ class Zeros:
         """Those about their median (n,): one that moved shifts what is predicted of the others."""
         return np.asarray(self.apart - np.median(self.apart))
 
-    @property
-    def scatter(self) -> float:
-        """Robust spread of the offsets; 0 for two recordings, which say nothing of it."""
-        return robust_spread(self.offsets) if len(self.offsets) > 2 else 0.0
-
 
 def left_out_zeros(explained: Explained) -> Zeros:
     """Offset of each of two or more recordings from what the others, with one zero, predict."""
