@@ -23,6 +23,7 @@ BENCHMARKS = (
     "speed_training",
     "accuracy_recordings",
     "grasper",
+    "moved_zeros",
     "staleness",
     "interval_coverage",
     "accuracy_twin",
