@@ -1,6 +1,6 @@
 """Zeros that move between recordings: what they cost, and what a fitted zero saves.
 
-    python -m benchmarks.moved_zeros [--estimators linear dnn ...] [--draws 1]
+    python -m benchmarks.moved_zeros [--splits frequency load] [--draws 1]
 
 The da Vinci grasper, whole recordings held out (frequency index 3, or load indices 3 and 7). The
 zero of every recording, of training and test alike, is moved by 1 to 3 deg to either side: that of
@@ -27,7 +27,8 @@ from truejoint.estimators import get_estimator
 from truejoint.recordings.datasets import get_dataset, read_dataset
 
 DATASET = get_dataset("davinci_grasper_umn")
-ESTIMATORS = ("linear", "poly2", "dnn", "ukf_elastic")
+FITTED = {"dnn": ("linear", "poly2", "dnn"), "ukf_elastic": ("ukf_elastic",)}
+"""What is fitted, and what of that is judged: the baselines are fitted along."""
 START = 2.0
 """Truth [s] that re-zeroes a recording."""
 SMALLEST, LARGEST = np.radians([1.0, 3.0])
@@ -82,15 +83,21 @@ def rmse(calibration: Calibration, recordings: Iterable[Recording], start: float
 
 
 def judge(
-    name: str, holds_out: Callable[[str], bool], what: str, zero: str, draw: int = 0
-) -> tuple[float, float, float]:
-    """RMSE [deg] of the plain fit as it comes and re-zeroed, and of that with zeros, re-zeroed."""
+    name: str, holds_out: Callable[[str], bool], what: str, zero: str, draw: int
+) -> dict[str, tuple[float, float, float]]:
+    """RMSE [deg] of plain fits as they come and re-zeroed, and of those with zeros, re-zeroed."""
     recordings = gather(what, draw)
     training = [r for r in recordings if not holds_out(r.provenance.session)]
     test = [r for r in recordings if holds_out(r.provenance.session)]
     both = fit(name, training, zero)
-    plain, own = (both.fitted_for(rezeroing=rezeroing) for rezeroing in (False, True))
-    return rmse(plain, test, 0.0), rmse(plain, test, START), rmse(own, test, START)
+    found = {}
+    for judged in FITTED[name]:
+        plain, own = (
+            used if judged == name else used.baselines[judged]
+            for used in (both.fitted_for(rezeroing=rezeroing) for rezeroing in (False, True))
+        )
+        found[judged] = rmse(plain, test, 0.0), rmse(plain, test, START), rmse(own, test, START)
+    return found
 
 
 CASES = (
@@ -101,25 +108,27 @@ CASES = (
 
 def main() -> None:
     """Print the table, row by row."""
+    names = [split.name for split in DATASET.splits]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--estimators", nargs="+", choices=ESTIMATORS, default=ESTIMATORS)
+    parser.add_argument("--splits", nargs="+", choices=names, default=names)
     parser.add_argument("--draws", type=int, default=1)
     options = parser.parse_args()
-    print("| held out | estimator | zero moved | fitted | shared | shared, re-zeroed "
-          "| as fitted, re-zeroed | of unmoved |")  # fmt: skip
-    print("|---|---|---|---|---|---|---|---|")
-    for name in options.estimators:
-        for split in DATASET.splits:
-            unmoved = {}
+    columns = ("held out", "estimator", "zero moved", "zero fitted", "shared", "shared, re-zeroed",
+               "as fitted, re-zeroed", "of unmoved")  # fmt: skip
+    print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
+    for split in (DATASET.split(name) for name in options.splits):
+        for name, all_judged in FITTED.items():
+            unmoved: dict[tuple[str, str], float] = {}
             for what, zero in CASES:
                 draws = range(1 if what == "none" else options.draws)
                 found = [judge(name, split.holds_out, what, zero, draw) for draw in draws]
-                plain, plain_rezeroed, own = max(found, key=lambda values: values[-1])
-                if what == "none":
-                    unmoved[zero] = own
-                print(f"| {split.name} | {name} | {what} | {zero} | {plain:.2f} "
-                      f"| {plain_rezeroed:.2f} | {own:.3f} | {own / unmoved[zero]:.3f} |",
-                      flush=True)  # fmt: skip
+                for judged in all_judged:
+                    worst = max((values[judged] for values in found), key=lambda three: three[-1])
+                    if what == "none":
+                        unmoved[judged, zero] = worst[-1]
+                    ratio = worst[-1] / unmoved[judged, zero]
+                    cells = (split.name, judged, what, zero, *(f"{v:.2f}" for v in worst))
+                    print("| " + " | ".join(cells) + f" | {ratio:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

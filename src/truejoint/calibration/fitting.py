@@ -302,7 +302,7 @@ def _group_zeros(parts: Sequence[_Part], group: Integers) -> Array:
         errors[own] = error[own] - error[own].mean(axis=0)
     left = error - get_estimator("linear").fit(within, errors).predict(X)
     zeros = np.array([left[rows == n].mean(axis=0) for n in range(int(group.max()) + 1)])
-    return zeros - zeros.mean(axis=0)
+    return np.asarray(zeros - zeros.mean(axis=0))
 
 
 def _common_robot(recordings: Sequence[Recording]) -> Robot:
