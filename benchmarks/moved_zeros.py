@@ -1,6 +1,6 @@
 """Zeros that move between recordings: what they cost, and what a fitted zero saves.
 
-    python -m benchmarks.moved_zeros [--splits frequency load] [--draws 1]
+    python -m benchmarks.moved_zeros [--splits frequency load] [--fit dnn ukf_elastic] [--draws 1]
 
 The da Vinci grasper, whole recordings held out (frequency index 3, or load indices 3 and 7). The
 zero of every recording, of training and test alike, is moved by 1 to 3 deg to either side: that of
@@ -111,18 +111,19 @@ def main() -> None:
     names = [split.name for split in DATASET.splits]
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--splits", nargs="+", choices=names, default=names)
+    parser.add_argument("--fit", nargs="+", choices=FITTED, default=list(FITTED))
     parser.add_argument("--draws", type=int, default=1)
     options = parser.parse_args()
     columns = ("held out", "estimator", "zero moved", "zero fitted", "shared", "shared, re-zeroed",
                "as fitted, re-zeroed", "of unmoved")  # fmt: skip
     print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
     for split in (DATASET.split(name) for name in options.splits):
-        for name, all_judged in FITTED.items():
+        for name in options.fit:
             unmoved: dict[tuple[str, str], float] = {}
             for what, zero in CASES:
                 draws = range(1 if what == "none" else options.draws)
                 found = [judge(name, split.holds_out, what, zero, draw) for draw in draws]
-                for judged in all_judged:
+                for judged in found[0]:
                     worst = max((values[judged] for values in found), key=lambda three: three[-1])
                     if what == "none":
                         unmoved[judged, zero] = worst[-1]
