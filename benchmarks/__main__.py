@@ -24,6 +24,7 @@ BENCHMARKS = (
     "beyond_chance",
     "accuracy_recordings",
     "grasper",
+    "moved_zeros",
     "staleness",
     "interval_coverage",
     "accuracy_twin",

@@ -15,12 +15,14 @@ from truejoint.calibration import (
     find_zero,
     read_calibration,
     rezeroed,
+    with_interval,
     write_calibration,
 )
 from truejoint.calibration.zero import judged_error, shift_signals, signal_moves
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.recordings import Recording
+from truejoint.runtime import Corrector, ReZero
 
 FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
 
@@ -145,7 +147,7 @@ def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, zero, tmp_path):
     random = np.random.default_rng(3)
     moved = [
         off(recording, known, zero, 0.03 * random.choice([-1.0, 1.0], len(known.joints)))
-        for recording in homed_apart(training(name))
+        for recording in homed_apart(training(name)[:3])
     ]
     if zero == "homing" and "cable/reset" in known.signals and "motor/jaw" in known.signals:
         with pytest.raises(CalibrationError, match="hardly follows the measured one"):
@@ -173,3 +175,131 @@ def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, zero, tmp_path):
             np.testing.assert_array_equal(corrector.position, whole[i])
             good += 1
     assert good > 100
+
+
+@pytest.fixture(scope="module")
+def pair(build):
+    """Two recordings whose features cover the same, and the same with zeros of their own."""
+    plain = [build(1500, seed, homing_id=f"h{seed}") for seed in (0, 1)]
+    zeros = np.array([[0.03, -0.02, 0.004], [-0.01, 0.05, -0.003]])
+    truths = [f"truth/{joint}" for joint in plain[0].robot.positioning]
+    pairs = zip(plain, zeros, strict=True)
+    return plain, [shift_signals(recording, truths, zero) for recording, zero in pairs], zeros
+
+
+SMALL = NeuralNetwork(hidden_layer_sizes=(8,), epochs=3)
+
+
+@pytest.mark.parametrize("estimator", ["linear", "poly2", SMALL], ids=str)
+def test_the_second_fit_does_not_know_the_zeros(pair, build, estimator):
+    plain, moved, zeros = pair
+    first, second = (
+        calibrate(recordings, estimator, features=FEATURES, zero="recording")
+        for recordings in (plain, moved)
+    )
+    test = build(300, 4)
+    pairs = [(m.fitted_for(rezeroing=True).correct(test)) for m in (first, second)]
+    average = zeros.mean(axis=0)  # of the zeros that were put in, which the second fit keeps
+    np.testing.assert_allclose(pairs[1] - pairs[0] - average, 0.0, rtol=0, atol=1e-9)
+    found, own = (np.array(m.metadata["zeros"]["offsets"]) for m in (second, first))
+    np.testing.assert_allclose(found - own, zeros - average, rtol=0, atol=1e-12)
+    assert second.metadata["zeros"]["of"] == "recording"
+    assert (rmse(second, test, 0.0) > 2.0 * rmse(first, test, 0.0)).any()  # the plain one does
+
+
+def test_without_re_zeroing_it_is_the_plain_fit(pair, build):
+    plain, _, _ = pair
+    test = build(300, 4)
+    shared = calibrate(plain, SMALL, features=FEATURES)
+    for zero in ("recording", "homing"):
+        both = calibrate(plain, SMALL, features=FEATURES, zero=zero)
+        assert both.correct(test).tobytes() == shared.correct(test).tobytes()
+        assert set(both.rezero_models) == {"model", *both.baseline_models}
+    assert shared.fitted_for(rezeroing=True) is shared
+    assert shared.metadata["zeros"] == {"of": "shared"}
+
+
+def test_recordings_of_one_homing_share_its_zero(build):
+    names = ("a", "b", "a", "b")
+    recordings = [build(600, seed, homing_id=name) for seed, name in enumerate(names)]
+    found = calibrate(recordings, "linear", features=FEATURES, zero="homing").metadata["zeros"]
+    assert found["names"] == ["a", "b"]
+    one = [build(600, seed) for seed in range(2)]
+    with pytest.raises(CalibrationError, match="zero for each homing takes two of them; all rec"):
+        calibrate(one, "linear", features=FEATURES, zero="homing")
+    with pytest.raises(CalibrationError, match="choose shared, recording, homing"):
+        calibrate(one, "linear", features=FEATURES, zero="session")
+
+
+def test_the_zero_of_a_homing_moves_measured_positions_of_one_sensor(pair):
+    (recording, _), _, _ = pair
+    measured = recording.column("measured/elbow")
+    columns = {"motor/elbow": -35.0 * measured + 0.4, "driver/elbow": np.tanh(measured)}
+    recording = Recording.from_columns(
+        {**recording.table, **columns}, recording.provenance, recording.units
+    )
+    signals = ("measured/elbow", "effort/elbow", "motor/elbow", "driver/elbow", "measured/shoulder")
+    moves = signal_moves([recording], signals, ("elbow", "shoulder"))
+    np.testing.assert_allclose(moves, [[1, 0], [0, 0], [-35, 0], [0, 0], [0, 1]], rtol=1e-9)
+
+
+def test_the_loop_finds_the_zero_that_a_brief_truth_has(pair, build):
+    _, moved, _ = pair
+    model = calibrate(moved, "linear", features=FEATURES, zero="recording")
+    test = homed_again(build(300, 4), np.array([0.1, -0.2, 0.03]), slice(0, 60))
+    own = model.fitted_for(rezeroing=True)
+    zero = find_zero(own, test, START)
+    loop, corrector = ReZero(own), Corrector(model, rezeroing=True, range_margin=1.0)
+    corrector.set_homing(True)
+    plain = Corrector(model, range_margin=1.0)
+    plain.set_homing(True)
+    samples, truth = test.table[list(model.signals)].to_numpy(), test.columns("truth", model.joints)
+    measured = test.columns("measured", model.joints)
+    for i in np.flatnonzero(test.t - test.t[0] < START):
+        corrector.step(test.t[i], samples[i])
+        plain.step(test.t[i], samples[i])
+        loop.update(test.t[i], measured[i] + corrector.correction, truth[i])
+    assert (np.abs(loop.offset - zero.offset) < loop.sd + zero.sd).all()
+    np.testing.assert_array_equal(measured[i] + corrector.correction, own.correct(test)[i])
+    np.testing.assert_array_equal(measured[i] + plain.correction, model.correct(test)[i])
+
+
+def test_an_interval_stays_with_the_fit_that_it_was_made_of(pair, build):
+    plain, _, _ = pair
+    model = calibrate(plain, "linear", features=FEATURES, zero="recording")
+    unseen = [build(200, seed, homing_id=f"h{seed}") for seed in range(2, 12)]
+    truths = [f"truth/{joint}" for joint in model.joints]
+    zeros = np.random.default_rng(0).uniform(-0.1, 0.1, (10, 3))
+    unseen = [shift_signals(r, truths, z) for r, z in zip(unseen, zeros, strict=True)]
+    after = with_interval(model, unseen, rezero=START)
+    before = with_interval(model, unseen)
+    assert (after.interval.half_width(0.8) < 0.2 * before.interval.half_width(0.8)).all()
+    assert after.fitted_for(rezeroing=False).interval is None
+    assert before.fitted_for(rezeroing=True).interval is None
+    assert after.fitted_for(rezeroing=True).interval is after.interval
+    test = build(300, 20)
+    corrector = ready(after, rezeroing=True, level=0.8)
+    assert corrector.step(0.0, test.table[list(model.signals)].to_numpy()[0]) == 0
+    assert np.isinf(corrector.half_width).all()
+    corrector.rezero(np.zeros(3))
+    corrector.step(1 / 30, test.table[list(model.signals)].to_numpy()[1])
+    assert (corrector.half_width >= after.interval.half_width(0.8)).all()
+
+
+def test_a_zero_that_is_none_is_refused(pair, tmp_path):
+    plain, _, _ = pair
+    model = calibrate(plain, "linear", features=FEATURES, zero="homing")
+    for number, wrong in enumerate(
+        (
+            {"offsets": {"model": np.zeros(2)}},
+            {"offsets": {"oracle": np.zeros(3)}},
+            {"offsets": {"model": np.full(3, np.nan)}},
+            {"moves": np.zeros((2, 3))},
+            {"rezero_models": {"linear": model.model}},
+        )
+    ):
+        path = tmp_path / f"{number}.safetensors"
+        write_calibration(replace(model, **wrong), path)
+        with pytest.raises(ModelFileError, match=r"zero|re-zeroing") as caught:
+            read_calibration(path)
+        assert "\n" not in str(caught.value)

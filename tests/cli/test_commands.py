@@ -72,6 +72,23 @@ def test_evaluate_judges_and_reports(call: Call, session: Path, tmp_path: Path) 
     assert "truejoint evaluate" in report.read_text()
 
 
+def test_zeros_are_fitted_and_judged_as_they_are_used(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    model, recordings = tmp_path / "m.st", [session / "zigzag.parquet", session / "random.parquet"]
+    fitted = call("calibrate", *recordings, "-e", "linear", "--zero", "recording", "-o", model)
+    assert fitted.code == 0
+    assert read_calibration(model).metadata["zeros"]["of"] == "recording"
+    arguments = ["evaluate", session / "m.st", recordings[1], "--rezero-s"]
+    result = call(*arguments, "5", "--json")
+    values = json.loads(result.out)
+    assert values["rezero"] == 5.0
+    assert any("first 5 s of each recording" in remark for remark in values["verdict"]["remarks"])
+    refused = call(*arguments, "1000")
+    assert refused.code == 2
+    assert "after the 1000 s that re-zero it" in refused.err
+
+
 def test_missed_tolerance_is_exit_code_1(call: Call, session: Path) -> None:
     arguments = ["evaluate", session / "m.st", session / "random.parquet"]
     assert call(*arguments, "--tolerance", "elbow=5").code == 1  # outside the range of training

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate
+from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import Evaluation, evaluate
 from truejoint.evaluation.evaluate import unique_names
@@ -251,3 +251,51 @@ def test_names_of_recordings_are_short_and_unique() -> None:
     sources = ["a/1.csv", "b/1.csv", "b/2.csv", "b/2.csv", ""]
     names = unique_names(sources)
     assert names == ["a/1.csv", "b/1.csv", "b/2.csv #1", "b/2.csv #2", "recording"]
+
+
+def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(
+    grasper: tuple[Any, Recording],
+) -> None:
+    calibration, test = grasper
+    moved = replace(test, table=test.table.assign(**{"truth/jaw": test.table["truth/jaw"] + 0.1}))
+    found = evaluate({"dnn": [calibration]}, [moved], rezero=2.0)
+    start = moved.t < 2.0
+    for name, model in (("dnn", calibration), ("offset", calibration.baselines["offset"])):
+        error = (model.correct(moved) - moved.columns("truth", ["jaw"]))[:, 0]
+        error = (error - np.median(error[start]))[~start]
+        assert found.score(name, "jaw").rmse == pytest.approx(np.sqrt(np.mean(error**2)))
+    raw = moved.error(["jaw"])[~start]
+    assert found.score("raw", "jaw").rmse == pytest.approx(np.sqrt(np.mean(raw**2)))
+    assert found.to_dict()["rezero"] == 2.0
+    assert len(found.traces[0].t) == (~start).sum()
+    assert found.verdict.remarks[0].startswith("Re-zeroed from the first 2 s of each recording: ")
+    for rezero, said in ((-1.0, "time to re-zero from is -1 s"), (np.nan, "is nan s")):
+        with pytest.raises(CalibrationError, match=said):
+            evaluate({"dnn": [calibration]}, [test], rezero=rezero)
+    with pytest.raises(RecordingError, match="after the 60 s that re-zero it; a test"):
+        evaluate({"dnn": [calibration]}, [test], rezero=60.0)
+
+
+def test_re_zeroing_that_harms_is_told(grasper: tuple[Any, Recording]) -> None:
+    calibration, test = grasper
+    slow = np.where(test.t < 2.0, 0.05, 0.0)  # a stretch that is unlike the rest
+    biased = replace(
+        test, table=test.table.assign(**{"truth/jaw": test.column("truth/jaw") + slow})
+    )
+    remark = evaluate({"dnn": [calibration]}, [biased], rezero=2.0).verdict.remarks[0]
+    assert remark.startswith("Re-zeroing from the first 2 s of each recording harms: jaw 2.")
+
+
+def test_after_re_zeroing_the_fit_with_zeros_is_judged(
+    recording_of: Callable[..., Recording],
+) -> None:
+    train = [recording_of("raven2", seed=i, source=f"{i}.csv") for i in range(3)]
+    test = recording_of("raven2", seed=9, source="9.csv")
+    model = calibrate(train, "linear", zero="recording")
+
+    def scores(judged: Calibration, rezero: float) -> list[float]:
+        return [score.rmse for score in evaluate(judged, test, rezero=rezero).scores]
+
+    own, plain = (model.fitted_for(rezeroing=rezeroing) for rezeroing in (True, False))
+    assert scores(model, 3.0) == scores(own, 3.0) != scores(plain, 3.0)
+    assert scores(model, 0.0) == scores(plain, 0.0) != scores(own, 0.0)

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from truejoint.calibration.zero import moved
 from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.export.export_onnx import export_onnx
@@ -94,3 +96,15 @@ def test_numbers_too_large_for_a_float_are_refused(tmp_path):
     fitted.model.arrays_ = {"offset": np.full(3, 1e39)}
     with pytest.raises(ExportError, match="export in double"):
         export_onnx(fitted, tmp_path / "m.onnx", precision="float")
+
+
+def test_a_zero_of_the_output_is_in_the_graph_and_one_of_the_inputs_is_refused(tmp_path):
+    model = calibration(LinearRegressor(), PLAIN)
+    test = recording(model.signals, 100, 5)
+    zero = 0.01 * (1.0 + np.arange(len(model.joints)))
+    later = moved(model, zero)
+    _, position = run(export_onnx(later, tmp_path / "m.onnx"), later, test)
+    np.testing.assert_allclose(position, model.correct(test) + zero, rtol=0, atol=1e-12)
+    inputs = replace(later, moves=np.ones((len(model.signals), len(model.joints))))
+    with pytest.raises(ExportError, match="inputs are re-zeroed"):
+        export_onnx(inputs, tmp_path / "n.onnx")

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration.interval import Interval
+from truejoint.calibration.zero import moved, signal_moves
 from truejoint.errors import ExportError
 from truejoint.export.export_c import export_c
 from truejoint.runtime import Status
@@ -83,6 +84,18 @@ def test_an_interval_is_stated_with_the_same_bits(tmp_path, name, rezero):
     widths = np.full((1, len(model(name).joints)), 0.003)
     interval = Interval(np.array([0.9]), widths, widths, widths, 2.0, rezero, 12, 12)
     calibration = replace(model(name), interval=interval)
+    library = exported(tmp_path, calibration)
+    assert library.functions.check() == 0
+    compare(library, calibration, name, np.testing.assert_array_equal)
+
+
+@needs_compiler
+@pytest.mark.parametrize("name", ["dnn", "ukf_elastic"])
+def test_a_zero_that_moved_is_in_the_source(tmp_path, name):
+    plain = model(name)
+    moves = signal_moves([unseen(name)], plain.signals, plain.joints)
+    calibration = moved(replace(plain, moves=moves), np.full(len(plain.joints), 0.02))
+    assert calibration.signal_shift.any()
     library = exported(tmp_path, calibration)
     assert library.functions.check() == 0
     compare(library, calibration, name, np.testing.assert_array_equal)

@@ -96,6 +96,9 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         rows, duration = facts.get("rows"), facts.get("duration")
         if isinstance(rows, int) and isinstance(duration, float):
             about["trained on"] = f"{rows} rows, {duration / 60:.1f} min"
+        if self.rezero_models:
+            of = "recording" if self.moves is None else "homing"
+            about["zero"] = f"for use after re-zeroing, fitted with one for each {of}"
         if self.interval is not None:
             units = [self.units[f"measured/{joint}"] for joint in self.joints]
             for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):

@@ -50,7 +50,7 @@ LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond whic
 ZeroOf = Literal["shared", "recording", "homing"]
 
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
-_SETTLED: Final = 1e-9  # [rad or m] that zeros are found to
+_SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
 _FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
 
 
@@ -168,7 +168,7 @@ def calibrate(
     moves: Array | None = None
     at_zero: Sequence[_Part] = parts
     if groups is not None:
-        names, index = np.unique(groups, return_inverse=True)
+        names, index = groups
         moves = signal_moves(recordings, tuple(units), chosen) if zero == "homing" else None
 
         def part_of(recording: Recording, outlying: Mask) -> _Part:
@@ -176,7 +176,7 @@ def calibrate(
 
         at_zero, found = _at_one_zero(parts, index, moves, tuple(units), part_of)
         rezero_models, _ = fit(at_zero, 1)
-        zeros |= {"names": names.tolist(), "offsets": found.tolist()}
+        zeros |= {"names": names, "offsets": found.tolist()}
     report(1.0)
     fitted = Calibration(
         robot=robot.name,
@@ -257,22 +257,25 @@ def _fit_model(
     return model.fit(inputs, targets, report, np.concatenate(times))
 
 
-def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> list[str] | None:
-    """Name what each recording shares its zero with; None where all share one."""
+def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers] | None:
+    """Names of what recordings share a zero with, and which of them each does; None: one for all.
+
+    A recording whose homing has no name is one of its own.
+    """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
     if zero == "shared":
         return None
-    names = [f"{i}: {source_of(recording)}" for i, recording in enumerate(recordings)]
-    if zero == "homing":
-        homings = [recording.provenance.homing_id for recording in recordings]
-        names = [homing or name for homing, name in zip(homings, names, strict=True)]
-    if len(set(names)) < 2:
+    origins = [recording.provenance for recording in recordings]
+    keys = [(zero == "homing" and one.homing_id) or i for i, one in enumerate(origins)]
+    different = list(dict.fromkeys(keys))
+    names = [key if isinstance(key, str) else source_of(recordings[key]) for key in different]
+    if len(names) < 2:
         raise CalibrationError(
             f"a zero for each {zero} takes two of them; all recordings are of {names[0]}: give "
             "more, or let them share one zero"
         )
-    return names
+    return names, np.array([different.index(key) for key in keys])
 
 
 def _at_one_zero(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,24 +149,19 @@ def moved(calibration: Calibration, offset: Array) -> Calibration:
     return replace(calibration, offsets=offsets, training_domain=domain)
 
 
-def positions_after_start(
-    model: Any, recording: Recording, joints: Sequence[str], duration: float
-) -> Array:
-    """Corrected positions (n, n_joints) [rad or m], re-zeroed from the first `duration` of truth.
-
-    `model` is a `Calibration`, or else anything with a method `correct`, whose output is moved.
-    """
-    if hasattr(model, "moves"):
-        return moved(model, find_zero(model, recording, duration).offset).correct(recording)
-    positions: Array = model.correct(recording)
-    error = recording.columns("truth", joints) - positions
-    known = np.isfinite(error).all(axis=1)
-    return positions + np.median(error[known][at_start(recording.t[known], duration)], axis=0)
-
-
 def at_start(t: Array, duration: float) -> NDArray[np.bool_]:
     """Which stamps `t` (n,) [s] of known truth lie within `duration` [s] of the first."""
     return np.asarray(t - t[0] < duration)
+
+
+def zeroed(calibration: Calibration, recording: Recording, duration: float) -> Calibration:
+    """Move the zero of the model to that of the first `duration` [s] of truth in a recording.
+
+    Where that is 0, nothing moves; raises CalibrationError as `find_zero`.
+    """
+    if duration == 0.0:
+        return calibration
+    return moved(calibration, find_zero(calibration, recording, duration).offset)
 
 
 def known_error(
@@ -201,9 +196,7 @@ def judged_error(
     Those of all rows with truth or, where the first `rezero` [s] of them set the zero, of those
     after; raises CalibrationError as `known_error`, or when nothing is left.
     """
-    if rezero > 0.0:
-        calibration = moved(calibration, find_zero(calibration, recording, rezero).offset)
-    t, error, known = known_error(calibration, recording)
+    t, error, known = known_error(zeroed(calibration, recording, rezero), recording)
     used = at_start(t, rezero)
     if used.all():
         raise CalibrationError(

@@ -12,7 +12,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration, read_calibration
-from truejoint.calibration.zero import at_start, positions_after_start
+from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.comparison import compare, simplest
@@ -310,8 +310,10 @@ def _test(
 ) -> JudgedRecording:
     truth = recording.columns("truth", joints)
     known = np.asarray(np.isfinite(truth).all(axis=1))
-    if rezero > 0.0 and known.any():
-        known[np.flatnonzero(known)[at_start(recording.t[known], rezero)]] = False
+    start = known.copy()
+    if known.any():
+        start[known] = at_start(recording.t[known], rezero)
+    known &= ~start
     if known.sum() < 2:
         besides = f" after the {rezero:g} s that re-zero it" if rezero > 0.0 else ""
         raise RecordingError(
@@ -320,9 +322,10 @@ def _test(
         )
 
     def positions(model: Corrects) -> Array:
-        if rezero > 0.0:
-            return positions_after_start(model, recording, joints, rezero)
-        return model.correct(recording)
+        if isinstance(model, Calibration):
+            return zeroed(model, recording, rezero).correct(recording)
+        found = model.correct(recording)
+        return found + np.median((truth - found)[start], axis=0) if start.any() else found
 
     measured = recording.columns("measured", joints)
     estimates = {RAW: [_finite(measured, RAW, name)[known]]} | {

@@ -13,7 +13,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.conformal import trained_on
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.zero import at_start, positions_after_start
+from truejoint.calibration.zero import at_start, zeroed
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
 from truejoint.recordings.recording import Recording
@@ -79,12 +79,9 @@ def _motion(calibration: Calibration, level: float, recording: Recording, trace:
     interval, joints = calibration.required_interval(), calibration.joints
     truth = recording.columns("truth", joints)
     known = np.isfinite(truth).all(axis=1)
-    scored = np.ones(int(known.sum()), dtype=bool)
-    if interval.rezero > 0.0:
-        position = positions_after_start(calibration, recording, joints, interval.rezero)[known]
-        scored = ~at_start(recording.t[known], interval.rezero)
-    else:
-        position = calibration.correct(recording)[known]
+    scored = ~at_start(recording.t[known], interval.rezero)
+    calibration = zeroed(calibration, recording, interval.rezero)
+    position = calibration.correct(recording)[known]
     error = truth[known] - position
     widening = 1.0 + interval.growth * calibration.range_excess(recording)[known]
     homing, own = recording.provenance.homing_id, _own_homings(calibration)

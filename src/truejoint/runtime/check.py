@@ -26,7 +26,7 @@ class JointCheck:
     largest: float
     offset: float  # median of truth minus corrected position
     offset_sd: float  # its standard deviation (`Zero`); NaN if errors are of unknown size
-    left: float  # RMSE that would be left after re-zeroing by `offset`
+    left: float  # RMSE that would be left after re-zeroing
     half_width: float  # of the stated interval, mean over the readings; NaN when there is none
     inside: float  # share of the readings inside; NaN when there is none
 

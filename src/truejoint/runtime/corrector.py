@@ -199,6 +199,8 @@ class Corrector(Summarised):
     def rezero(self, offset: ArrayLike) -> Status:
         """Add an offset to every corrected position: the calibration is valid for this homing.
 
+        It moves the output; a calibration that was `rezeroed` after a homing moves its inputs too.
+
         The `offset` (n_joints,) [rad or m] is true minus corrected position, for instance from a
         touched stop. Returns as `set_homing`, no longer HOMED_AGAIN, and ends ZERO_SUSPECT as
         `acknowledge` does; raises CalibrationError unless it is one finite number for each joint.

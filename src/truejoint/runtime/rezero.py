@@ -42,7 +42,8 @@ class ReZero:
     Parameters
     ----------
     calibration : CalibrationData
-        Its `effort_baseline` states the errors of the corrected positions.
+        Its `effort_baseline` states the errors of the corrected positions. Where it holds a fit for
+        this, give `fitted_for(rezeroing=True)`, which ``Corrector(..., rezeroing=True)`` runs.
     truth_sd : float or array_like, shape (n_joints,)
         Standard deviation of the truth's own noise [rad or m].
     drift : float
