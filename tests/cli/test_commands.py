@@ -63,11 +63,15 @@ def test_evaluate_judges_and_reports(call: Call, session: Path, tmp_path: Path) 
     report = tmp_path / "report.html"
     result = call(
         "evaluate", session / "m.st", session / "random.parquet", "--report", report, "--json",
-        "--training", session / "zigzag.parquet", "--accept", "range",
+        "--training", session / "zigzag.parquet", "--tables", tmp_path / "tables",
+        "--accept", "range",
     )  # fmt: skip
     assert result.code == 0
     values = json.loads(result.out)
     assert values["verdict"]["passed"] is True
+    assert values["verdict"]["deploy"] in values["estimators"]
+    assert values["domain"]["inside"] > 0.5
+    assert (tmp_path / "tables" / "elbow.tex").exists()
     assert {row["estimator"] for row in values["scores"]} >= {"raw", "offset", "linear"}
     assert "truejoint evaluate" in report.read_text()
 

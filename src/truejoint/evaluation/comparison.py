@@ -22,8 +22,9 @@ Outcome = Literal["better", "worse", "cannot be told"]
 # the next: batch means are then some 10 % too steady for a first-order process.
 _TIMES: Final = 5.0
 _FEWEST: Final = 4  # stretches below which nothing can be told
-# Few and long stretches, where slow and fast errors mix: a correlation time tells of the fast ones.
-_MOST: Final = 16
+# Into about how many stretches a test is cut: where slow and fast errors mix, a correlation time
+# tells of the fast ones, and the few longest stretches tell of the slow.
+_COUNTS: Final = (16, 8, 5)
 _WINDOW: Final = 5.0  # lags that count, in integrated correlation times (Sokal's rule)
 _LEVEL: Final = 0.95  # two-sided
 
@@ -38,7 +39,7 @@ class Difference:
         In the square of the errors' unit; the bounds are infinite where there are too few
         stretches to tell.
     stretches, rows : int
-        How many there are, and how many rows the longest has.
+        How many the interval was taken over, and how many rows the longest has.
 
     Examples
     --------
@@ -65,10 +66,11 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     """Compare the errors of two models, paired over stretches of the same recordings.
 
     The loss differential of Diebold and Mariano (1995), Comparing predictive accuracy, J. Bus.
-    Econ. Stat. 13. Recordings are cut into about `_MOST` equal stretches, fewer where one would be
-    shorter than `_TIMES` integrated correlation times, and Student's t is taken over their means
-    (Ibragimov and Mueller, 2010, t-statistic based correlation and heterogeneity robust inference,
-    J. Bus. Econ. Stat. 28). A recording that is shorter is one stretch.
+    Econ. Stat. 13. Recordings are cut into about 16, 8 and 5 equal stretches (`_COUNTS`), fewer
+    where one would be shorter than `_TIMES` integrated correlation times, and Student's t is taken
+    over their means (Ibragimov and Mueller, 2010, t-statistic based correlation and heterogeneity
+    robust inference, J. Bus. Econ. Stat. 28); the widest interval counts. A recording that is
+    shorter is one stretch.
 
     Parameters
     ----------
@@ -92,17 +94,29 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     parts = [_loss(a) - _loss(b) for a, b in zip(own, other, strict=True) if len(a)]
     rows = np.concatenate(parts)
     mean = float(rows.mean())
-    memory = correlation_time([part - mean for part in parts])
-    shortest = math.ceil(max(_TIMES * memory, len(rows) / _MOST))
-    batches = [b for part in parts for b in np.array_split(part, max(1, len(part) // shortest))]
-    weights = np.array([len(batch) for batch in batches]) / len(rows)
-    longest, margin = max(map(len, batches)), math.inf
-    if len(batches) >= _FEWEST:
-        left = np.array([batch.mean() for batch in batches]) - mean
-        count = 1.0 / float(np.sum(weights**2))  # of stretches of one length that weigh as much
-        variance = float(np.sum(weights * left**2)) / max(count - 1.0, 1e-9)
-        margin = float(stdtrit(len(batches) - 1, 0.5 + 0.5 * _LEVEL)) * math.sqrt(variance)
-    return Difference(mean, mean - margin, mean + margin, len(batches), longest)
+    memory = _TIMES * correlation_time([part - mean for part in parts])
+    shortest = [max(memory, len(rows) / count) for count in _COUNTS]
+    margins = [_margin(parts, mean, length) for length in shortest]
+    told = [found for found in margins if math.isfinite(found[0])]  # recordings may be too few
+    margin, stretches, longest = max(told or margins)
+    return Difference(mean, mean - margin, mean + margin, stretches, longest)
+
+
+def _margin(parts: Sequence[Array], mean: float, shortest: float) -> tuple[float, int, int]:
+    """Margin of the mean over stretches of at least `shortest` rows, their number, the longest."""
+    counts = [max(1, int(len(part) / shortest + 1e-9)) for part in parts]
+    cut = zip(parts, counts, strict=True)
+    stretches = [stretch for part, count in cut for stretch in np.array_split(part, count)]
+    weights = np.array([len(stretch) for stretch in stretches], dtype=float)
+    longest = int(weights.max())
+    if len(stretches) < _FEWEST:
+        return math.inf, len(stretches), longest
+    weights /= weights.sum()
+    left = np.array([stretch.mean() for stretch in stretches]) - mean
+    alike = 1.0 / float(np.sum(weights**2))  # stretches of one length that weigh as much
+    variance = float(np.sum(weights * left**2)) / max(alike - 1.0, 1e-9)
+    quantile = float(stdtrit(len(stretches) - 1, 0.5 + 0.5 * _LEVEL))
+    return quantile * math.sqrt(variance), len(stretches), longest
 
 
 def simplest(losses: Mapping[str, Sequence[Array]]) -> str:
