@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import truejoint
 from truejoint.cli import demo
 from truejoint.cli.app import main
 from truejoint.errors import RecordingError
@@ -146,5 +145,7 @@ def test_the_model_to_deploy_is_the_best_of_the_worst(worst: dict[str, float], c
             ]
 
     tolerance = demo.TOLERANCE["elbow"]
-    assert demo.advised([Result(tolerance), Result(0.1 * tolerance)]) == chosen  # type: ignore[list-item]
-    assert truejoint.evaluation.estimator_title(chosen)
+    judged: Any = {"load": Result(tolerance), "none": Result(0.1 * tolerance)}
+    found, shares = demo.advised(judged)
+    assert found == chosen
+    assert shares["linear"] == (pytest.approx(worst["linear"]), "elbow, load")

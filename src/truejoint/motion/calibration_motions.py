@@ -126,9 +126,8 @@ def random_motion(
         Points per second [Hz]; straight lines between them deviate by less than 1e-3 deg at 20 Hz.
     profile : str
         One of `PROFILES`, the speed along a swing. ``"cosine"``: half a period, so that a joint
-        dwells at the ends.
-        ``"laboratory"``: constant, after a ramp of 2.4 s, until one second before the end, then in
-        proportion to what is left of the way, down to a last crawl (uw-biorobotics/
+        dwells at the ends. ``"laboratory"``: constant, after a ramp of 2.4 s, until the rest would
+        take one second, then in proportion to that rest, down to a last crawl (uw-biorobotics/
         raven2_CRTK_Python_controller:python_controller/run_r2_random_joint_movement.py).
     workspace : Workspace, optional
         Where to move; by default `workspace_of(robot)`.

@@ -463,12 +463,15 @@ def test_a_load_of_the_tools_cables_shows_in_its_torque_command() -> None:
     assert (efforts[1] < 0.3 * efforts[0]).all()
 
 
-def test_raw_and_fixed_offset_errors_are_those_of_table_1() -> None:
+@pytest.mark.parametrize(
+    ("specimen", "profile"), [("nominal", "cosine"), ("peng2024", "laboratory")]
+)
+def test_raw_and_fixed_offset_errors_are_those_of_table_1(specimen: str, profile: str) -> None:
     """peng2024, Table I, direction J2-J3: the two rows that the twin was fitted to."""
     from truejoint.crtk import simulated_arm  # noqa: PLC0415 - heavy, one test
     from truejoint.motion import follow, random_motion, zigzag  # noqa: PLC0415
 
-    arm = simulated_arm(seed=0)
+    arm = simulated_arm(parameters=specimen, seed=0)
     arm.enable()
     arm.home()
     errors: list[Array] = []
@@ -481,7 +484,7 @@ def test_raw_and_fixed_offset_errors_are_those_of_table_1() -> None:
             truth.append((block.t, block.position))  # type: ignore[attr-defined]
 
     paths = [zigzag(arm.robot, "J2-J3", s) for s in (1 / 4, 1 / 5, 1 / 6)]
-    for trajectory in (*paths, random_motion(arm.robot, 1200.0, seed=1)):
+    for trajectory in (*paths, random_motion(arm.robot, 1200.0, seed=1, profile=profile)):
         kept: list[Array] = []
         t: list[Array] = []
         truth: list[tuple[Array, Array]] = []
