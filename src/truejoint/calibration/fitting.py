@@ -8,6 +8,7 @@ import platform
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Final
 
@@ -17,6 +18,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.choice import AUTO, Automatic, choose
 from truejoint.calibration.conformal import (
     check_arm,
     check_columns,
@@ -50,7 +52,7 @@ _BASELINE_SHARE: Final = 0.1  # of the progress bar
 
 def calibrate(
     recordings: Recording | Sequence[Recording],
-    estimator: str | Regressor = DEFAULT,
+    estimator: str | Regressor | Automatic = DEFAULT,
     *,
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
@@ -67,9 +69,10 @@ def calibrate(
     ----------
     recordings : Recording or sequence of Recording
         Of one arm, all with the same units.
-    estimator : str or Regressor
+    estimator : str, Regressor or Automatic
         A name in `estimator_names`, or an unfitted estimator with parameters of its own: one of
-        ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`.
+        ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`. ``auto``,
+        or `Automatic`: what is best on recordings that are left out in turn.
     features : FeatureSet or iterable of str, optional
         Inputs of the model; measured position and effort of every channel by default, or those
         that the estimator was made for.
@@ -90,7 +93,7 @@ def calibrate(
     ------
     CalibrationError
         If the recordings do not belong together, lack truth for more than a third of their time,
-        have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
+        have too few rows for the estimator (ten for each coefficient; 300 and ten for each
         feature for a network), or a feature is constant though its channel is in use.
 
     Examples
@@ -99,6 +102,12 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
+    if isinstance(estimator, Automatic) or estimator == AUTO:
+        how = {"joints": joints, "target": target, "fit_rate": fit_rate}
+        fit = partial(calibrate, **how, random_state=random_state)  # type: ignore[arg-type]
+        wanted = estimator if isinstance(estimator, Automatic) else Automatic()
+        asked = None if features is None else FeatureSet.parse(features)
+        return choose(recordings, wanted, fit, asked, progress)
     robot = _common_robot(recordings)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
@@ -249,10 +258,8 @@ def _chosen_features(
     params, own = model.model_params(), model.family.inputs
     if features is None:
         chosen = FeatureSet.parse(own(params)) if own else default_features(robot, recordings[0])
-    elif isinstance(features, FeatureSet):
-        chosen = features
     else:
-        chosen = FeatureSet.parse([features] if isinstance(features, str) else features)
+        chosen = FeatureSet.parse(features)
     if features is not None:
         model.family.check_size(params, len(chosen))
     for recording in recordings:

@@ -172,8 +172,11 @@ class FeatureSet:
             raise CalibrationError(f"features {', '.join(twice)} stand twice; name each once")
 
     @classmethod
-    def parse(cls, texts: Iterable[str]) -> FeatureSet:
-        """Feature set of the texts of its features; raises CalibrationError."""
+    def parse(cls, texts: FeatureSet | Iterable[str] | str) -> FeatureSet:
+        """Feature set of the texts of its features, or of one; raises CalibrationError."""
+        if isinstance(texts, FeatureSet):
+            return texts
+        texts = [texts] if isinstance(texts, str) else texts
         return cls(tuple(Feature.parse(text) for text in texts))
 
     def __len__(self) -> int:
