@@ -6,13 +6,14 @@ import math
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final, Protocol
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.folds import Fold, errors_of, folds, without
+from truejoint.calibration.folds import FEW, Fold, errors_of, folds, without
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.registry import LINEAR
@@ -20,13 +21,11 @@ from truejoint.estimators.wrapped import Regressor, candidates, joint_regressor
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Recording
 
-AUTO: Final = "auto"
-"""What stands for an automatic choice where the name of an estimator does."""
-
 _BETTER: Final = 0.05  # share by which an estimator must beat the linear model
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
 _WORSE: Final = 0.05  # share by which it may be worse in one of the joints
 _HOPELESS: Final = 0.5  # share by which one is worse that is given up at once
+_ROWS: Final = 10_000  # that a fit for the choice sees, at most
 _TRIED_ON: Final = 3  # folds, after which one that is not better yet is given up
 
 
@@ -35,10 +34,11 @@ class Automatic:
     """An estimator to be chosen: the linear model, unless another is better without doubt.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these: see `truejoint.calibration.folds.folds`. It is better where its RMSE is
-    below that of the linear model by 5 % and by two standard errors, both of the logarithms'
-    mean over the folds, and above it by 5 % in no joint. Of those the best is fitted to all.
-    What was tried stands in the metadata under ``choice``.
+    and judged on these: see `truejoint.calibration.folds.folds`. The fits that serve the choice
+    alone see ten thousand rows. A candidate is better where its RMSE is below that of the linear
+    model by 5 % and by two standard errors, both of the logarithms' mean over the folds, and above
+    it by 5 % in no joint. Of those the best is fitted to all. What was tried stands in the metadata
+    under ``choice``.
 
     Parameters
     ----------
@@ -46,7 +46,8 @@ class Automatic:
         What is tried; by default what the registry says: offset, linear, quadratic, the network
         until convergence, and boosted trees.
     default_features : bool
-        Whether to try the default features too, where others are asked for.
+        Whether to try the default features too, where others are asked for and there are three
+        recordings or more: parts of one motion do not tell which features hold on another.
 
     Examples
     --------
@@ -69,6 +70,7 @@ class Fit(Protocol):
         estimator: JointRegressor,
         *,
         features: FeatureSet | None,
+        fit_rate: float | None = None,
         progress: Progress | None = None,
     ) -> Calibration:
         """Fit to recordings."""
@@ -78,8 +80,9 @@ class Fit(Protocol):
 class _Trial:
     """One estimator with one set of features, and how it did."""
 
-    estimator: JointRegressor
+    candidate: JointRegressor
     features: FeatureSet | None
+    estimator: JointRegressor  # that stands for the candidate once a first fit has settled it
     errors: list[Array] = field(default_factory=list)  # RMSE (n_joints,) of each fold
     seconds: float = 0.0
     note: str = ""
@@ -122,6 +125,7 @@ def choose(
     automatic: Automatic,
     fit: Fit,
     features: FeatureSet | None,
+    fit_rate: float | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Choose as `Automatic` says, and fit the chosen one to all recordings.
@@ -130,10 +134,14 @@ def choose(
     """
     report = progress or (lambda _fraction: None)
     left_out = folds(recordings)
-    trials = list(_trials(automatic, features))
+    feature_sets = [features]
+    if automatic.default_features and features is not None and len(recordings) >= FEW:
+        feature_sets.append(None)
+    trials = list(_trials(automatic.candidates, feature_sets))
     reference = trials[0]
     raw: list[Array] = []
     steps = len(left_out) * len(trials) + 1
+    fit_briefly = partial(fit, fit_rate=_brief_rate(recordings, fit_rate))
     for k, fold in enumerate(left_out):
         training = without(recordings, fold.parts)
         known: dict[FeatureSet | None, Calibration] = {}  # which bring baselines along
@@ -143,7 +151,7 @@ def choose(
                 continue
             began = time.perf_counter()
             try:
-                fitted = _fitted(trial, training, fit, known)
+                fitted = _fitted(trial, training, fit_briefly, known)
                 trial.errors.append(_rmse(fitted, recordings, fold))
             except CalibrationError as reason:
                 if trial is reference:
@@ -165,21 +173,29 @@ def choose(
     def report_last(fraction: float) -> None:
         report((steps - 1 + fraction) / steps)
 
-    fitted = fit(recordings, best.estimator, features=best.features, progress=report_last)
+    fitted = fit(
+        recordings, best.candidate, features=best.features, fit_rate=fit_rate, progress=report_last
+    )
     return fitted.with_metadata(choice=_told(left_out, trials, best, raw, fitted.joints))
 
 
-def _trials(automatic: Automatic, features: FeatureSet | None) -> Iterator[_Trial]:
+def _trials(
+    tried: Sequence[Regressor], feature_sets: Sequence[FeatureSet | None]
+) -> Iterator[_Trial]:
     """Every candidate with every set of features, the linear model with the first before all."""
-    known = [joint_regressor(one) for one in automatic.candidates]
     linear = next(one for one in candidates() if one.name == LINEAR)
-    ordered = [linear, *(one for one in known if one.name != LINEAR)]
-    sets: list[FeatureSet | None] = [features]
-    if automatic.default_features and features is not None:
-        sets.append(None)
-    for chosen in sets:
-        for estimator in ordered:
-            yield _Trial(estimator, chosen)
+    known = [joint_regressor(one) for one in tried]
+    for features in feature_sets:
+        for one in (linear, *(one for one in known if one.name != LINEAR)):
+            yield _Trial(one, features, one)
+
+
+def _brief_rate(recordings: Sequence[Recording], fit_rate: float | None) -> float | None:
+    """Rate [Hz] at which the fits for the choice take rows."""
+    if sum(map(len, recordings)) <= _ROWS:
+        return fit_rate
+    few = _ROWS / sum(recording.duration for recording in recordings)
+    return few if fit_rate is None else min(few, fit_rate)
 
 
 def _fitted(

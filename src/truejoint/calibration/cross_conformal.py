@@ -11,6 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.choice import Automatic
 from truejoint.calibration.conformal import (
     check_interval,
     exchangeable_units,
@@ -34,7 +35,7 @@ PARTS: Final = 15  # that fewer recordings are cut into, at least
 
 def cross_interval(
     recordings: Recording | Sequence[Recording],
-    estimator: str | Regressor = DEFAULT,
+    estimator: str | Regressor | Automatic = DEFAULT,
     *,
     levels: Sequence[float] = LEVELS,
     rezero: float = 0.0,
@@ -58,7 +59,7 @@ def cross_interval(
     Parameters
     ----------
     recordings : Recording or sequence of Recording
-    estimator : str or Regressor
+    estimator : str, Regressor or Automatic
         As `calibrate` takes it. One that is chosen automatically is chosen once, from all.
     levels, rezero, growth
         As `with_interval` takes them.

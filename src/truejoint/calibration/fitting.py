@@ -18,7 +18,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import AUTO, Automatic, choose
+from truejoint.calibration.choice import Automatic, choose
 from truejoint.calibration.conformal import (
     check_arm,
     check_columns,
@@ -30,7 +30,7 @@ from truejoint.calibration.effort_baseline import fit_effort_baseline
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
-from truejoint.estimators.registry import BASELINES, DEFAULT
+from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
 from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
@@ -103,11 +103,11 @@ def calibrate(
     """
     recordings = as_recordings(recordings)
     if isinstance(estimator, Automatic) or estimator == AUTO:
-        how = {"joints": joints, "target": target, "fit_rate": fit_rate}
-        fit = partial(calibrate, **how, random_state=random_state)  # type: ignore[arg-type]
+        how = {"joints": joints, "target": target, "random_state": random_state}
+        fit = partial(calibrate, **how)  # type: ignore[arg-type]
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
         asked = None if features is None else FeatureSet.parse(features)
-        return choose(recordings, wanted, fit, asked, progress)
+        return choose(recordings, wanted, fit, asked, fit_rate, progress)
     robot = _common_robot(recordings)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]

@@ -17,6 +17,7 @@ from truejoint.models.features import sample_dt
 from truejoint.recordings import Recording
 
 FOLDS: Final = 5  # of one kind, at most
+FEW: Final = 3  # recordings; fewer are not left out whole
 SORTED_FROM: Final = 10  # recordings; so many tell fast from slow and light from heavy ones
 
 _GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
@@ -120,7 +121,7 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     an estimator shows what it does beyond them. Where several homings, or masses on the tool, are
     stated, these are left out too.
     """
-    if len(recordings) < 3:
+    if len(recordings) < FEW:
         parts = blocks(recordings, FOLDS)
         return dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
     parts = wholes(recordings)

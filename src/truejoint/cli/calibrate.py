@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.console import command_line, out, print_table, progress, result_json, say
 from truejoint.cli.inputs import Files, check_model_free, only_dataset
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.registry import DEFAULT
+from truejoint.estimators.registry import AUTO, DEFAULT
+from truejoint.units import display_unit
+
+_CROSS: Final = "cross"  # in place of recordings for an interval
 
 
 def calibrate(
@@ -25,8 +28,9 @@ def calibrate(
         typer.Option(
             "--estimator",
             "-e",
-            help=f"One of {', '.join(truejoint.estimators.estimator_names())}.",
-            autocompletion=truejoint.estimators.estimator_names,
+            help=f"One of {', '.join(truejoint.estimators.estimator_names())}; or {AUTO}: what is "
+            "best on recordings that are left out in turn, the linear model where nothing is.",
+            autocompletion=complete.estimators,
         ),
     ] = DEFAULT,
     settings: Annotated[
@@ -73,7 +77,8 @@ def calibrate(
         options.recordings(
             "--interval",
             "Recording that the fit does not see, to state how far off positions may be: 9 "
-            "or more for 90 %, each after a homing of its own if that is to hold after any homing.",
+            "or more for 90 %, each after a homing of its own if that is to hold after any homing. "
+            "Or 'cross': state it from those that are fitted to, each left out of one fit.",
         ),
     ] = None,
     interval_rezero_s: Annotated[
@@ -94,7 +99,12 @@ def calibrate(
     check_model_free(output, force)
     files = Files(reader, columns, robot, arm)
     dataset = only_dataset(recordings)
-    unfitted = configured(estimator, settings or [], dataset)
+    is_cross = interval == [_CROSS]
+    unfitted = (
+        choice(settings or [], dataset)
+        if estimator == AUTO
+        else configured(estimator, settings or [], dataset)
+    )
     if dataset is not None:
         features = features or [dataset]
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
@@ -102,10 +112,15 @@ def calibrate(
     read_training = files.find(
         recordings, part=part, split=split, held_out=False, joints=joints or [], inputs=inputs
     )
-    read_testing, read_unseen = files.find(test or []), files.find(interval or [])
+    read_testing, read_unseen = (
+        files.find(test or []),
+        files.find([] if is_cross else interval or []),
+    )
     training, testing, unseen = read_training(), read_testing(), read_unseen()
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
-    fitted, check = fit(training, unfitted, **how, random_state=seed)
+    if is_cross:
+        how["rezero"] = interval_rezero_s
+    fitted, check = fit(training, unfitted, **how, random_state=seed, is_cross=is_cross)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
@@ -116,25 +131,64 @@ def calibrate(
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
     else:
+        if "choice" in fitted.metadata:
+            print_choice(fitted)
         out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
 def fit(
     training: Sequence[truejoint.Recording],
-    estimator: truejoint.estimators.JointRegressor,
+    estimator: truejoint.estimators.JointRegressor | truejoint.calibration.Automatic,
+    *,
+    is_cross: bool = False,
     **how: Any,
 ) -> tuple[truejoint.Calibration, truejoint.evaluation.DataCheck]:
     """Check the recordings, say what was found, and fit, showing progress.
 
-    `how` is as `truejoint.calibrate` takes it.
+    `how` is as `truejoint.calibrate` takes it or, if `is_cross`, `cross_interval`.
     """
     check = truejoint.evaluation.check_data(training)
     for finding in check.findings:
         if finding.level != "info":
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
-    with progress(f"Fitting {estimator.name}") as done:
-        fitted = truejoint.calibrate(training, estimator, progress=done, **how)
+    automatic = truejoint.calibration.Automatic
+    named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
+    make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
+    with progress(named) as done:
+        fitted = make(training, estimator, progress=done, **how)
     return fitted.with_metadata(command=command_line()), check
+
+
+def choice(settings: Sequence[str], dataset: str | None) -> truejoint.calibration.Automatic:
+    """Say what `auto` tries, with the parameters that suit a data set."""
+    if settings:
+        raise CalibrationError(f"--set {settings[0]!r} needs one estimator; name it with -e")
+    tried = truejoint.estimators.candidates()
+    if dataset is not None:
+        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
+        for one in tried:
+            one.set_params(**suited.get(one.name, {}))
+    return truejoint.calibration.Automatic(tried, default_features=dataset is not None)
+
+
+def print_choice(fitted: truejoint.Calibration) -> None:
+    """Print what an automatic choice tried: RMSE on what was left out, and ratio to linear."""
+    told = fitted.metadata["choice"]
+    units = [display_unit(fitted.units[f"measured/{joint}"]) for joint in fitted.joints]
+    shown = list(zip(fitted.joints, units, strict=True))
+
+    def cells(rmse: Mapping[str, float]) -> list[str]:
+        return [f"{rmse[j] * u.scale:.3g}" if rmse else "-" for j, u in shown]
+
+    rows = [["raw", "", "", *cells(told["raw"]), ""]]
+    for one in told["tried"]:
+        ratio = f"{one['ratio']:.2f}" if "ratio" in one else "-"
+        name = one["estimator"] + (" (chosen)" if one["chosen"] else "")
+        features = str(len(one["features"]) or "-")
+        rows.append([name, features, ratio, *cells(one.get("rmse", {})), one["note"]])
+    header = ["estimator", "features", f"to {told['reference']}"]
+    header += [f"{joint} [{unit.name}]" for joint, unit in shown]
+    print_table([*header, "note"], rows, title=f"RMSE on {len(told['left_out'])} parts left out")
 
 
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:

@@ -12,11 +12,17 @@ import typer
 
 import truejoint
 from truejoint.errors import TruejointError
+from truejoint.estimators.registry import AUTO
 
 
 def robots() -> list[str]:
     """Names of robots."""
     return list(truejoint.robots.robot_names())
+
+
+def estimators() -> list[str]:
+    """Names of estimators, and what has one chosen."""
+    return [*truejoint.estimators.estimator_names(), AUTO]
 
 
 def datasets() -> list[str]:

@@ -13,6 +13,7 @@ BASELINES: Final = ("offset", "linear", "poly2")
 """What every calibration carries along to be compared with."""
 OFFSET: Final = BASELINES[0]  # what errors are given as a percentage of
 LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
+AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
 DEFAULT: Final = "dnn"  # what is fitted where none is named
 
 
