@@ -24,6 +24,7 @@ BENCHMARKS = (
     "accuracy_recordings",
     "grasper",
     "staleness",
+    "automatic_choice",
     "interval_coverage",
     "accuracy_twin",
     "soak",

@@ -14,8 +14,9 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from truejoint import calibrate, evaluate
 from truejoint.calibration import Automatic
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, candidates
-from truejoint.recordings.datasets import DATASETS, HeldOut, read_dataset
+from truejoint.recordings.datasets import DATASETS, HeldOut
 
 WITHIN = (1.10, 1.15, 1.20)
 MARGIN = 0.1  # share of its range by which a feature is outside it
@@ -73,13 +74,8 @@ def harder() -> Iterator[Split]:
 def judged(split: Split) -> dict[str, Any]:
     """RMSE by joint and estimator on what was held out, and what was chosen."""
     dataset = DATASETS[split.dataset]
-    if split.test:
-        held_out = HeldOut(split.name, split.files, test=split.test)
-        recordings = read_dataset(dataset.name, split.files)
-        training = [r for r in recordings if not held_out.holds_out(r.provenance.session)]
-        testing = [r for r in recordings if held_out.holds_out(r.provenance.session)]
-    else:
-        training, testing = sides(dataset, dataset.split(split.name))
+    held_out = HeldOut(split.name, split.files, split.test) if split.test else None
+    training, testing = sides(dataset, held_out or dataset.split(split.name))
     settings = dataset.settings.get("dnn", {})
     tried = candidates()
     for one in tried:
@@ -114,11 +110,12 @@ def judged(split: Split) -> dict[str, Any]:
     }
 
 
-def kept(split: Split, out: Path) -> dict[str, Any]:
-    """Give what `judged` gives, from its file where there is one."""
-    path = out / f"{split.title.replace(', ', '-').replace(' ', '_')}.json"
+def kept(out: Path, title: str, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+    """Give what `make` gives, from its file in a folder where there is one."""
+    path = out / f"{title.replace(', ', '-').replace(' ', '_')}.json"
     if not path.exists():
-        path.write_text(json.dumps(judged(split)))
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text(json.dumps(make()))
     found: dict[str, Any] = json.loads(path.read_text())
     return found
 
@@ -146,7 +143,6 @@ def main() -> None:
     parser.add_argument("--datasets", nargs="+", default=list(DATASETS), choices=list(DATASETS))
     parser.add_argument("--out", type=Path, default=Path("bench/automatic_choice"))
     options = parser.parse_args()
-    options.out.mkdir(parents=True, exist_ok=True)
     print(
         "| data set, held out | joint | chosen, features | best in hindsight | to it | to linear "
         "| to raw | outside | time [s] |\n" + "|---" * 9 + "|"
@@ -156,7 +152,7 @@ def main() -> None:
     for split in splits:
         if split.dataset not in options.datasets:
             continue
-        for line, *numbers in rows(kept(split, options.out)):
+        for line, *numbers in rows(kept(options.out, split.title, partial(judged, split))):
             print(line, flush=True)
             ratios.append(numbers)
     to_best, to_linear, to_raw, outside = np.array(ratios).T
