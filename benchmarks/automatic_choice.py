@@ -15,6 +15,7 @@ import argparse
 import json
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -86,12 +87,12 @@ def judged(split: Split) -> dict[str, Any]:
     chosen = calibrate(training, Automatic(tried, default_features=True), **how)
     took = time.perf_counter() - began
     models = {"auto": chosen}
+    if chosen.feature_set.names == dataset.features:
+        models[chosen.estimator] = chosen
     for one in [*tried, NeuralNetwork(**settings)]:
         name = one.name + (" 200" if getattr(one, "epochs", 0) else "")
-        try:
-            models.setdefault(name, calibrate(training, one, **how))
-        except CalibrationError:
-            continue
+        with suppress(CalibrationError):  # too few rows for it
+            models[name] = models.get(name) or calibrate(training, one, **how)
     rmse: dict[str, dict[str, float]] = {}
     for name, model in models.items():
         for score in evaluate(model, testing).scores:
