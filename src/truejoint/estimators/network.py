@@ -27,8 +27,8 @@ BATCHES_PER_EPOCH: Final = 8  # at least: where rows are few, batches shrink to 
 SMALLEST_BATCH: Final = 32
 BLOCKS: Final = 10  # that the rows are cut into, to see when training has converged
 LEFT_OUT: Final = (2, 7)  # which of them training does not see meanwhile
-LONGEST: Final = 1000  # epochs until convergence, at most
-PATIENCE: Final = 50  # epochs without a better one that are always waited for
+LONGEST: Final = 30_000  # steps of Adam until convergence, at most
+PATIENCE: Final = 4_000  # steps without a better loss that are always waited for
 # Adam as in peng2024, IV-B; the last is the default of Keras, which the paper does not state.
 FIRST_DECAY: Final = 0.9
 SECOND_DECAY: Final = 0.999
@@ -56,8 +56,8 @@ class NeuralNetwork(JointRegressor):
         the rows, yet at least 32, so that few rows still get 1600 steps in 200 epochs.
     epochs : int
         Passes over the rows. 0: until convergence. Two tenths of the rows, each on end, are then
-        left out until their loss has not fallen for half as many epochs as it took (and 50), at
-        most 1000; the network is fitted anew to all rows for as many as were best.
+        left out until their loss has not fallen for half as many steps of Adam as it took, and
+        4000, at most 30,000 in all; the network is fitted anew to all rows for the best epochs.
     random_state : int, RandomState or None
         Seeds the start and the order of the rows; None differs every time.
 
@@ -130,13 +130,15 @@ class NeuralNetwork(JointRegressor):
         layers = Layers.glorot(sizes, rng)
         blocks = np.arange(len(X)) * BLOCKS // len(X)
         unseen = np.isin(blocks, LEFT_OUT)
+        per_epoch = -(-np.count_nonzero(~unseen) // effective_batch(len(X), int(self.batch_size)))
+        longest, patience = LONGEST // per_epoch + 1, PATIENCE // per_epoch + 1
         least, best = math.inf, 1
-        for epoch in self._epochs(layers, X[~unseen], y[~unseen], LONGEST, rng):
+        for epoch in self._epochs(layers, X[~unseen], y[~unseen], longest, rng):
             delta = forward(layers, X[unseen])[-1] - y[unseen]
             loss = float(np.vdot(delta, delta))
             if loss < least:
                 least, best = loss, epoch + 1
-            if epoch + 1 >= best + max(PATIENCE, best // 2):
+            if epoch + 1 >= best + max(patience, best // 2):
                 break
             progress(0.0)
         return best
