@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from functools import partial
 from typing import Any, Final
@@ -49,7 +48,7 @@ def cross_interval(
     the interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
     same, and one more, infinitely bad, stands for the one to come. From ten recordings on (or
     homings, where the recordings span several) they are the trajectories; fewer are cut into
-    fifteen parts or more, with a tenth of a part left out on either side.
+    fifteen parts or more, five or more each, with a tenth of a part left out on either side.
 
     What is stated is to be expected of more recordings like these, as far as the five fits err as
     the fit of all does. That cannot be proved as for recordings that no fit saw; what can
@@ -84,7 +83,7 @@ def cross_interval(
     whole = exchangeable_units(recordings, per_homing=rezero == 0.0)
     is_cut = len(whole) < WHOLE_FROM
     if is_cut:
-        units = [[part] for part in blocks(recordings, math.ceil(PARTS / len(recordings)))]
+        units = [[part] for part in blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))]
     else:
         units = [[wholes(recordings)[i] for i in unit] for unit in whole]
     possible = possible_levels(levels, len(units))
