@@ -74,7 +74,8 @@ def test_other_features_are_tried_beside_those_asked_for():
 
 
 def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
-    monkeypatch.setattr("truejoint.calibration.choice.candidates", lambda: candidates()[:3])
+    few = candidates()[:3]
+    monkeypatch.setattr("truejoint.estimators.wrapped.tried", lambda: few)
     seen = []
     model = truejoint.calibrate([bent(0, 0.2)], "auto", progress=seen.append)
     assert model.estimator == "poly2"
