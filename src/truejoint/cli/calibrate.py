@@ -101,7 +101,7 @@ def calibrate(
     dataset = only_dataset(recordings)
     is_cross = interval == [_CROSS]
     unfitted = (
-        choice(settings or [], dataset)
+        choice(settings or [], dataset, default_features=dataset is not None and not features)
         if estimator == AUTO
         else configured(estimator, settings or [], dataset)
     )
@@ -159,7 +159,9 @@ def fit(
     return fitted.with_metadata(command=command_line()), check
 
 
-def choice(settings: Sequence[str], dataset: str | None) -> truejoint.calibration.Automatic:
+def choice(
+    settings: Sequence[str], dataset: str | None, *, default_features: bool
+) -> truejoint.calibration.Automatic:
     """Say what `auto` tries, with the parameters that suit a data set."""
     if settings:
         raise CalibrationError(f"--set {settings[0]!r} needs one estimator; name it with -e")
@@ -168,7 +170,7 @@ def choice(settings: Sequence[str], dataset: str | None) -> truejoint.calibratio
         suited = truejoint.recordings.datasets.DATASETS[dataset].settings
         for one in tried:
             one.set_params(**suited.get(one.name, {}))
-    return truejoint.calibration.Automatic(tried, default_features=dataset is not None)
+    return truejoint.calibration.Automatic(tried, default_features)
 
 
 def print_choice(fitted: truejoint.Calibration) -> None:

@@ -130,7 +130,7 @@ class NeuralNetwork(JointRegressor):
         layers = Layers.glorot(sizes, rng)
         blocks = np.arange(len(X)) * BLOCKS // len(X)
         unseen = np.isin(blocks, LEFT_OUT)
-        per_epoch = -(-np.count_nonzero(~unseen) // effective_batch(len(X), int(self.batch_size)))
+        per_epoch = -(-int((~unseen).sum()) // effective_batch(len(X), int(self.batch_size)))
         longest, patience = LONGEST // per_epoch + 1, PATIENCE // per_epoch + 1
         least, best = math.inf, 1
         for epoch in self._epochs(layers, X[~unseen], y[~unseen], longest, rng):
