@@ -26,6 +26,7 @@ BENCHMARKS = (
     "grasper",
     "moved_zeros",
     "staleness",
+    "automatic_choice",
     "interval_coverage",
     "accuracy_twin",
     "faults",

@@ -209,7 +209,7 @@ def test_rare_truth_all_along_is_enough(build):
 
 @pytest.mark.parametrize(
     ("estimator", "rows", "needed"),
-    [("offset", 9, 10), ("linear", 149, 150), ("poly2", 1199, 1200), ("dnn", 999, 1000)],
+    [("offset", 9, 10), ("linear", 149, 150), ("poly2", 1199, 1200), ("dnn", 299, 300)],
 )
 def test_too_few_rows_are_refused(build, estimator, rows, needed):
     refused(f"{rows} rows with truth; {estimator} with 14 features needs {needed}",
@@ -240,7 +240,7 @@ def test_wrong_choices_are_refused(recording):
     )
     refused("0 features", recording, features=[])
     refused("is not '<quantity>/<channel>'", recording, features="elbow")
-    refused("epochs is 0", recording, NeuralNetwork(epochs=0))
+    refused("epochs is -1", recording, NeuralNetwork(epochs=-1))
 
 
 def test_counted_samples_need_one_rate(build):

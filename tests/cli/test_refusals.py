@@ -29,7 +29,7 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         (["-e", "lin"], "did you mean 'linear'?"),
         (["--set", "epocs=3"], "did you mean 'epochs'?"),
         (["--set", "epochs=many"], "not of the kind"),
-        (["--set", "epochs=0"], "epochs is 0"),
+        (["--set", "epochs=-1"], "epochs is -1"),
         (["--robot", "raven"], "did you mean 'raven2'?"),
         (["--robot", "raven2", "--arm", "middle"], "no arm"),
         (["--robot", "raven2", "--joint", "elbw"], "did you mean 'elbow'?"),

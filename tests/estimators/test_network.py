@@ -104,9 +104,8 @@ class _InOrder(np.random.RandomState):
 
 
 def _train(layers, X, y, batch, decay, epochs):
-    network = NeuralNetwork(weight_decay=decay, learning_rate=1e-2, epochs=epochs)
-    network.batch_size_ = batch
-    network.train(layers, X, y, _InOrder(0), lambda _fraction: None)
+    network = NeuralNetwork(weight_decay=decay, learning_rate=1e-2, batch_size=batch)
+    network.train(layers, X, y, epochs, _InOrder(0), lambda _fraction: None)
 
 
 def test_network_predicts_its_own_layers_in_double_precision():
@@ -143,6 +142,23 @@ def test_seed_decides_the_network():
 
     assert predict(1).tobytes() == predict(1).tobytes()
     assert predict(1).tobytes() != predict(2).tobytes()
+
+
+def test_training_stops_once_rows_left_out_get_no_better():
+    rng = np.random.default_rng(0)
+    X = rng.uniform(-1.0, 1.0, (400, 2))
+    y = np.sin(3.0 * X[:, 0]) + rng.normal(0.0, 0.1, 400)
+    usual = {"hidden_layer_sizes": (10,), "learning_rate": 0.02, "weight_decay": 0.0}
+    model = NeuralNetwork(epochs=0, **usual).fit(X, y)
+    assert 20 < model.epochs_ < 2000
+    assert model.model_params()["epochs"] == model.epochs_
+    assert model.settled().epochs == model.epochs_
+    same = NeuralNetwork(epochs=model.epochs_, **usual).fit(X, y)
+    np.testing.assert_array_equal(model.predict(X), same.predict(X))
+    short = NeuralNetwork(epochs=5, **usual).fit(X, y)
+    unseen = rng.uniform(-1.0, 1.0, (400, 2))
+    assert model.score(unseen, np.sin(3.0 * unseen[:, 0])) > 0.95
+    assert short.score(unseen, np.sin(3.0 * unseen[:, 0])) < 0.9
 
 
 def test_few_rows_get_smaller_batches():

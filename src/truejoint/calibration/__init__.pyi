@@ -2,11 +2,13 @@ from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
 from .calibration import read_calibration as read_calibration
 from .calibration import write_calibration as write_calibration
+from .choice import Automatic as Automatic
 from .conformal import Agreement as Agreement
 from .conformal import Coverage as Coverage
 from .conformal import compare_calibrations as compare_calibrations
 from .conformal import measure_coverage as measure_coverage
 from .conformal import with_interval as with_interval
+from .cross_conformal import cross_interval as cross_interval
 from .fitting import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration.effort_baseline import residual_statistics
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.zero import judged_error
@@ -71,12 +71,7 @@ def with_interval(
     >>> with_interval(model, pieces).interval.trajectories
     9
     """
-    wanted = sorted(set(levels))
-    if not wanted or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
-        raise CalibrationError(
-            f"interval with levels {wanted}, growth {growth!r}, rezero {rezero!r} s; give a "
-            f"level, a growth from 0 to {MAX_GROWTH:g} and a time of 0 s or more"
-        )
+    check_interval(levels, rezero, growth)
     for recording in recordings:
         if trained_on(calibration.metadata, recording):
             raise CalibrationError(
@@ -84,34 +79,73 @@ def with_interval(
                 "interval; give recordings that the calibration has not seen"
             )
     units = exchangeable_units(recordings, per_homing=rezero == 0.0)
-    possible = [level for level in wanted if needed_trajectories(level) <= len(units)]
+    possible = possible_levels(levels, len(units))
+    used = calibration.fitted_for(rezeroing=rezero > 0.0)
+    scores = [trajectory_scores(used, one, rezero, growth) for one in recordings]
+    joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
+    interval = interval_of(joined, possible, recordings, growth=growth, rezero=rezero)
+    return state_interval(calibration, interval, recordings, [(used, recordings)])
+
+
+def check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
+    """Raise CalibrationError for what no interval can be made with."""
+    if not levels or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
+        raise CalibrationError(
+            f"interval with levels {list(levels)}, growth {growth!r}, rezero {rezero!r} s; give a "
+            f"level, a growth from 0 to {MAX_GROWTH:g} and a time of 0 s or more"
+        )
+
+
+def possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
+    """Those that so many trajectories are enough for; raises CalibrationError if there are none."""
+    wanted = sorted(set(levels))
+    possible = [level for level in wanted if needed_trajectories(level) <= n_units]
     if not possible:
         raise CalibrationError(
-            f"{len(units)} calibration trajectories are too few for a {100 * wanted[0]:g} % "
+            f"{n_units} calibration trajectories are too few for a {100 * wanted[0]:g} % "
             f"interval, which takes {needed_trajectories(wanted[0])}; record more, each after "
             "a homing of its own if it is to hold after any homing"
         )
-    used = calibration.fitted_for(rezeroing=rezero > 0.0)
-    scores = [_scores(used, recording, rezero, growth) for recording in recordings]
-    joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
+    return possible
+
+
+def interval_of(
+    scores: Sequence[Array],
+    levels: Sequence[float],
+    recordings: Sequence[Recording],
+    **how: float,
+) -> Interval:
+    """Interval of the scores (3, n_joints, m) of each unit, as `trajectory_scores` gives them.
+
+    `how` are numbers of an `Interval`.
+    """
     widths = [
-        [[conformal_threshold(own, level) for own in zip(*kind, strict=True)] for level in possible]
-        for kind in zip(*joined, strict=True)
+        [[conformal_threshold(own, level) for own in zip(*kind, strict=True)] for level in levels]
+        for kind in zip(*scores, strict=True)
     ]
-    interval = Interval(
-        levels=np.array(possible),
+    return Interval(
+        levels=np.array(levels),
         half_widths=np.array(widths[0]),
         offset_half_widths=np.array(widths[1]),
         raw_half_widths=np.array(widths[2]),
-        growth=float(growth),
-        rezero=float(rezero),
-        trajectories=len(units),
+        trajectories=len(scores),
         homings=len({r.provenance.homing_id for r in recordings} - {""}),
+        **how,  # type: ignore[arg-type]  # counts among them
     )
+
+
+def state_interval(
+    calibration: Calibration,
+    interval: Interval,
+    recordings: Sequence[Recording],
+    judged: Sequence[tuple[Calibration, Sequence[Recording]]],
+) -> Calibration:
+    """Calibration with an interval, and the errors of fits on recordings that they did not see."""
     baseline = calibration.effort_baseline
     if baseline is not None:
-        size, time = residual_statistics(used, recordings)
-        baseline = replace(baseline, residual=size, correlation=time)
+        sizes, times = zip(*(residual_statistics(*pair) for pair in judged), strict=True)
+        residual = np.sqrt(np.mean(np.square(sizes), axis=0))
+        baseline = replace(baseline, residual=residual, correlation=np.median(times, axis=0))
     stated = replace(calibration, interval=interval, effort_baseline=baseline)
     return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
 
@@ -305,12 +339,21 @@ def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "se
     return False
 
 
-def _scores(calibration: Calibration, recording: Recording, rezero: float, growth: float) -> Array:
-    """Scores (3, n_joints, m) of the model, the fixed offset and the measured position."""
+def trajectory_scores(
+    calibration: Calibration,
+    recording: Recording,
+    rezero: float,
+    growth: float,
+    among: Mask | None = None,
+) -> Array:
+    """Scores (3, n_joints, m) of the model, the fixed offset and the measured position.
+
+    Of the rows `among` (n,) those that `judged_error` judges.
+    """
     if OFFSET not in calibration.baseline_models:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
-    error, rows = judged_error(calibration, recording, rezero)
-    offset_error, _ = judged_error(calibration.baselines[OFFSET], recording, rezero)
+    error, rows = judged_error(calibration, recording, rezero, among)
+    offset_error, _ = judged_error(calibration.baselines[OFFSET], recording, rezero, among)
     widening = 1.0 + growth * calibration.range_excess(recording)[rows]
     raw_error = recording.error(calibration.joints)[rows]
     return np.abs([error.T / widening, offset_error.T, raw_error.T])

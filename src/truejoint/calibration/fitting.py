@@ -5,9 +5,10 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, Literal, get_args
 
@@ -16,6 +17,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.choice import Automatic, choose
 from truejoint.calibration.conformal import (
     check_arm,
     check_columns,
@@ -29,7 +31,7 @@ from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.calibration.zero import shift_signals, signal_moves
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
-from truejoint.estimators.registry import BASELINES, DEFAULT
+from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
 from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
 from truejoint.models.family import TARGETS, Target
 from truejoint.models.features import (
@@ -56,7 +58,7 @@ _FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions 
 
 def calibrate(
     recordings: Recording | Sequence[Recording],
-    estimator: str | Regressor = DEFAULT,
+    estimator: str | Regressor | Automatic = DEFAULT,
     *,
     features: FeatureSet | Iterable[str] | None = None,
     joints: Sequence[str] | None = None,
@@ -76,9 +78,10 @@ def calibrate(
     ----------
     recordings : Recording or sequence of Recording
         Of one arm, all with the same units.
-    estimator : str or Regressor
+    estimator : str, Regressor or Automatic
         A name in `estimator_names`, or an unfitted estimator with parameters of its own: one of
-        ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`.
+        ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`. ``auto``,
+        or `Automatic`: what is best on recordings that are left out in turn.
     features : FeatureSet or iterable of str, optional
         Inputs of the model; measured position and effort of every channel by default, or those
         that the estimator was made for.
@@ -111,7 +114,7 @@ def calibrate(
     CalibrationError
         If the recordings do not belong together, are fewer than two where each has a zero of its
         own, lack truth for more than a third of their time, do not tell the zeros of homings,
-        have too few rows for the estimator (ten for each coefficient; 1000 and 50 for each
+        have too few rows for the estimator (ten for each coefficient; 300 and ten for each
         feature for a network), or a feature is constant though its channel is in use.
 
     Examples
@@ -120,6 +123,12 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
+    if isinstance(estimator, Automatic) or estimator == AUTO:
+        how: dict[str, Any] = {"joints": joints, "target": target, "redundant": redundant}
+        how |= {"random_state": random_state}
+        return _calibrate_automatically(
+            recordings, estimator, features, fit_rate, zero, progress, how
+        )
     robot = _common_robot(recordings)
     groups = _groups(recordings, zero)
     model = _unfitted(estimator, target, random_state)
@@ -132,9 +141,9 @@ def calibrate(
         for recording in recordings:
             check_sample_dt(recording, dt)
     units = _common_units(recordings, feature_set, chosen)
-    columns = _redundant_columns(recordings, redundant)
-    parity, redundant_units = fit_parity_equations(recordings, chosen, tuple(units), columns)
-    loop_signals = (*units, *redundant_units)
+    parity, redundant_units = fit_parity_equations(
+        recordings, chosen, tuple(units), _redundant_columns(recordings, redundant)
+    )
     stride = _stride(fit_rate, dt)
     parts = [
         _part(recording, outlying, feature_set, chosen, gap_limit, stride)
@@ -192,7 +201,9 @@ def calibrate(
         baseline_models=baselines,
         rezero_models=rezero_models,
         moves=moves,
-        training_domain=fit_training_domain(recordings, loop_signals, gap_limit, X, error),
+        training_domain=fit_training_domain(
+            recordings, (*units, *redundant_units), gap_limit, X, error
+        ),
         parity=parity,
         redundant=redundant_units,
         metadata={
@@ -208,6 +219,32 @@ def calibrate(
     used = fitted.fitted_for(rezeroing=True)
     baseline = fit_effort_baseline(used, [part.recording for part in at_zero])
     return replace(fitted, effort_baseline=baseline)
+
+
+def _calibrate_automatically(
+    recordings: Sequence[Recording],
+    wanted: Automatic | str,
+    features: FeatureSet | Iterable[str] | None,
+    fit_rate: float | None,
+    zero: ZeroOf,
+    progress: Progress | None,
+    how: Mapping[str, Any],
+) -> Calibration:
+    """Choose by fits with one zero, and fit what was chosen with the zeros that are asked for."""
+    wanted = Automatic() if isinstance(wanted, str) else wanted
+    asked = None if features is None else FeatureSet.parse(features)
+    chosen = choose(recordings, wanted, partial(calibrate, **how), asked, fit_rate, progress)
+    if zero == "shared":
+        return chosen
+    again = calibrate(
+        recordings,
+        chosen.model.settled(),
+        features=chosen.feature_set,
+        fit_rate=fit_rate,
+        zero=zero,
+        **how,
+    )
+    return again.with_metadata(choice=chosen.metadata["choice"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -397,10 +434,8 @@ def _chosen_features(
     params, own = model.model_params(), model.family.inputs
     if features is None:
         chosen = FeatureSet.parse(own(params)) if own else default_features(robot, recordings[0])
-    elif isinstance(features, FeatureSet):
-        chosen = features
     else:
-        chosen = FeatureSet.parse([features] if isinstance(features, str) else features)
+        chosen = FeatureSet.parse(features)
     if features is not None:
         model.family.check_size(params, len(chosen))
     for recording in recordings:

@@ -45,6 +45,11 @@ class Interval:
         0 when none was: then positions count as homing left them.
     trajectories, homings : int
         How many exchangeable units there were, and homings that they span; 0 when not known.
+    folds : int
+        How many fits without some of the units judged those, where the fit itself saw them all
+        (cross-conformal); 0 where it saw none of them.
+    cut : int
+        How many recordings were cut into the units; 0 where these are whole.
 
     Examples
     --------
@@ -60,6 +65,8 @@ class Interval:
     rezero: float
     trajectories: int
     homings: int
+    folds: int = 0
+    cut: int = 0
 
     def half_width(self, level: float = 0.9) -> Array:
         """Half-width (n_joints,) [rad or m] at one level, within the trained range.
@@ -81,17 +88,29 @@ class Interval:
 
     @property
     def meaning(self) -> str:
-        """What the interval is for, in one sentence for a person."""
+        """What the interval is for, and what it promises, in one sentence for a person."""
         if self.rezero > 0.0:
-            return (
+            what = (
                 f"for motions that begin with re-zeroing from {self.rezero:g} s of truth "
                 f"({self.trajectories} trajectories seen)"
             )
-        if self.homings > 1:
-            return f"for motions after any homing ({self.homings} homings seen)"
+        elif self.homings > 1:
+            what = f"for motions after any homing ({self.homings} homings seen)"
+        else:
+            what = (
+                f"for motions after the homing of its {self.trajectories} trajectories only; it "
+                "says nothing of another homing"
+            )
+        if not self.folds:
+            return what
+        of = f"its {self.trajectories} trajectories"
+        if self.cut:
+            plural = "s" if self.cut > 1 else ""
+            of = f"the {self.trajectories} parts of its {self.cut} recording{plural}"
         return (
-            f"for motions after the homing of its {self.trajectories} trajectories only; it says "
-            "nothing of another homing"
+            f"{what}; cross-conformal over {of}: the stated share is to be expected of more like "
+            f"them, as far as {self.folds} fits, each without some of them, err as the fit of all "
+            "does; nothing is promised of a speed, load or motion that is not among them"
         )
 
 
@@ -148,6 +167,7 @@ def decode_interval(arrays: Mapping[str, Array], n_joints: int) -> Interval:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is not as it must be."""
     n_levels = arrays.get("levels", np.empty(0)).size
     widths = ("half_widths", "offset_half_widths", "raw_half_widths")
+    arrays = {"folds": np.zeros(1), "cut": np.zeros(1), **arrays}  # as before there were any
     shapes = {"levels": (n_levels,), **dict.fromkeys(widths, (n_levels, n_joints))}
     interval = decode_arrays(Interval, "interval", arrays, shapes)
     levels, count = interval.levels, arrays["trajectories"][0]

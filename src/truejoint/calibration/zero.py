@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -189,13 +189,18 @@ def known_error(
 
 
 def judged_error(
-    calibration: Calibration, recording: Recording, rezero: float
+    calibration: Calibration, recording: Recording, rezero: float, among: Mask | None = None
 ) -> tuple[Array, NDArray[np.int64]]:
     """Errors (m, n_joints) [rad or m] that are judged, and the rows (m,) that they are of.
 
-    Those of all rows with truth or, where the first `rezero` [s] of them set the zero, of those
-    after; raises CalibrationError as `known_error`, or when nothing is left.
+    Those of all rows with truth (of the rows `among` (n,), where it is given) or, where the first
+    `rezero` [s] of them set the zero, of those after; raises CalibrationError as `known_error`, or
+    when nothing is left.
     """
+    if among is not None:
+        truth = {f"truth/{j}": recording.column(f"truth/{j}") for j in calibration.joints}
+        kept = {column: np.where(among, values, np.nan) for column, values in truth.items()}
+        recording = replace(recording, table=recording.table.assign(**kept))
     t, error, known = known_error(zeroed(calibration, recording, rezero), recording)
     used = at_start(t, rezero)
     if used.all():

@@ -2,20 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Final, Literal
 
 import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import command_line, err, out, progress, result_json, say
+from truejoint.cli.console import (
+    command_line,
+    err,
+    out,
+    print_table,
+    progress,
+    result_json,
+    say,
+)
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
 from truejoint.cli.inputs import Files, check_model_free, only_dataset
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.registry import DEFAULT, OWN
+from truejoint.estimators.registry import AUTO, DEFAULT, OWN
+from truejoint.units import display_unit
+
+_CROSS: Final = "cross"  # in place of recordings for an interval
 
 
 def calibrate(
@@ -26,8 +37,9 @@ def calibrate(
         typer.Option(
             "--estimator",
             "-e",
-            help=f"One of {', '.join(OWN)}, or of an installed package.",
-            autocompletion=truejoint.estimators.estimator_names,
+            help=f"One of {', '.join(OWN)}, or of an installed package; or {AUTO}: what is best "
+            "on recordings that are left out in turn, the linear model where nothing is.",
+            autocompletion=complete.estimators,
         ),
     ] = DEFAULT,
     settings: Annotated[
@@ -82,7 +94,8 @@ def calibrate(
         options.recordings(
             "--interval",
             "Recording that the fit does not see, to state how far off positions may be: 9 "
-            "or more for 90 %, each after a homing of its own if that is to hold after any homing.",
+            "or more for 90 %, each after a homing of its own if that is to hold after any homing. "
+            "Or 'cross': state it from those that are fitted to, each left out of one fit.",
         ),
     ] = None,
     interval_rezero_s: Annotated[
@@ -105,7 +118,12 @@ def calibrate(
     accepted = check_names(accept)
     files = Files(reader, columns, robot, arm)
     dataset = only_dataset(recordings)
-    unfitted = configured(estimator, settings or [], dataset)
+    is_cross = interval == [_CROSS]
+    unfitted = (
+        choice(settings or [], dataset, default_features=dataset is not None and not features)
+        if estimator == AUTO
+        else configured(estimator, settings or [], dataset)
+    )
     if dataset is not None:
         features = features or [dataset]
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
@@ -113,7 +131,10 @@ def calibrate(
     read_training = files.find(
         recordings, part=part, split=split, held_out=False, joints=joints or [], inputs=inputs
     )
-    read_testing, read_unseen = files.find(test or []), files.find(interval or [])
+    read_testing, read_unseen = (
+        files.find(test or []),
+        files.find([] if is_cross else interval or []),
+    )
     training, testing, unseen = read_training(), read_testing(), read_unseen()
     check = checked(training, accepted, joints=joints)
     if check.failed:
@@ -122,7 +143,9 @@ def calibrate(
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
-    fitted = fit(training, unfitted, **how, zero=zero, random_state=seed)
+    if is_cross:
+        how["rezero"] = interval_rezero_s
+    fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
@@ -133,20 +156,61 @@ def calibrate(
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
     else:
+        if "choice" in fitted.metadata:
+            print_choice(fitted)
         out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
 def fit(
     training: Sequence[truejoint.Recording],
-    estimator: truejoint.estimators.JointRegressor,
+    estimator: truejoint.estimators.JointRegressor | truejoint.calibration.Automatic,
+    *,
+    is_cross: bool = False,
     **how: Any,
 ) -> truejoint.Calibration:
-    """Fit, showing progress; `how` is as `truejoint.calibrate` takes it."""
-    with progress(f"Fitting {estimator.name}") as done:
-        fitted = truejoint.calibrate(training, estimator, progress=done, **how)
+    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it."""
+    automatic = truejoint.calibration.Automatic
+    named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
+    make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
+    with progress(named) as done:
+        fitted = make(training, estimator, progress=done, **how)
     if fitted.metadata["outliers"]:
         say(f"  left out as gross outliers of the truth: {fitted.metadata['outliers']} rows")
     return fitted.with_metadata(command=command_line())
+
+
+def choice(
+    settings: Sequence[str], dataset: str | None, *, default_features: bool
+) -> truejoint.calibration.Automatic:
+    """Say what `auto` tries, with the parameters that suit a data set."""
+    if settings:
+        raise CalibrationError(f"--set {settings[0]!r} needs one estimator; name it with -e")
+    tried = truejoint.estimators.candidates()
+    if dataset is not None:
+        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
+        for one in tried:
+            one.set_params(**suited.get(one.name, {}))
+    return truejoint.calibration.Automatic(tried, default_features)
+
+
+def print_choice(fitted: truejoint.Calibration) -> None:
+    """Print what an automatic choice tried: RMSE on what was left out, and ratio to linear."""
+    told = fitted.metadata["choice"]
+    units = [display_unit(fitted.units[f"measured/{joint}"]) for joint in fitted.joints]
+    shown = list(zip(fitted.joints, units, strict=True))
+
+    def cells(rmse: Mapping[str, float]) -> list[str]:
+        return [f"{rmse[j] * u.scale:.3g}" if rmse else "-" for j, u in shown]
+
+    rows = [["raw", "", "", *cells(told["raw"]), ""]]
+    for one in told["tried"]:
+        ratio = f"{one['ratio']:.2f}" if "ratio" in one else "-"
+        name = one["estimator"] + (" (chosen)" if one["chosen"] else "")
+        features = str(len(one["features"]) or "-")
+        rows.append([name, features, ratio, *cells(one.get("rmse", {})), one["note"]])
+    header = ["estimator", "features", f"to {told['reference']}"]
+    header += [f"{joint} [{unit.name}]" for joint, unit in shown]
+    print_table([*header, "note"], rows, title=f"RMSE on {len(told['left_out'])} parts left out")
 
 
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:

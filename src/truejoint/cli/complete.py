@@ -54,6 +54,11 @@ def settings(context: typer.Context) -> list[str]:
     return [f"{parameter}=" for parameter in registry.parameter_names(name)]
 
 
+def estimators() -> list[str]:
+    """Names of estimators, and what has one chosen."""
+    return [*truejoint.estimators.estimator_names(), registry.AUTO]
+
+
 def datasets() -> list[str]:
     """Names of public data sets."""
     return list(truejoint.recordings.datasets.DATASETS)

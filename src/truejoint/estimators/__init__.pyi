@@ -16,6 +16,7 @@ from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
+from .wrapped import candidates as candidates
 from .wrapped import get_estimator as get_estimator
 from .yan2020 import CableLeastSquares as CableLeastSquares
 from .yan2020 import JawFilter as JawFilter

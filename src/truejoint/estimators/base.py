@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from sklearn.base import BaseEstimator, RegressorMixin
+from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
@@ -158,6 +158,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         if cls.family.row is not None:
             estimator.memory()
         return estimator
+
+    def settled(self) -> Self:
+        """Unfitted copy, in which what this one found while it was fitted is a parameter."""
+        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
 
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""

@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
+from sklearn.base import clone
 from sklearn.utils import check_random_state
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.models import network
-from truejoint.models.family import Family
+from truejoint.models.family import Family, Params
 
 Floats = NDArray[np.floating]
 
-MINIMUM_ROWS: Final = 1000  # half a minute at 30 Hz; fewer hold a motion or two
-ROWS_PER_FEATURE: Final = 50
+MINIMUM_ROWS: Final = 300  # ten seconds at 30 Hz; fewer hold half a motion
+ROWS_PER_FEATURE: Final = 10
 BATCHES_PER_EPOCH: Final = 8  # at least: where rows are few, batches shrink to keep their number
 SMALLEST_BATCH: Final = 32
+BLOCKS: Final = 10  # that the rows are cut into, to see when training has converged
+LEFT_OUT: Final = (2, 7)  # which of them training does not see meanwhile
+LONGEST: Final = 30_000  # steps of Adam until convergence, at most
+PATIENCE: Final = 4_000  # steps without a better loss that are always waited for
 # Adam as in peng2024, IV-B; the last is the default of Keras, which the paper does not state.
 FIRST_DECAY: Final = 0.9
 SECOND_DECAY: Final = 0.999
@@ -49,7 +55,9 @@ class NeuralNetwork(JointRegressor):
         Rows of a batch. Where there are fewer rows than eight such batches, a batch is an eighth of
         the rows, yet at least 32, so that few rows still get 1600 steps in 200 epochs.
     epochs : int
-        Passes over the rows; there is no early stop.
+        Passes over the rows. 0: until convergence. Two tenths of the rows, each on end, are then
+        left out until their loss has not fallen for half as many steps of Adam as it took, and
+        4000, at most 30,000 in all; the network is fitted anew to all rows for the best epochs.
     random_state : int, RandomState or None
         Seeds the start and the order of the rows; None differs every time.
 
@@ -59,6 +67,8 @@ class NeuralNetwork(JointRegressor):
     bias_0_, bias_1_, ... : ndarray, shape (units,)
     batch_size_ : int
         Batch that training used.
+    epochs_ : int
+        Epochs that it took.
     loss_curve_ : list of float
         Mean loss over the batches of each epoch, in standardised units.
 
@@ -80,27 +90,68 @@ class NeuralNetwork(JointRegressor):
     epochs: int = 200
     random_state: int | np.random.RandomState | None = 0
 
+    def model_params(self) -> Params:
+        """Parameters as the family knows them: once fitted, with the epochs that it took."""
+        return {**super().model_params(), "epochs": self.epochs or vars(self).get("epochs_", 0)}
+
+    def settled(self) -> Self:
+        """Unfitted network that takes the epochs which this one took."""
+        return clone(self).set_params(**self.model_params())  # type: ignore[no-any-return]
+
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         arrays = scaling(X, y)
-        self.batch_size_ = effective_batch(len(X), int(self.batch_size))
-        rng = check_random_state(self.random_state)
-        sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
-        layers = Layers.glorot(sizes, rng)
         rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
         targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
-        self.train(layers, rows, targets, rng, progress)
+        sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
+        self.epochs_ = int(self.epochs) or self._converged(rows, targets, sizes, progress)
+        rng = check_random_state(self.random_state)
+        layers = Layers.glorot(sizes, rng)
+        self.train(layers, rows, targets, self.epochs_, rng, progress)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
             arrays |= {f"weight_{i}": weight.astype(float), f"bias_{i}": bias.astype(float)}
         return arrays
 
     def train(
-        self, layers: Layers, X: Floats, y: Floats, rng: np.random.RandomState, progress: Progress
+        self,
+        layers: Layers,
+        X: Floats,
+        y: Floats,
+        epochs: int,
+        rng: np.random.RandomState,
+        progress: Progress,
     ) -> None:
-        """Train layers in place on standardised rows, in a fresh order in each epoch."""
+        """Train layers in place on standardised rows."""
+        for epoch in self._epochs(layers, X, y, epochs, rng):
+            progress((epoch + 1) / epochs)
+
+    def _converged(self, X: Floats, y: Floats, sizes: tuple[int, ...], progress: Progress) -> int:
+        """Epochs after which the loss of the rows left out was least."""
+        rng = check_random_state(self.random_state)
+        layers = Layers.glorot(sizes, rng)
+        blocks = np.arange(len(X)) * BLOCKS // len(X)
+        unseen = np.isin(blocks, LEFT_OUT)
+        per_epoch = -(-int((~unseen).sum()) // effective_batch(len(X), int(self.batch_size)))
+        longest, patience = LONGEST // per_epoch + 1, PATIENCE // per_epoch + 1
+        least, best = math.inf, 1
+        for epoch in self._epochs(layers, X[~unseen], y[~unseen], longest, rng):
+            delta = forward(layers, X[unseen])[-1] - y[unseen]
+            loss = float(np.vdot(delta, delta))
+            if loss < least:
+                least, best = loss, epoch + 1
+            if epoch + 1 >= best + max(patience, best // 2):
+                break
+            progress(0.0)
+        return best
+
+    def _epochs(
+        self, layers: Layers, X: Floats, y: Floats, epochs: int, rng: np.random.RandomState
+    ) -> Iterator[int]:
+        """Train in place, in a fresh order of the rows in each epoch; give each when it is over."""
         sizes = len(layers.weights[0]), *map(len, layers.biases)
         gradient = Layers.zeros(sizes, layers.flat.dtype)
-        decay, rate, epochs = float(self.weight_decay), float(self.learning_rate), int(self.epochs)
+        decay, rate = float(self.weight_decay), float(self.learning_rate)
         adam = Adam(layers.flat, rate)
+        self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         self.loss_curve_: list[float] = []
         for epoch in range(epochs):
             order = rng.permutation(len(X))
@@ -114,7 +165,7 @@ class NeuralNetwork(JointRegressor):
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
             check_loss(self.loss_curve_, epochs, rate)
-            progress((epoch + 1) / epochs)
+            yield epoch
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -167,7 +218,7 @@ def loss_and_gradient(
     free. The loss of scikit-learn's ``MLPRegressor`` has the same minimiser at ``alpha =
     weight_decay * n_outputs * n_rows``.
     """
-    activations = _forward(layers, X)
+    activations = forward(layers, X)
     delta = activations.pop()
     delta -= y
     loss = float(np.vdot(delta, delta)) / delta.size
@@ -186,7 +237,7 @@ def loss_and_gradient(
     return loss
 
 
-def _forward(layers: Layers, X: Floats) -> list[Floats]:
+def forward(layers: Layers, X: Floats) -> list[Floats]:
     """Activations of every layer, input first, output last."""
     activations = [X]
     last = len(layers.weights) - 1

@@ -66,8 +66,8 @@ class RecurrentNetwork(JointRegressor):
     """
 
     family: ClassVar[Family] = recurrent.FAMILY
-    least_rows: ClassVar[int] = network.MINIMUM_ROWS
-    rows_per_feature: ClassVar[int] = network.ROWS_PER_FEATURE
+    least_rows: ClassVar[int] = 1000
+    rows_per_feature: ClassVar[int] = 50
     units: int = 24
     period: float = 0.02
     weight_decay: float = 50.0

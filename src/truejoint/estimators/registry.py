@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import ast
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from truejoint.models.names import OFFSET
 from truejoint.plugins import plugins
@@ -15,29 +16,46 @@ if TYPE_CHECKING:
 
 BASELINES: Final = (OFFSET, "linear", "poly2")
 """What every calibration carries along to be compared with."""
+LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
+AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
 DEFAULT: Final = "dnn"  # what is fitted where none is named
 
-_ESTIMATORS: Final[dict[str, tuple[str, str, dict[str, Any]]]] = {
-    OFFSET: ("polynomial", "FixedOffset", {}),
-    "linear": ("polynomial", "PolynomialRegressor", {"degree": 1}),
-    "poly2": ("polynomial", "PolynomialRegressor", {}),
-    "dnn": ("network", "NeuralNetwork", {}),
-    "gru": ("recurrent", "RecurrentNetwork", {}),
-    "lsm": ("yan2020", "CableLeastSquares", {}),
-    "lsm_intercept": ("yan2020", "CableLeastSquares", {"intercept": True}),
-    "lsm_compensated": ("yan2020", "CableLeastSquares", {"compensated": True}),
-    "ukf": ("yan2020", "JawFilter", {}),
-    "ukf_compensated": ("yan2020", "JawFilter", {"compensation": "output"}),
-    "play_motor": ("play", "Play", {"displacements": ("motor",)}),
-    "play_reset": ("play", "Play", {"displacements": ("reset",)}),
-    "play_both": ("play", "Play", {"displacements": ("reset", "motor")}),
-    "play_cables": ("play", "Play", {"displacements": ("reset", "drive")}),
-    "play_gated": ("play", "GatedPlay", {}),
-    "ukf_friction": ("friction_filter", "FrictionFilter", {}),
-    "ukf_friction_smoothed": ("friction_filter", "FrictionSmoother", {}),
-    "ukf_elastic": ("elastic_joint", "ElasticJointFilter", {}),
+
+class _Line(NamedTuple):
+    """Where an estimator is, and how an automatic choice tries it."""
+
+    module: str  # of this package, or of scikit-learn
+    cls: str
+    params: Mapping[str, Any]  # that are not its defaults
+    tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
+
+
+_ESTIMATORS: Final[dict[str, _Line]] = {
+    OFFSET: _Line("polynomial", "FixedOffset", {}, {}),
+    "linear": _Line("polynomial", "PolynomialRegressor", {"degree": 1}, {}),
+    "poly2": _Line("polynomial", "PolynomialRegressor", {}, {}),
+    "dnn": _Line("network", "NeuralNetwork", {}, {"epochs": 0}),
+    "gru": _Line("recurrent", "RecurrentNetwork", {}),
+    "lsm": _Line("yan2020", "CableLeastSquares", {}),
+    "lsm_intercept": _Line("yan2020", "CableLeastSquares", {"intercept": True}),
+    "lsm_compensated": _Line("yan2020", "CableLeastSquares", {"compensated": True}),
+    "ukf": _Line("yan2020", "JawFilter", {}),
+    "ukf_compensated": _Line("yan2020", "JawFilter", {"compensation": "output"}),
+    "play_motor": _Line("play", "Play", {"displacements": ("motor",)}),
+    "play_reset": _Line("play", "Play", {"displacements": ("reset",)}),
+    "play_both": _Line("play", "Play", {"displacements": ("reset", "motor")}),
+    "play_cables": _Line("play", "Play", {"displacements": ("reset", "drive")}),
+    "play_gated": _Line("play", "GatedPlay", {}),
+    "ukf_friction": _Line("friction_filter", "FrictionFilter", {}),
+    "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
+    "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
 }
-"""Module of this package, class, and parameters that are not its defaults, by name."""
+_BOOSTED: Final = _Line(
+    "sklearn.ensemble",
+    "HistGradientBoostingRegressor",
+    {"early_stopping": False, "random_state": 0},
+)
+"""Of scikit-learn, what an automatic choice tries besides: it becomes arrays of ours."""
 OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
 
 TITLES: Final = {
@@ -62,7 +80,7 @@ def estimator_names() -> tuple[str, ...]:
 
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
-    module, cls, own = _ESTIMATORS[name]
+    module, cls, own, _ = _ESTIMATORS[name]
     return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
 
 
@@ -71,7 +89,9 @@ def parameter_names(name: str) -> tuple[str, ...]:
 
     A shell that completes a word cannot wait for what learns to be imported.
     """
-    module, cls, _ = _ESTIMATORS.get(name, ("registry", "", {}))
+    if name not in _ESTIMATORS:
+        return ()
+    module, cls = _ESTIMATORS[name].module, _ESTIMATORS[name].cls
     source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
     classes = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
     found: dict[str, None] = {}
@@ -81,6 +101,16 @@ def parameter_names(name: str) -> tuple[str, ...]:
                 found[ast.unparse(node.target)] = None
         cls = ast.unparse(classes[cls].bases[0])
     return tuple(found)
+
+
+def tried() -> list[Any]:
+    """Unfitted estimators that an automatic choice tries: ours, then boosted trees."""
+    own = [
+        registered(name).set_params(**line.tried)
+        for name, line in _ESTIMATORS.items()
+        if line.tried is not None
+    ]
+    return [*own, getattr(import_module(_BOOSTED.module), _BOOSTED.cls)(**_BOOSTED.params)]
 
 
 def plugged_in() -> dict[str, EntryPoint]:
@@ -93,7 +123,7 @@ def name_of(estimator: Any) -> str:
     for cls in type(estimator).__mro__:
         kinds = {
             name: own
-            for name, (module, known, own) in _ESTIMATORS.items()
+            for name, (module, known, own, _) in _ESTIMATORS.items()
             if (f"truejoint.estimators.{module}", known) == (cls.__module__, cls.__name__)
         }
         told_apart = {parameter for own in kinds.values() for parameter in own}

@@ -16,7 +16,7 @@ from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators import archive
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.conversion import convert, is_convertible_step
-from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered
+from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered, tried
 from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
 from truejoint.plugins import call_plugin, load_plugin, origin
@@ -257,6 +257,17 @@ def get_estimator(name: str) -> JointRegressor:
         return joint_regressor(made)
     except CalibrationError as error:
         raise CalibrationError(f"{origin(point)}: {error}") from None
+
+
+def candidates() -> list[JointRegressor]:
+    """Unfitted estimators that an automatic choice tries.
+
+    Examples
+    --------
+    >>> [estimator.name for estimator in candidates()][:2]
+    ['offset', 'linear']
+    """
+    return [joint_regressor(estimator) for estimator in tried()]
 
 
 def class_of(family: str) -> type[JointRegressor]:

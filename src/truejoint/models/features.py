@@ -175,8 +175,11 @@ class FeatureSet(Summarised):
             raise CalibrationError(f"features {', '.join(twice)} stand twice; name each once")
 
     @classmethod
-    def parse(cls, texts: Iterable[str]) -> FeatureSet:
-        """Feature set of the texts of its features; raises CalibrationError."""
+    def parse(cls, texts: FeatureSet | Iterable[str] | str) -> FeatureSet:
+        """Feature set of the texts of its features, or of one; raises CalibrationError."""
+        if isinstance(texts, FeatureSet):
+            return texts
+        texts = [texts] if isinstance(texts, str) else texts
         if not isinstance(texts, Iterable):
             raise CalibrationError(f"features are {texts!r:.80}; give a list, each one of {_FORMS}")
         return cls(tuple(Feature.parse(text) for text in texts))

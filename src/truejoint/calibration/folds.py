@@ -1,0 +1,179 @@
+"""What a fit does not see in turn: whole recordings, or parts of one with a gap around them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.conformal import source_of
+from truejoint.calibration.zero import judged_error
+from truejoint.errors import CalibrationError
+from truejoint.models.features import sample_dt
+from truejoint.recordings import Recording
+
+FOLDS: Final = 5  # of one kind, at most
+FEW: Final = 3  # recordings; fewer are not left out whole
+SORTED_FROM: Final = 10  # recordings; so many tell fast from slow and light from heavy ones
+
+_GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
+_STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
+_LEAST_ROWS: Final = 10  # of a part
+
+
+@dataclass(frozen=True)
+class Part:
+    """Rows ``first:end`` of a recording, which is given by its index."""
+
+    recording: int
+    first: int
+    end: int
+
+    def rows(self, n: int) -> Mask:
+        """Which of its recording's `n` rows they are."""
+        return np.asarray((np.arange(n) >= self.first) & (np.arange(n) < self.end))
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Parts that one fit does not see, and what they have in common."""
+
+    name: str
+    parts: tuple[Part, ...]
+
+
+def without(recordings: Sequence[Recording], parts: Sequence[Part]) -> list[Recording]:
+    """Hide the truth of `parts` of recordings, and of a gap around each.
+
+    What a part covers altogether is left out. Positions and efforts stay, so that features with a
+    memory see what they would have seen.
+    """
+    kept = []
+    for index, recording in enumerate(recordings):
+        own = [part for part in parts if part.recording == index]
+        hidden = np.zeros(len(recording), dtype=bool)
+        for part in own:
+            first, last = recording.t[part.first], recording.t[part.end - 1]
+            gap = _GAP * (last - first)
+            hidden |= (recording.t >= first - gap) & (recording.t <= last + gap)
+        if not own:
+            kept.append(recording)
+        elif not hidden.all():
+            table = recording.table.copy()
+            truth = [name for name in table.columns if name.startswith("truth")]
+            table.loc[hidden, truth] = np.nan
+            kept.append(replace(recording, table=table))
+    return kept
+
+
+def errors_of(
+    calibration: Calibration, recordings: Sequence[Recording], part: Part, rezero: float = 0.0
+) -> tuple[Array, Integers]:
+    """Errors (m, n_joints) [rad or m] of a part, and the rows (m,) of its recording.
+
+    As `judged_error` gives them, and raises.
+    """
+    recording = recordings[part.recording]
+    return judged_error(calibration, recording, rezero, part.rows(len(recording)))
+
+
+def wholes(recordings: Sequence[Recording]) -> list[Part]:
+    """Every recording as one part."""
+    return [Part(index, 0, len(recording)) for index, recording in enumerate(recordings)]
+
+
+def blocks(recordings: Sequence[Recording], count: int) -> list[Part]:
+    """Every recording in `count` parts of equal time, one recording after the other.
+
+    Raises CalibrationError if one would hold fewer than ten rows.
+    """
+    parts = []
+    for index, recording in enumerate(recordings):
+        edges = recording.t[0] + recording.duration * np.arange(1, count) / count
+        marks = [0, *np.searchsorted(recording.t, edges).tolist(), len(recording)]
+        if min(np.diff(marks)) < _LEAST_ROWS:
+            raise CalibrationError(
+                f"{source_of(recording)}: {len(recording)} rows are too few to leave out a "
+                f"{count}th at a time; record for longer"
+            )
+        parts += [Part(index, *marks[i : i + 2]) for i in range(count)]
+    return parts
+
+
+def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list[Fold]:
+    """Deal units of parts out to at most so many folds: the first to the first, and so on."""
+    count = min(most, len(units))
+    return [
+        Fold(f"{name} {k + 1}", tuple(part for unit in units[k::count] for part in unit))
+        for k in range(count)
+    ]
+
+
+def folds(recordings: Sequence[Recording]) -> list[Fold]:
+    """Give what an automatic choice leaves out in turn: never single rows.
+
+    One or two recordings lose a fifth of their time each; more are left out whole. Ten or more are
+    left out by how fast they move and by how large their efforts are, a fifth at a time, so that
+    an estimator shows what it does beyond them. Where several homings, or masses on the tool, are
+    stated, these are left out too.
+    """
+    if len(recordings) < FEW:
+        parts = blocks(recordings, FOLDS)
+        return dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
+    parts = wholes(recordings)
+    found: list[Fold] = []
+    if len(recordings) >= SORTED_FROM:
+        for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
+            groups = np.array_split(np.argsort(sizes, kind="stable"), FOLDS)
+            if np.ptp(sizes) > 0.0:
+                found += dealt([[parts[i] for i in group] for group in groups], name)
+    stated: dict[str, Sequence[str | float | None]] = {
+        "homing": [recording.provenance.homing_id or None for recording in recordings],
+        "load": [None if math.isnan(r.provenance.load) else r.provenance.load for r in recordings],
+    }
+    for name, values in stated.items():
+        found += _by_value(parts, name, values)
+    return found or dealt([[part] for part in parts], "recordings")
+
+
+def _by_value(
+    parts: Sequence[Part], name: str, values: Sequence[str | float | None]
+) -> Iterator[Fold]:
+    """Leave out the recordings of one value after the other, where there are two or more."""
+    known = list(dict.fromkeys(value for value in values if value is not None))
+    if 2 <= len(known) < len(parts):
+        units = [[p for p, v in zip(parts, values, strict=True) if v == one] for one in known]
+        yield from dealt(units, name)
+
+
+def _speeds(recordings: Sequence[Recording]) -> Array:
+    """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
+    found = []
+    for recording in recordings:
+        every = max(1, round(_STEP / sample_dt([recording])))
+        t, q = recording.t[::every], _common(recordings, recording, "measured")[::every]
+        found.append(np.diff(q, axis=0) / np.diff(t)[:, None])
+    return _sizes(found)
+
+
+def _efforts(recordings: Sequence[Recording]) -> Array:
+    """How large efforts of recordings (n,) are: mean of the logarithms of the joints' RMS."""
+    return _sizes([_common(recordings, recording, "effort") for recording in recordings])
+
+
+def _common(recordings: Sequence[Recording], recording: Recording, quantity: str) -> Array:
+    """Columns (n, k) of a recording that all recordings have of a quantity."""
+    known = [set(one.joints_of(quantity)) for one in recordings]
+    joints = sorted(set.intersection(*known))
+    return recording.columns(quantity, joints) if joints else np.empty((len(recording), 0))
+
+
+def _sizes(values: Sequence[Array]) -> Array:
+    squares = np.array([np.mean(np.square(v), axis=0) if len(v) else v.sum(0) for v in values])
+    usable = squares[:, (squares > 0.0).all(axis=0)]
+    return np.log(usable).mean(axis=1) if usable.size else np.zeros(len(values))

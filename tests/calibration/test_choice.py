@@ -1,0 +1,95 @@
+"""The linear model, unless another is better on recordings that its fit did not see."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from sklearn.linear_model import Ridge
+from sklearn.svm import SVR
+from sklearn.tree import DecisionTreeRegressor
+from tests.calibration.test_folds import jaw
+
+import truejoint
+from truejoint.calibration import Automatic, calibrate
+from truejoint.errors import CalibrationError
+from truejoint.estimators import NeuralNetwork, PolynomialRegressor, candidates
+from truejoint.recordings import Recording
+
+
+def bent(seed: int, bend: float) -> Recording:
+    """Jaw whose error has a slope, a bend and noise."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(400) / 30.0
+    q = 0.4 * np.sin(rng.uniform(0.8, 1.2) * t + seed)
+    error = 0.01 + 0.05 * q + bend * q**2 + rng.normal(0.0, 1e-3, len(t))
+    columns = {"t": t, "measured/jaw": q, "effort/jaw": np.cos(t + seed), "truth/jaw": q + error}
+    return Recording.from_columns(columns, jaw(session=f"s{seed}").provenance)
+
+
+def choose(bend: float, tried, **how):
+    return calibrate([bent(seed, bend) for seed in range(4)], Automatic(tried), **how)
+
+
+def told(model):
+    return {trial["estimator"]: trial for trial in model.metadata["choice"]["tried"]}
+
+
+def test_what_is_better_on_unseen_recordings_is_chosen():
+    model = choose(0.2, [PolynomialRegressor(2), DecisionTreeRegressor()])
+    assert model.estimator == "poly2"
+    tried = told(model)
+    assert [name for name, trial in tried.items() if trial["chosen"]] == ["poly2"]
+    assert tried["linear"]["ratio"] == 1.0
+    assert tried["poly2"]["ratio"] < 0.3
+    assert tried["poly2"]["rmse"]["jaw"] == pytest.approx(1e-3, rel=0.1)
+    assert model.metadata["choice"]["raw"]["jaw"] > 0.01
+    assert model.metadata["choice"]["left_out"] == [f"recordings {k}" for k in range(1, 5)]
+    plain = calibrate([bent(seed, 0.2) for seed in range(4)], "poly2")
+    unseen = bent(9, 0.2)
+    np.testing.assert_array_equal(model.correct(unseen), plain.correct(unseen))
+
+
+def test_the_linear_model_stays_where_nothing_is_better():
+    model = choose(0.0, [PolynomialRegressor(2), DecisionTreeRegressor(), Ridge(1e-9)])
+    assert model.estimator == "linear"
+    assert told(model)["DecisionTreeRegressor"]["note"] == "given up after 3 of 4 folds"
+    assert told(model)["Ridge"]["ratio"] == pytest.approx(1.0)
+
+
+def test_what_cannot_be_fitted_is_told_and_not_chosen():
+    model = choose(0.2, [NeuralNetwork(hidden_layer_sizes=(8,) * 9), SVR(C=-1.0)])
+    assert model.estimator == "linear"
+    assert told(model)["SVR"]["folds"] == 0
+    assert "cannot be fitted" in told(model)["SVR"]["note"]
+
+
+def test_other_features_are_tried_beside_those_asked_for():
+    recordings = [bent(seed, 0.2) for seed in range(3)]
+    usual = Automatic([PolynomialRegressor(2)], default_features=True)
+    model = calibrate(recordings, usual, features=["effort/jaw"])
+    assert model.feature_set.names == ("measured/jaw", "effort/jaw")
+    tried = model.metadata["choice"]["tried"]
+    assert [len(trial["features"]) for trial in tried] == [1, 1, 2, 2]
+    assert tried[0]["ratio"] == 1.0
+
+
+def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
+    few = candidates()[:3]
+    monkeypatch.setattr("truejoint.estimators.wrapped.tried", lambda: few)
+    seen = []
+    model = truejoint.calibrate([bent(0, 0.2)], "auto", progress=seen.append)
+    assert model.estimator == "poly2"
+    assert seen == sorted(seen)
+    assert seen[-1] == 1.0
+    assert set(told(model)) >= {"offset", "linear", "poly2"}
+
+
+def test_the_registry_says_what_is_tried():
+    names = [one.name for one in candidates()]
+    assert names == ["offset", "linear", "poly2", "dnn", "HistGradientBoostingRegressor"]
+    assert candidates()[3].epochs == 0
+
+
+def test_a_recording_too_short_for_it_is_refused():
+    with pytest.raises(CalibrationError, match="too few"):
+        calibrate([jaw(n=40)], "auto")

@@ -1,0 +1,70 @@
+"""What a fit does not see: whole recordings, parts with a gap, never single rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.synthetic import build_recording
+
+from truejoint.calibration import folds
+from truejoint.errors import CalibrationError
+from truejoint.recordings import Recording
+
+
+def jaw(speed: float = 1.0, effort: float = 1.0, n: int = 300, **origin) -> Recording:
+    t = np.arange(n) / 30.0
+    q = 0.3 * np.sin(speed * t)
+    columns = {"t": t, "measured/jaw": q, "effort/jaw": effort * np.cos(speed * t)}
+    columns["truth/jaw"] = q + 0.01
+    about = folds.replace(build_recording(2).provenance, robot="davinci_grasper", arm="", **origin)
+    return Recording.from_columns(columns, about)
+
+
+def test_one_recording_is_left_out_a_fifth_at_a_time_and_with_a_gap():
+    recording = jaw()
+    found = folds.folds([recording])
+    assert [fold.name for fold in found] == [f"time {k}" for k in range(1, 6)]
+    rows = sum(fold.parts[0].rows(len(recording)).astype(int) for fold in found)
+    assert (rows == 1).all()
+    (kept,) = folds.without([recording], found[2].parts)
+    hidden = np.isnan(kept.column("truth/jaw"))
+    part = found[2].parts[0]
+    assert hidden[part.first : part.end].all()
+    assert hidden.sum() == pytest.approx(1.2 * (part.end - part.first), abs=3)
+    np.testing.assert_array_equal(kept.column("measured/jaw"), recording.column("measured/jaw"))
+
+
+def test_recordings_are_left_out_whole():
+    recordings = [jaw() for _ in range(7)]
+    found = folds.folds(recordings)
+    assert [[part.recording for part in fold.parts] for fold in found] == [
+        [0, 5], [1, 6], [2], [3], [4]
+    ]  # fmt: skip
+    assert len(folds.without(recordings, found[0].parts)) == 5
+
+
+def test_many_recordings_are_left_out_by_speed_and_by_effort():
+    rng = np.random.default_rng(0)
+    speeds, efforts = rng.permutation(10), rng.permutation(10)
+    recordings = [jaw(1.0 + s, 1.0 + e) for s, e in zip(speeds, efforts, strict=True)]
+    found = {fold.name: {part.recording for part in fold.parts} for fold in folds.folds(recordings)}
+    assert len(found) == 10
+    assert {speeds[i] for i in found["speed 1"]} == {0, 1}
+    assert {speeds[i] for i in found["speed 5"]} == {8, 9}
+    assert {efforts[i] for i in found["effort 5"]} == {8, 9}
+
+
+def test_stated_homings_and_loads_are_left_out():
+    recordings = [
+        jaw(homing_id=h, load=load)
+        for h, load in [("a", 0.0), ("a", 0.5), ("b", 0.0), ("b", 0.5), ("", 0.0)]
+    ]
+    found = {fold.name: [part.recording for part in fold.parts] for fold in folds.folds(recordings)}
+    assert found == {
+        "homing 1": [0, 1], "homing 2": [2, 3], "load 1": [0, 2, 4], "load 2": [1, 3]
+    }  # fmt: skip
+
+
+def test_too_few_rows_to_cut_are_refused():
+    with pytest.raises(CalibrationError, match="synthetic-0: 40 rows are too few"):
+        folds.folds([jaw(n=40)])
