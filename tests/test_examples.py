@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.conftest import LaggingBackend
 
@@ -75,6 +76,7 @@ def variables() -> dict[str, Any]:
     return {
         "truejoint": truejoint,
         "np": np,
+        "pd": pd,
         "arm": arm,
         "training": training,
         "model": model,

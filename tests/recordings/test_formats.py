@@ -113,10 +113,10 @@ def test_a_path_that_is_not_there(tmp_path: Path) -> None:
 def test_an_error_names_the_path_that_was_given(
     write_raven: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def repeat(table: object) -> None:
-        table[5, 0] = table[4, 0]  # type: ignore[index]
+    def step_back(table: object) -> None:
+        table[5, 0] = table[3, 0]  # type: ignore[index]
 
-    path = write_raven(240, change=repeat)
+    path = write_raven(240, change=step_back)
     with pytest.raises(RecordingError) as caught:
         read_recording(path)
     assert str(caught.value).startswith(f"{path}: time stamp of row 5")

@@ -7,6 +7,7 @@ from .formats import Format as Format
 from .formats import detect_format as detect_format
 from .formats import format_names as format_names
 from .formats import read_recording as read_recording
+from .formats import read_recordings as read_recordings
 from .parquet import read_parquet as read_parquet
 from .parquet import write_parquet as write_parquet
 from .recorder import Recorder as Recorder

@@ -10,9 +10,9 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
+from truejoint.recordings.recording import MISSING
 
 BACK: Final = "time stamp not after the one before"
-MISSING: Final = "value missing"
 BEFORE: Final = "no truth: before it starts"
 AFTER: Final = "no truth: after it ends"
 GAP: Final = "no truth: gap between its samples"

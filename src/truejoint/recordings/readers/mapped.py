@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -29,21 +31,38 @@ from truejoint.recordings.recording import (
     POSITION_QUANTITIES,
     Recording,
     default_unit,
-    last_of_each_stamp,
-    recording_of_file,
-    since_first,
+    recordings_of_file,
 )
 from truejoint.robots import Robot, get_robot
 
+MAP_ADVICE: Final = "give a column map (`truejoint columns FILE` writes one to start from)"
+
 
 def read_csv(
-    path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
-) -> Recording:
+    path: Path,
+    robot: str = "",
+    arm: str = "",
+    column_map: MapSource | None = None,
+    rate: float = 0.0,
+) -> list[Recording]:
     """Read a CSV file, text or gzip; without a map its first line must name columns, in SI units.
 
-    Empty and ``nan`` fields are accepted for truth only. Stamps counted from 1970 are counted from
-    the first row instead, which `Provenance.start` keeps. Of rows with the same stamp the last is
-    kept, the others are counted. `robot` and `arm` overrule those of the column map.
+    Rows with an empty or ``nan`` field other than truth are left out and counted. `robot` and `arm`
+    overrule those of the column map, `rate` [Hz] stands in for time stamps.
+    """
+    mapping, use, layout = read_header(path, column_map, rate)
+    machine = _robot(path, mapping, robot, arm)
+    table = read_numbers(path, layout, list(use.values()), list(use.values()))
+    columns = dict(zip(use, table.values.T, strict=True))
+    return _recordings(path, mapping, machine, columns, table.sha256, table.incomplete)
+
+
+def read_header(
+    path: Path, column_map: MapSource | None = None, rate: float = 0.0
+) -> tuple[ColumnMap, dict[str, int], TextLayout]:
+    """Map of a text file's columns, where each of its columns stands, and how the numbers stand.
+
+    Raises RecordingError if a mapped column is not there, or nothing says what the columns are.
     """
     mapping = read_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
@@ -54,30 +73,47 @@ def read_csv(
     if mapping is None:
         if header is None:
             raise RecordingError(
-                f"{path}: has no header that names t and <quantity>/<joint> columns; "
-                "give a column map"
+                f"{path}: has no header that names t and <quantity>/<joint> columns; {MAP_ADVICE}"
             )
         mapping = ColumnMap({name: MappedColumn(name) for name in header})
-    machine = _robot(path, mapping, robot, arm)
+    mapping = _timed(path, mapping, rate)
     use = _positions(path, mapping, header, len(fields))
-    layout = TextLayout(len(fields), delimiter, mapping.comment, number if header else 0)
-    may_miss = [use[name] for name in use if name.startswith("truth")]
-    table = read_numbers(path, layout, list(use.values()), may_miss)
-    columns = dict(zip(use, table.values.T, strict=True))
-    return _recording(path, mapping, machine, columns, table.sha256, table.incomplete)
+    return (
+        mapping,
+        use,
+        TextLayout(len(fields), delimiter, mapping.comment, number if header else 0),
+    )
+
+
+def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
+    """Column map with time stamps, or else with the rate that the caller states [Hz]."""
+    if not 0.0 <= rate <= 1e9:
+        raise RecordingError(f"{path}: a rate of {rate} Hz; state one above 0 Hz")
+    if "t" in mapping.columns and rate:
+        raise RecordingError(f"{path}: has time stamps, so no rate can be stated; leave it out")
+    if "t" not in mapping.columns and not (rate or mapping.rate):
+        raise RecordingError(
+            f"{path}: no column 't' of time stamps: state their rate (rate_hz in the column map, "
+            f"or --rate-hz), or which column it is; {MAP_ADVICE}"
+        )
+    return replace(mapping, rate=rate or mapping.rate)
 
 
 def read_arrays(
-    path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
-) -> Recording:
+    path: Path,
+    robot: str = "",
+    arm: str = "",
+    column_map: MapSource | None = None,
+    rate: float = 0.0,
+) -> list[Recording]:
     """Read a .npy file with a row a sample, or a MATLAB file with a row or column a signal.
 
     In a MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where
     that holds several signals. The column map is needed; otherwise as `read_csv`.
     """
     if column_map is None:
-        raise RecordingError(f"{path}: what is in its columns? give a column map")
-    mapping = read_column_map(column_map)
+        raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
+    mapping = _timed(path, read_column_map(column_map), rate)
     machine = _robot(path, mapping, robot, arm)
     if read_head(path).startswith(NPY_MAGIC):
         array, digest = read_npy(path)
@@ -90,23 +126,26 @@ def read_arrays(
         names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
         rows = _signal(path, variables, names["t"]).size if "t" in names else 0
         columns = {k: _signal(path, variables, name, rows) for k, name in names.items()}
-    return _recording(path, mapping, machine, columns, digest)
+    return _recordings(path, mapping, machine, columns, digest)
+
+
+def arrays_of(variables: Mapping[str, MatValue]) -> dict[str, Array]:
+    """Arrays of a MATLAB file by ``variable`` or ``struct.field``."""
+    found: dict[str, Array] = {}
+    for name, value in variables.items():
+        inner = {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else None
+        found |= {name: value} if inner is None else inner  # type: ignore[dict-item]
+    return found
 
 
 def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int = 0) -> Array:
     """One signal of a MATLAB file, along the side of `rows` samples, else the longer one."""
     variable = name.partition("[")[0]
-    first, _, field = variable.partition(".")
-    value = variables.get(first)
-    if field:
-        value = value.get(field) if isinstance(value, dict) else None
-    if not isinstance(value, np.ndarray) or not value.size:
-        known = [
-            f"{key}.{inner}" if inner else key
-            for key, found in variables.items()
-            for inner in (found if isinstance(found, dict) else ("",))
-        ]
-        raise RecordingError(f"{path}: no signal {name!r}; the file has {', '.join(known)[:300]}")
+    arrays = arrays_of(variables)
+    value = arrays.get(variable)
+    if value is None or not value.size:
+        known = ", ".join(arrays)[:300]
+        raise RecordingError(f"{path}: no signal {name!r}; the file has {known}")
     along = value.shape[1] == rows if rows in value.shape else value.shape[1] > value.shape[0]
     signals = value if along else value.T
     names = [variable] if len(signals) == 1 else [f"{variable}[{k}]" for k in range(len(signals))]
@@ -141,14 +180,14 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
     return machine
 
 
-def _recording(
+def _recordings(
     path: Path,
     mapping: ColumnMap,
     robot: Robot,
     found: dict[str, Array],
     sha256: str,
     incomplete: int = 0,
-) -> Recording:
+) -> list[Recording]:
     columns, units = {}, {}
     for name, values in found.items():
         mapped = mapping.columns[name]
@@ -163,19 +202,12 @@ def _recording(
     units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
-    keep = last_of_each_stamp(columns["t"])
-    if not keep.all():
-        columns = {name: values[keep] for name, values in columns.items()}
-    columns["t"], start = since_first(columns["t"])
     truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
     dropped = {
         "last line cut short": incomplete,
-        "repeated time stamp": int((~keep).sum()),
         "truth: value missing": int(np.any(truth, axis=0).sum()),
     }
-    return recording_of_file(
-        path, robot, columns, units, sha256=sha256, dropped=dropped, start=start
-    )
+    return recordings_of_file(path, robot, columns, units, sha256=sha256, dropped=dropped)
 
 
 def _positions(
