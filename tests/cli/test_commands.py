@@ -134,10 +134,11 @@ def _damaged(session: Path, folder: Path, damage: str) -> Path:
     if damage == "empty":
         path.write_text("")
         return path
-    if damage == "nan":
-        table.loc[10, "measured/elbow"] = np.nan
-    elif damage == "time goes back":
+    if damage == "time goes back":
         table.loc[10, "t"] = 0.0
+    elif damage == "text":
+        table = table.astype(object)
+        table.loc[10, "measured/elbow"] = "high"
     elif damage == "missing column":
         table = table.drop(columns=["effort/elbow"])
     elif damage == "constant":
@@ -155,7 +156,7 @@ def _damaged(session: Path, folder: Path, damage: str) -> Path:
     [
         ("truncated", "truncated.parquet"),
         ("empty", "empty"),
-        ("nan", "line 12"),
+        ("text", "line 12"),
         ("time goes back", "back"),
         ("constant", "effort/elbow"),
         ("short", "rows"),

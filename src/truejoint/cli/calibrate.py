@@ -12,11 +12,12 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import Files, check_model_free, only_dataset
+from truejoint.cli.inputs import Files, check_model_free, only_dataset, takes_files
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import DEFAULT
 
 
+@takes_files
 def calibrate(
     recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
@@ -80,19 +81,16 @@ def calibrate(
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
-    reader: options.Format = None,
-    columns: options.Columns = None,
-    robot: options.FilesRobot = None,
-    arm: options.Arm = "",
     part: options.Part = None,
     split: options.Split = None,
     seed: options.Seed = 0,
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    files: Files,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_free(output, force)
-    files = Files(reader, columns, robot, arm)
     dataset = only_dataset(recordings)
     unfitted = configured(estimator, settings or [], dataset)
     if dataset is not None:

@@ -11,12 +11,13 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import Files, check_writable, parse_tolerances
+from truejoint.cli.inputs import Files, check_writable, parse_tolerances, takes_files
 from truejoint.errors import CalibrationError
 
 CHECK_FAILED = 1
 
 
+@takes_files
 def evaluate(
     model: options.Model,
     recordings: options.Recordings,
@@ -41,20 +42,17 @@ def evaluate(
         ),
     ] = None,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
-    reader: options.Format = None,
-    columns: options.Columns = None,
-    robot: options.FilesRobot = None,
-    arm: options.Arm = "",
     part: options.Part = None,
     split: options.Split = None,
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    files: Files,
 ) -> None:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:
         check_writable(report, force, "--report")
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
-    files = Files(reader, columns, robot, arm)  # the robot may be one that the model carries
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(
@@ -62,8 +60,8 @@ def evaluate(
         )
     units = {joint: first.units[f"measured/{joint}"] for joint in first.joints}
     accepted = parse_tolerances(tolerance or [], units)
-    read_testing = files.find(recordings, part=part, split=split)
-    read_training = files.find(training or [])
+    read_testing = files.find(recordings, part=part, split=split, model=first)
+    read_training = files.find(training or [], model=first)
     testing, shown = read_testing(), read_training()
     with progress("Judging"):
         result = truejoint.evaluate(models, testing, tolerance=accepted, window=window_s)

@@ -362,13 +362,14 @@ def _whole_rows(columns: Mapping[str, Array], source: str) -> tuple[Mapping[str,
 def _sessions(t: Array) -> list[tuple[int, int]]:
     """First row, and the row behind the last, of what was recorded in one go, by stamps (n,) [s].
 
-    A clock restarts where it goes back by nearly all that went before. Any other step back, or one
-    next to a few rows only, is a stray stamp, for the rules of a recording to refuse.
+    A clock restarts where it goes back by nearly all that went before, and stays there. Any other
+    step back, or one next to a few rows only, is a stray stamp, which a recording refuses.
     """
     starts = [0]
     for row in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
         begin, before = t[starts[-1]], t[row - 1]
-        if t[row] - begin <= _RESTART * (before - begin):
+        stays = (t[row : row + 2] < before).all()
+        if stays and t[row] - begin <= _RESTART * (before - begin):
             starts.append(row)
     bounds = list(itertools.pairwise([*starts, t.size]))
     stray = any(end - first < _SHORTEST_SESSION for first, end in bounds)

@@ -217,7 +217,9 @@ def _check_truth_unit(
         return
     joint = robot.positioning[int(np.argmin(fits(truth_unit)))]
     others = [unit for unit in TRUTH_UNITS if fits(unit).all()]
-    advice = f"it would fit truth_unit={others[0]!r}" if others else "check units and arm"
+    advice = (
+        f"it would fit truth_unit={others[0]!r} (--truth-unit)" if others else "check units and arm"
+    )
     raise RecordingError(
         f"{path}: truth of {joint} is far from its measured position when read as "
         f"{truth_unit!r}; {advice}"
