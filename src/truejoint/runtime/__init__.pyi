@@ -1,5 +1,6 @@
 from .check import CalibrationCheck as CalibrationCheck
 from .check import check_calibration as check_calibration
+from .corrector import CorrectionTrace as CorrectionTrace
 from .corrector import Corrector as Corrector
 from .monitor import Alarm as Alarm
 from .monitor import Monitor as Monitor

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
@@ -21,6 +23,32 @@ from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
+    from truejoint.recordings import Recording
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectionTrace:
+    """What a corrector gave for each row of a recording.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s].
+    position, half_width : ndarray, shape (n, n_joints)
+        As `Corrector.position` and `Corrector.half_width` [rad or m].
+    status : ndarray, shape (n,)
+        Bits of `Status`.
+
+    Examples
+    --------
+    >>> int((Corrector(model).run(test).status == Status.NOT_HOMED).sum())
+    400
+    """
+
+    t: Array
+    position: Array
+    half_width: Array
+    status: Integers
 
 
 class Corrector(Summarised):
@@ -168,6 +196,21 @@ class Corrector(Summarised):
         self._homing.accept()
         self.offset[:] = values
         return self._apply_homing()
+
+    def run(self, recording: Recording) -> CorrectionTrace:
+        """Correct a whole recording as the loop would, from a fresh start, homed as it was told.
+
+        Raises RecordingError if it lacks a signal.
+        """
+        forget(self._numbers, self._memory)
+        t = np.array(recording.t)
+        samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
+        position, half_width = np.empty((2, len(t), len(self.joints)))
+        status = np.empty(len(t), dtype=np.int64)
+        for i in range(len(t)):
+            status[i] = self.step(t[i], samples[i])
+            position[i], half_width[i] = self.position, self.half_width
+        return CorrectionTrace(t, position, half_width, status)
 
     def warm_up(self) -> None:
         """Compile what is not compiled yet; `step` finds everything ready."""
