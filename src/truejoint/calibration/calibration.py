@@ -129,7 +129,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         It needs the columns `signals`, no truth. Raises CalibrationError if robot, arm, columns,
         units or (where features count samples) the rate differ.
         """
-        self._check(recording)
+        self.check_recording(recording)
         X = self.feature_set.compute(recording, self.gap_limit)
         predicted = self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
         if self.target == "position":
@@ -238,7 +238,8 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             ) from None
         return replace(self, metadata={**self.metadata, **plain})
 
-    def _check(self, recording: Recording) -> None:
+    def check_recording(self, recording: Recording) -> None:
+        """Raise CalibrationError unless a recording is one that `correct` can correct."""
         as_recording(recording)
         arm = self.robot, self.arm
         check_arm(recording, arm, f"the calibration of {self.title}")

@@ -18,7 +18,7 @@ from truejoint.robots import Robot, get_robot
 from truejoint.summary import Summarised
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
-_EPOCH: Final = 1e8
+EPOCH: Final = 1e8
 
 _SHOWN: Final = 8  # quantities that a summary lists with their channels
 
@@ -282,7 +282,7 @@ def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording
 def since_first(t: Array) -> tuple[Array, float]:
     """Stamps `t` (n,) [s] since the first if they are since 1970, and what was taken off or NaN."""
     first = float(t[0])
-    return (t - first, first) if first > _EPOCH else (t, math.nan)
+    return (t - first, first) if first > EPOCH else (t, math.nan)
 
 
 def nominal_rates(**stamps: Array) -> dict[str, float]:
