@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from tests.cli.conftest import Call
 
-from truejoint import read_calibration, write_parquet
+from truejoint import read_calibration, read_recording, write_parquet
 from truejoint.recordings import Recording
 
 
@@ -122,3 +122,31 @@ def test_a_model_says_which_robot_a_file_is_of(call: Call, tmp_path: Path) -> No
     assert call("calibrate", tmp_path / "a.csv", *arguments).code == 0
     assert call("evaluate", model, tmp_path / "b.csv").code in {0, 1}
     assert call("check", model, tmp_path / "b.csv").code == 0
+
+
+def test_a_robots_file_is_joined_with_that_of_its_sensors(call: Call, tmp_path: Path) -> None:
+    table = motion(3, rows=4000)
+    table.drop(columns="truth/jaw").to_csv(tmp_path / "robot.csv", index=False)
+    encoder = pd.DataFrame(
+        {"stamp": 1e3 * (table["t"] - 7.25), "deg": np.degrees(table["truth/jaw"])}
+    )
+    encoder[::2].to_csv(tmp_path / "encoder.csv", index=False)
+    (tmp_path / "map.toml").write_text(
+        '[columns]\nt = { column = "stamp", unit = "ms" }\n'
+        '"truth/jaw" = { column = "deg", unit = "deg" }\n'
+    )
+    arguments = [
+        tmp_path / "robot.csv", tmp_path / "encoder.csv", "--robot", "davinci_grasper",
+        "--truth-columns", tmp_path / "map.toml", "-o", tmp_path / "run.parquet",
+    ]  # fmt: skip
+    result = call("join", *arguments, "--json")
+    assert result.code == 0, result.err
+    found = json.loads(result.out)
+    assert found["offset"]["seconds"] == pytest.approx(7.25, abs=0.01)
+    assert found["offset"]["sd"] < 0.02
+    joined = read_recording(tmp_path / "run.parquet")
+    assert np.abs(joined.column("truth/jaw") - table["truth/jaw"]).max() < 0.01
+    stated = call("join", *arguments, "--force", "--offset-s", "7.25")
+    assert "7.25 s behind (as stated)" in " ".join(stated.out.split())
+    assert call("join", *arguments, "--force", "--offset-s", "7", "--near-s", "7").code == 2
+    assert call("join", *arguments).code == 2

@@ -8,8 +8,11 @@ from .formats import detect_format as detect_format
 from .formats import format_names as format_names
 from .formats import read_recording as read_recording
 from .formats import read_recordings as read_recordings
+from .joining import ClockOffset as ClockOffset
+from .joining import join_truth as join_truth
 from .parquet import read_parquet as read_parquet
 from .parquet import write_parquet as write_parquet
+from .readers.mapped import read_truth as read_truth
 from .recorder import Recorder as Recorder
 from .recording import Provenance as Provenance
 from .recording import Recording as Recording

@@ -63,8 +63,8 @@ FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         Format("parquet", "what truejoint writes", read_parquet),
-        Format("csv", "header, or column map", mapped.read_csv, _MAPPED),
-        Format("arrays", ".npy or .mat with a column map", mapped.read_arrays, _MAPPED),
+        Format("csv", "header, or column map", mapped.read, _MAPPED),
+        Format("arrays", ".npy or .mat with a column map", mapped.read, _MAPPED),
         Format("raven_csv_240", "RAVEN-II state", raven_csv.read_240, ("arm",)),
         Format(
             "raven_csv_252", "RAVEN-II state with external encoders", raven_csv.read_252, _TRUTH

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -33,28 +34,110 @@ from truejoint.recordings.recording import (
     default_unit,
     recordings_of_file,
 )
+from truejoint.recordings.synchronise import Stream
 from truejoint.robots import Robot, get_robot
 
 MAP_ADVICE: Final = "give a column map (`truejoint columns FILE` writes one to start from)"
 
 
-def read_csv(
+def read(
     path: Path,
     robot: str = "",
     arm: str = "",
     column_map: MapSource | None = None,
     rate: float = 0.0,
 ) -> list[Recording]:
-    """Read a CSV file, text or gzip; without a map its first line must name columns, in SI units.
+    """Read a text file of columns, or arrays: .npy with a row a sample, MATLAB with a signal a row.
 
-    Rows with an empty or ``nan`` field other than truth are left out and counted. `robot` and `arm`
-    overrule those of the column map, `rate` [Hz] stands in for time stamps.
+    Without a map the first line of a text must name columns, in SI units; arrays need a map. In a
+    MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
+    holds several signals. Any file may be in gzip. `robot` and `arm` overrule those of the column
+    map, `rate` [Hz] stands in for time stamps.
     """
-    mapping, use, layout = read_header(path, column_map, rate)
-    machine = _robot(path, mapping, robot, arm)
-    table = read_numbers(path, layout, list(use.values()), list(use.values()))
-    columns = dict(zip(use, table.values.T, strict=True))
-    return _recordings(path, mapping, machine, columns, table.sha256, table.incomplete)
+    table = _read(path, robot, arm, column_map, rate, "measured")
+    return recordings_of_file(
+        path, table.robot, table.columns, table.units, sha256=table.sha256, dropped=table.dropped
+    )
+
+
+def read_truth(
+    path: str | os.PathLike[str],
+    robot: str = "",
+    arm: str = "",
+    column_map: MapSource | None = None,
+    rate: float = 0.0,
+) -> Stream:
+    """Read the truth of a robot's joints, as `read` does, from a file that has nothing else of it.
+
+    Stamps stay as the file has them. Raises RecordingError if no column is ``truth/<joint>``, or
+    as `read_recording` does.
+
+    Examples
+    --------
+    >>> test.table[["t", "truth/jaw"]].to_csv("encoder.csv", index=False)
+    >>> list(read_truth("encoder.csv", robot="davinci_grasper").columns)
+    ['truth/jaw']
+    """
+    path = Path(path)
+    columns = dict(_read(path, robot, arm, column_map, rate, "truth").columns)
+    t = columns.pop("t")
+    return Stream(t, {name: v for name, v in columns.items() if name.startswith("truth/")})
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Columns (n,) in SI units, and what else a file tells."""
+
+    robot: Robot
+    columns: Mapping[str, Array]
+    units: Mapping[str, str]
+    sha256: str
+    dropped: Mapping[str, int]
+
+
+def _read(
+    path: Path,
+    robot: str,
+    arm: str,
+    column_map: MapSource | None,
+    rate: float,
+    needed: str,
+) -> _Table:
+    """Columns of a file, of which one must be of the quantity `needed`."""
+    head, incomplete = read_head(path), 0
+    if b"\0" not in head:
+        mapping, use, layout = read_header(path, column_map, rate)
+        machine = _robot(path, mapping, robot, arm, needed)
+        table = read_numbers(path, layout, list(use.values()), list(use.values()))
+        columns = dict(zip(use, table.values.T, strict=True))
+        digest, incomplete = table.sha256, table.incomplete
+    elif column_map is None:
+        raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
+    else:
+        mapping = _timed(path, read_column_map(column_map), rate)
+        machine = _robot(path, mapping, robot, arm, needed)
+        columns, digest = _arrays(path, mapping, head)
+    columns, units = _in_si(path, mapping, machine, columns)
+    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
+    dropped = {
+        "last line cut short": incomplete,
+        "truth: value missing": int(np.any(truth, axis=0).sum()),
+    }
+    return _Table(machine, columns, units, digest, dropped)
+
+
+def _arrays(path: Path, mapping: ColumnMap, head: bytes) -> tuple[dict[str, Array], str]:
+    """Columns of a file of arrays, and its SHA-256."""
+    if head.startswith(NPY_MAGIC):
+        array, digest = read_npy(path)
+        table = array.reshape(len(array) if array.ndim else 1, -1)
+        use = _positions(path, mapping, None, table.shape[1])
+        return {name: table[:, k] for name, k in use.items()}, digest
+    data, digest = read_bounded(path)
+    variables = read_mat(data, str(path))
+    names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
+    rows = _signal(path, variables, names["t"]).size if "t" in names else 0
+    return {k: _signal(path, variables, name, rows) for k, name in names.items()}, digest
 
 
 def read_header(
@@ -99,36 +182,6 @@ def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
     return replace(mapping, rate=rate or mapping.rate)
 
 
-def read_arrays(
-    path: Path,
-    robot: str = "",
-    arm: str = "",
-    column_map: MapSource | None = None,
-    rate: float = 0.0,
-) -> list[Recording]:
-    """Read a .npy file with a row a sample, or a MATLAB file with a row or column a signal.
-
-    In a MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where
-    that holds several signals. The column map is needed; otherwise as `read_csv`.
-    """
-    if column_map is None:
-        raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
-    mapping = _timed(path, read_column_map(column_map), rate)
-    machine = _robot(path, mapping, robot, arm)
-    if read_head(path).startswith(NPY_MAGIC):
-        array, digest = read_npy(path)
-        table = array.reshape(len(array) if array.ndim else 1, -1)
-        use = _positions(path, mapping, None, table.shape[1])
-        columns = {name: table[:, k] for name, k in use.items()}
-    else:
-        data, digest = read_bounded(path)
-        variables = read_mat(data, str(path))
-        names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
-        rows = _signal(path, variables, names["t"]).size if "t" in names else 0
-        columns = {k: _signal(path, variables, name, rows) for k, name in names.items()}
-    return _recordings(path, mapping, machine, columns, digest)
-
-
 def arrays_of(variables: Mapping[str, MatValue]) -> dict[str, Array]:
     """Arrays of a MATLAB file by ``variable`` or ``struct.field``."""
     found: dict[str, Array] = {}
@@ -158,7 +211,7 @@ def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int 
     return signal
 
 
-def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
+def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) -> Robot:
     model = robot or mapping.robot
     if not model:
         raise RecordingError(f"{path}: which robot is it? state robot=..., or put it in the map")
@@ -175,19 +228,16 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
                 f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
                 f"{', '.join(machine.channels)}"
             )
-    if not any(name.startswith("measured/") for name in mapping.columns):
-        raise RecordingError(f"{path}: no 'measured/<joint>' column; there is nothing to correct")
+    if not any(name.startswith(f"{needed}/") for name in mapping.columns):
+        why = "there is nothing to correct" if needed == "measured" else "it is no truth"
+        raise RecordingError(f"{path}: no '{needed}/<joint>' column; {why}")
     return machine
 
 
-def _recordings(
-    path: Path,
-    mapping: ColumnMap,
-    robot: Robot,
-    found: dict[str, Array],
-    sha256: str,
-    incomplete: int = 0,
-) -> list[Recording]:
+def _in_si(
+    path: Path, mapping: ColumnMap, robot: Robot, found: Mapping[str, Array]
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Columns in SI units with their stamps, and the unit of each but those."""
     columns, units = {}, {}
     for name, values in found.items():
         mapped = mapping.columns[name]
@@ -202,12 +252,7 @@ def _recordings(
     units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
-    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
-    dropped = {
-        "last line cut short": incomplete,
-        "truth: value missing": int(np.any(truth, axis=0).sum()),
-    }
-    return recordings_of_file(path, robot, columns, units, sha256=sha256, dropped=dropped)
+    return columns, units
 
 
 def _positions(
