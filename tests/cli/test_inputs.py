@@ -150,3 +150,18 @@ def test_a_robots_file_is_joined_with_that_of_its_sensors(call: Call, tmp_path: 
     assert "7.25 s behind (as stated)" in " ".join(stated.out.split())
     assert call("join", *arguments, "--force", "--offset-s", "7", "--near-s", "7").code == 2
     assert call("join", *arguments).code == 2
+
+
+def test_a_map_is_written_to_start_from(call: Call, tmp_path: Path) -> None:
+    table = motion().set_axis(["stamp", "jaw_pos", "jaw_torque", "jaw_encoder"], axis=1)
+    table.to_csv(tmp_path / "run.csv", index=False)
+    arguments = ["columns", tmp_path / "run.csv", "--robot", "davinci_grasper"]
+    printed = call(*arguments)
+    assert printed.code == 0
+    mapping = tmp_path / "map.toml"
+    assert call(*arguments, "-o", mapping).code == 0
+    assert mapping.read_text() == printed.out
+    assert call(*arguments, "-o", mapping).code == 2
+    shown = call("show", tmp_path / "run.csv", "--columns", mapping, "--json")
+    columns = [c["column"] for c in json.loads(shown.out)["shown"][0]["columns"]]
+    assert columns == ["measured/jaw", "effort/jaw", "truth/jaw"]

@@ -10,6 +10,7 @@ from .formats import read_recording as read_recording
 from .formats import read_recordings as read_recordings
 from .joining import ClockOffset as ClockOffset
 from .joining import join_truth as join_truth
+from .map_sketch import sketch_column_map as sketch_column_map
 from .parquet import read_parquet as read_parquet
 from .parquet import write_parquet as write_parquet
 from .readers.mapped import read_truth as read_truth
