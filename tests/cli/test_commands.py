@@ -142,7 +142,7 @@ def _damaged(session: Path, folder: Path, damage: str) -> Path:
     elif damage == "missing column":
         table = table.drop(columns=["effort/elbow"])
     elif damage == "constant":
-        table["effort/elbow"] = 0.0
+        table["measured/elbow"] = 0.0
     elif damage == "short":
         table = table[:20]
     elif damage == "truth stops":
@@ -158,7 +158,7 @@ def _damaged(session: Path, folder: Path, damage: str) -> Path:
         ("empty", "empty"),
         ("text", "line 12"),
         ("time goes back", "back"),
-        ("constant", "effort/elbow"),
+        ("constant", "measured/elbow"),
         ("short", "rows"),
         ("truth stops", "truth/elbow"),
     ],

@@ -114,6 +114,14 @@ def test_a_clock_that_restarts_makes_sessions(call: Call, tmp_path: Path) -> Non
     assert [session["session"] for session in sessions] == ["A#1", "A#2"]
 
 
+def test_constant_features_are_left_out_with_a_word(call: Call, tmp_path: Path) -> None:
+    motion().assign(**{"effort/jaw": 0.1}).to_csv(tmp_path / "run.csv", index=False)
+    arguments = ["-e", "linear", "--robot", "davinci_grasper", "-o", tmp_path / "m.st"]
+    result = call("calibrate", tmp_path / "run.csv", *arguments)
+    assert result.code == 0, result.err
+    assert "left out: effort/jaw never change in the training rows" in result.err
+
+
 def test_a_model_says_which_robot_a_file_is_of(call: Call, tmp_path: Path) -> None:
     motion(0).to_csv(tmp_path / "a.csv", index=False)
     motion(1).to_csv(tmp_path / "b.csv", index=False)

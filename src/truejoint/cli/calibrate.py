@@ -132,6 +132,13 @@ def fit(
             say(f"{finding.level}: {finding.where}: {finding.what}; {finding.advice}")
     with progress(f"Fitting {estimator.name}") as done:
         fitted = truejoint.calibrate(training, estimator, progress=done, **how)
+    without = tuple(f"/{channel}" for channel in training[0].robot.unused_channels)
+    constant = [name for name in fitted.metadata["unused_features"] if not name.endswith(without)]
+    if constant:
+        say(
+            f"left out: {', '.join(constant)} never change in the training rows; the model does "
+            "not know what they do"
+        )
     return fitted.with_metadata(command=command_line()), check
 
 
