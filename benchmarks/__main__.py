@@ -21,6 +21,7 @@ BENCHMARKS = (
     "corrector_speed",
     "exported_c_speed",
     "speed_training",
+    "clock_offset",
     "accuracy_recordings",
     "grasper",
     "staleness",
