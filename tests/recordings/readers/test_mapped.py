@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -251,6 +251,7 @@ def test_a_rate_in_place_of_stamps_may_come_from_the_caller(tmp_path: Path) -> N
     assert read_recording(tmp_path / "a.npy", column_map=mapping, rate=2.0).duration == 2.0
 
 
+@settings(max_examples=30)
 @given(
     rows=st.lists(st.lists(st.floats(-9, 9) | st.just(np.nan), min_size=2, max_size=2), min_size=9),
     lost=st.sets(st.integers(0, 8), max_size=3),
@@ -270,6 +271,7 @@ def test_rows_that_lack_a_value_are_left_out_and_counted(
     assert recording.provenance.dropped.get("value missing", 0) == len(lost)
 
 
+@settings(max_examples=30)
 @given(
     lengths=st.lists(st.integers(10, 30), min_size=1, max_size=4),
     first=st.sampled_from([0.0, 3.5, 1.7e9]),
