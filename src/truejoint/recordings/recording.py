@@ -205,7 +205,10 @@ class Recording(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Robot, source, size and columns, by label."""
-        quantities = list(dict.fromkeys(name.partition("/")[0] for name in self.units))
+        quantities = sorted(
+            dict.fromkeys(name.partition("/")[0] for name in self.units),
+            key=lambda quantity: quantity not in ("measured", "effort", "truth"),
+        )
         shown, others = quantities[:_SHOWN], ", ".join(quantities[_SHOWN:])
         return {
             "robot": self.robot.title,
