@@ -40,8 +40,8 @@ def compare(
             f"{len(paths)} model file{'s' if len(paths) != 1 else ''} among {', '.join(names)}; "
             "name at least two (`truejoint evaluate` judges one)"
         )
-    from truejoint.evaluation.results import BASELINES  # noqa: PLC0415  # not for help
-    from truejoint.evaluation.verdict import seen_in_training  # noqa: PLC0415
+    from truejoint.calibration.conformal import source_of, trained_on  # noqa: PLC0415  # not for help
+    from truejoint.evaluation.results import BASELINES  # noqa: PLC0415
 
     stems = [Path(path).stem for path in paths]
     # A model called as one of the table's own rows, or as another one, goes by its path.
@@ -57,9 +57,10 @@ def compare(
     with progress(f"Judging {len(models)} models"):
         result = truejoint.evaluate({title: [model] for title, model in models.items()}, tested)
     objections = [
-        f"{title}: {objection}"
+        f"{title} was trained on rows of {source_of(recording)}"
         for title, model in models.items()
-        for objection in seen_in_training(model.metadata, tested)
+        for recording in tested
+        if trained_on(model.metadata, recording)
     ]
     best = {
         joint: min((result.score(title, joint) for title in titles), key=lambda s: s.rmse)

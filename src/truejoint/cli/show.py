@@ -114,7 +114,11 @@ def _column_texts(column: Mapping[str, Any]) -> list[str]:
 
 
 def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    from truejoint.evaluation.view import flattened  # noqa: PLC0415  # not for help
-
-    counts = {key: len(facts[key]) for key in ("sessions",) if key in facts}
-    return flattened({**facts, **counts})
+    """Facts as text; of what is nested in them each a line, of sessions how many there are."""
+    for key, value in facts.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{name}", text) for name, text in _texts(value))
+        elif isinstance(value, list):
+            yield key, f"{len(value)}" if key == "sessions" else ", ".join(map(str, value))
+        elif value not in (None, ""):
+            yield key, f"{value:.6g}" if isinstance(value, float) else str(value)
