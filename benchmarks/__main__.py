@@ -22,6 +22,7 @@ BENCHMARKS = (
     "exported_c_speed",
     "speed_training",
     "beyond_chance",
+    "clock_offset",
     "accuracy_recordings",
     "grasper",
     "moved_zeros",

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.conftest import LaggingBackend
 
@@ -81,6 +82,7 @@ def variables() -> dict[str, Any]:
     return {
         "truejoint": truejoint,
         "np": np,
+        "pd": pd,
         "arm": arm,
         "training": training,
         "model": model,

@@ -20,5 +20,6 @@ from .evaluation import evaluate as evaluate
 from .evaluation import write_report as write_report
 from .recordings import Recording as Recording
 from .recordings import read_recording as read_recording
+from .recordings import read_recordings as read_recordings
 from .recordings import write_parquet as write_parquet
 from .robots import get_robot as get_robot

@@ -216,17 +216,29 @@ def test_too_few_rows_are_refused(build, estimator, rows, needed):
             build(rows), estimator)  # fmt: skip
 
 
-def test_constant_feature_is_refused_by_name(recording):
-    stuck = changed(recording, effort__wrist=np.full(1500, 0.3))
-    refused("features effort/wrist never change", stuck)
-    refused("features rate\\(effort/wrist, 0.1\\) never change", stuck,
-            features=["measured/elbow", "rate(effort/wrist, 0.1)"])  # fmt: skip
+def test_constant_feature_is_left_out_and_noted(build):
+    stuck = changed(build(1500), effort__wrist=np.full(1500, 0.3))
+    texts = ["measured/elbow", "effort/elbow", "effort/wrist", "rate(effort/wrist, 0.1)"]
+    calibration = calibrate(stuck, "linear", features=texts, joints=["elbow"])
+    assert calibration.metadata["unused_features"] == texts[2:]
+    bare = calibrate(stuck, "linear", features=texts[:2], joints=["elbow"])
+    moved = changed(stuck, effort__wrist=np.linspace(0.0, 0.4, 1500))
+    for used in (stuck, moved):
+        np.testing.assert_allclose(calibration.correct(used), bare.correct(used), atol=1e-12)
+
+
+def test_constant_position_or_nothing_else_is_refused(recording):
+    stuck = changed(recording, measured__elbow=np.full(1500, 0.3))
+    refused("features measured/elbow never change", stuck)
+    refused("features effort/wrist never change", changed(recording, effort__wrist=np.ones(1500)),
+            features=["effort/wrist"])  # fmt: skip
 
 
 def test_constant_but_for_rounding_is_constant(recording):
     values = np.full(1500, 0.3)
     values[::2] = np.nextafter(0.3, 1)
-    refused("effort/wrist never change", changed(recording, effort__wrist=values))
+    found = calibrate(changed(recording, effort__wrist=values), "linear").metadata
+    assert "effort/wrist" in found["unused_features"]
 
 
 def test_wrong_choices_are_refused(recording):

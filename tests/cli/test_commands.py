@@ -184,14 +184,15 @@ def _damaged(session: Path, folder: Path, damage: str) -> Path:
     if damage == "empty":
         path.write_text("")
         return path
-    if damage == "nan":
-        table.loc[10, "measured/elbow"] = np.nan
-    elif damage == "time goes back":
+    if damage == "time goes back":
         table.loc[10, "t"] = 0.0
+    elif damage == "text":
+        table = table.astype(object)
+        table.loc[10, "measured/elbow"] = "high"
     elif damage == "missing column":
         table = table.drop(columns=["effort/elbow"])
     elif damage == "constant":
-        table["effort/elbow"] = 0.0
+        table["measured/elbow"] = 0.0
     elif damage == "short":
         table = table[:20]
     elif damage == "truth stops":
@@ -205,9 +206,9 @@ def _damaged(session: Path, folder: Path, damage: str) -> Path:
     [
         ("truncated", "truncated.parquet"),
         ("empty", "empty"),
-        ("nan", "line 12"),
+        ("text", "line 12"),
         ("time goes back", "back"),
-        ("constant", "effort/elbow"),
+        ("constant", "measured/elbow"),
         ("short", "rows"),
         ("truth stops", "truth/elbow"),
     ],

@@ -19,7 +19,7 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_arguments: object, **_options: object) -> None:
         raise AssertionError("a recording was read")
 
-    monkeypatch.setattr(truejoint, "read_recording", refuse)
+    monkeypatch.setattr(truejoint.recordings, "read_recordings", refuse)
 
 
 @pytest.mark.usefixtures("nothing_is_read")

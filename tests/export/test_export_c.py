@@ -51,8 +51,10 @@ def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> floa
 @settings(max_examples=12, deadline=None)
 @given(data=st.data())
 def test_source_does_what_the_corrector_does(tmp_path_factory, data):
-    operations = ["{}", "lag({}, 1)", "lag({}, 7)", "lowpass({}, 0.05)", "rate({}, 0.1)",
-                  "play({}, 0.02)"]  # fmt: skip
+    operations = [
+        "{}", "lag({}, 1)", "lag({}, 7)", "lowpass({}, 0.05)", "rate({}, 0.1)", "play({}, 0.02)",
+        "delay({}, 0.4)", "trail({}, 0.02)",
+    ]  # fmt: skip
     signals = st.sampled_from(["measured/elbow", "effort/elbow", "effort/roll", "measured/jaw1"])
     texts = st.builds(str.format, st.sampled_from(operations), signals)
     features = data.draw(st.lists(texts, min_size=1, max_size=9, unique=True))

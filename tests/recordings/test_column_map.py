@@ -13,7 +13,7 @@ from truejoint.recordings import ColumnMap, read_column_map
     ("values", "message"),
     [
         ({}, "needs a table 'columns'"),
-        ({"columns": {"measured/jaw": 1}}, "says which column is 't'"),
+        ({"rate_hz": 5, "columns": {"t": 0}}, "gives 't' and rate_hz"),
         ({"columns": {"t": 0}, "colour": "red"}, "key 'colour' is not known"),
         ({"columns": {"t": 0}, "delimiter": "ab"}, "delimiter is 'ab'"),
         ({"columns": {"t": 0}, "comment": "//"}, "comment is '//'"),

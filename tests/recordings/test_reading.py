@@ -1,10 +1,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import (
@@ -12,8 +15,10 @@ from truejoint.recordings import (
     Recording,
     detect_format,
     read_recording,
+    read_recordings,
     write_parquet,
 )
+from truejoint.recordings.formats import why_no_recording
 
 
 def write(path: Path, content: str | bytes) -> Path:
@@ -113,10 +118,10 @@ def test_a_path_that_is_not_there(tmp_path: Path) -> None:
 def test_an_error_names_the_path_that_was_given(
     write_raven: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def repeat(table: object) -> None:
-        table[5, 0] = table[4, 0]  # type: ignore[index]
+    def step_back(table: object) -> None:
+        table[5, 0] = table[3, 0]  # type: ignore[index]
 
-    path = write_raven(240, change=repeat)
+    path = write_raven(240, change=step_back)
     with pytest.raises(RecordingError) as caught:
         read_recording(path)
     assert str(caught.value).startswith(f"{path}: time stamp of row 5")
@@ -124,3 +129,21 @@ def test_an_error_names_the_path_that_was_given(
     with pytest.raises(RecordingError) as caught:
         read_recording(path.name)
     assert str(caught.value).startswith(f"{path.name}: time stamp of row 5")
+
+
+@settings(max_examples=60)
+@given(
+    content=st.binary(max_size=200) | st.text('t,measured/joint1 \n"#;0123.', max_size=80),
+    mapped=st.booleans(),
+)
+def test_any_file_in_a_folder_is_a_recording_or_says_why_not(
+    tmp_path_factory: pytest.TempPathFactory, content: str | bytes, mapped: bool
+) -> None:
+    path = write(tmp_path_factory.getbasetemp() / "any.file", content)
+    mapping = {"columns": {"t": 0, "measured/joint1": 1}} if mapped else None
+    reason = why_no_recording(path, column_map=mapping)
+    assert "\n" not in reason
+    if not reason:
+        options = {"column_map": mapping} if mapped else {}
+        with suppress(RecordingError):
+            assert read_recordings(path, robot="bros", **options)

@@ -138,7 +138,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         It needs the columns `signals`, no truth. Raises CalibrationError if robot, arm, columns,
         units or (where features count samples) the rate differ.
         """
-        self._check(recording)
+        self.check_recording(recording)
         X = self._features(recording)
         predicted = self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
         predicted = predicted + self.output_shift
@@ -254,7 +254,8 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         moved = shift_signals(recording, self.signals, self.signal_shift)
         return self.feature_set.compute(moved, self.gap_limit)
 
-    def _check(self, recording: Recording) -> None:
+    def check_recording(self, recording: Recording) -> None:
+        """Raise CalibrationError unless a recording is one that `correct` can correct."""
         as_recording(recording)
         arm = self.robot, self.arm
         check_arm(recording, arm, f"the calibration of {self.title}")

@@ -115,7 +115,8 @@ def calibrate(
         If the recordings do not belong together, are fewer than two where each has a zero of its
         own, lack truth for more than a third of their time, do not tell the zeros of homings,
         have too few rows for the estimator (ten for each coefficient; 300 and ten for each
-        feature for a network), or a feature is constant though its channel is in use.
+        feature for a network), or the measured position of a joint never changes. Other features
+        that never change are not learnt of, and listed in the metadata as ``unused_features``.
 
     Examples
     --------
@@ -150,7 +151,7 @@ def calibrate(
         for recording, outlying in zip(recordings, _outlying(recordings, chosen), strict=True)
     ]
     X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
-    unused = _unused_features(X, feature_set, robot)
+    unused = _unused_features(X, feature_set, chosen, fixed=model.family.inputs is not None)
     n_features = len(feature_set) - len(unused)
     needed = model.minimum_rows(n_features)
     if len(X) < needed:
@@ -528,17 +529,22 @@ def _check_truth(recording: Recording, known: Mask, joints: Sequence[str]) -> No
         )
 
 
-def _unused_features(X: Array, feature_set: FeatureSet, robot: Robot) -> list[str]:
-    """Constant features of channels without a joint; any other constant feature is refused."""
-    constant = [feature_set.features[i] for i in np.flatnonzero(constant_columns(X))]
-    unused = [f for f in constant if f.signal.partition("/")[2] in robot.unused_channels]
-    stuck = [str(f) for f in constant if f not in unused]
-    if stuck:
+def _unused_features(
+    X: Array, feature_set: FeatureSet, joints: Sequence[str], *, fixed: bool
+) -> list[str]:
+    """Features that never change: nothing is learnt of them.
+
+    Refused are those that a model insists on (`fixed`), and positions of `joints`.
+    """
+    constant = [feature_set.names[i] for i in np.flatnonzero(constant_columns(X))]
+    stuck = [name for name in constant if fixed or name in {f"measured/{j}" for j in joints}]
+    if stuck or len(constant) == len(feature_set):
         raise CalibrationError(
-            f"features {', '.join(stuck)} never change in the training rows, so nothing can be "
-            "learnt of them; move those joints, check their sensors, or leave the features out"
+            f"features {', '.join(stuck or constant)} never change in the training rows, so "
+            "nothing can be learnt of them; move those joints, check their sensors, or leave the "
+            "features or joints out"
         )
-    return [str(f) for f in unused]
+    return constant
 
 
 def _fit_baselines(

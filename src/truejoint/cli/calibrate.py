@@ -21,7 +21,7 @@ from truejoint.cli.console import (
     say,
 )
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
-from truejoint.cli.inputs import Files, check_model_free, only_dataset
+from truejoint.cli.inputs import Files, check_model_free, only_dataset, takes_files
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
@@ -29,6 +29,7 @@ from truejoint.units import display_unit
 _CROSS: Final = "cross"  # in place of recordings for an interval
 
 
+@takes_files
 def calibrate(
     recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
@@ -103,20 +104,17 @@ def calibrate(
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
     accept: Accept = None,
-    reader: options.Format = None,
-    columns: options.Columns = None,
-    robot: options.FilesRobot = None,
-    arm: options.Arm = "",
     part: options.Part = None,
     split: options.Split = None,
     seed: options.Seed = 0,
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    files: Files,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_free(output, force)
     accepted = check_names(accept)
-    files = Files(reader, columns, robot, arm)
     dataset = only_dataset(recordings)
     is_cross = interval == [_CROSS]
     unfitted = (
@@ -176,6 +174,13 @@ def fit(
         fitted = make(training, estimator, progress=done, **how)
     if fitted.metadata["outliers"]:
         say(f"  left out as gross outliers of the truth: {fitted.metadata['outliers']} rows")
+    without = tuple(f"/{channel}" for channel in training[0].robot.unused_channels)
+    constant = [name for name in fitted.metadata["unused_features"] if not name.endswith(without)]
+    if constant:
+        say(
+            f"left out: {', '.join(constant)} never change in the training rows; the model does "
+            "not know what they do"
+        )
     return fitted.with_metadata(command=command_line())
 
 

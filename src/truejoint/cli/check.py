@@ -11,7 +11,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED
-from truejoint.cli.inputs import Files, check_model_free
+from truejoint.cli.inputs import Files, check_model_free, takes_files
 from truejoint.errors import RecordingError
 from truejoint.units import with_unit
 
@@ -27,6 +27,7 @@ _ADVICE = {
 _COLOURS = {True: "green", False: "red", None: "yellow"}
 
 
+@takes_files
 def check(
     model: options.Model,
     recording: Annotated[
@@ -56,13 +57,11 @@ def check(
             autocompletion=complete.percent_levels,
         ),
     ] = 90.0,
-    reader: options.Format = None,
-    columns: options.Columns = None,
-    robot: options.FilesRobot = None,
-    arm: options.Arm = "",
     part: options.Part = None,
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    files: Files,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
     if rezero is not None:
@@ -70,12 +69,11 @@ def check(
         if against is not None:
             raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
     calibration = truejoint.read_calibration(model)
-    files = Files(reader, columns, robot, arm, calibration)  # a model may carry its robot
     other = None if against is None else truejoint.read_calibration(against)
     level = level_percent / 100.0
     if calibration.interval is not None:
         calibration.interval.index(level)
-    loaded = files.find([recording], part=part)()
+    loaded = files.find([recording], part=part, model=calibration)()
     if len(loaded) != 1:
         raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
     if other is not None:

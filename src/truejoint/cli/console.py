@@ -95,6 +95,16 @@ def print_table(
     out.print(table)
 
 
+def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
+    """Print a name and a text in each line."""
+    from rich.table import Table  # noqa: PLC0415
+
+    table = Table(show_header=False, title=title, title_justify="left")
+    for row in facts:
+        table.add_row(*row)
+    out.print(table)
+
+
 def say(message: str) -> None:
     """Tell the person what is going on; never part of the result."""
     err.print(message)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import truejoint
-from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.console import out, print_facts, progress, result_json
 from truejoint.cli.options import DatasetName, Json
 from truejoint.errors import RecordingError
 
@@ -42,13 +42,11 @@ def show(name: DatasetName, as_json: Json = False) -> None:
     if as_json:
         result_json(facts)
         return
-    from rich.table import Table  # noqa: PLC0415  # as in console
-
-    table = Table(show_header=False, title=dataset.title, title_justify="left")
-    for key, value in facts.items():
-        text = "\n".join(map(str, value)) if isinstance(value, list) else str(value)
-        table.add_row(key, text)
-    out.print(table)
+    texts = {
+        key: "\n".join(map(str, value)) if isinstance(value, list) else str(value)
+        for key, value in facts.items()
+    }
+    print_facts(dataset.title, texts.items())
 
 
 @app.command("fetch", epilog="Example: `truejoint datasets fetch davinci_grasper_umn`")

@@ -12,12 +12,19 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, err, out, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
-from truejoint.cli.inputs import Files, check_free, check_writable, parse_tolerances
+from truejoint.cli.inputs import (
+    Files,
+    check_free,
+    check_writable,
+    parse_tolerances,
+    takes_files,
+)
 from truejoint.errors import CalibrationError
 
 _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
+@takes_files
 def evaluate(
     model: options.Model,
     recordings: options.Recordings,
@@ -56,14 +63,12 @@ def evaluate(
     ] = 0.0,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
     accept: Accept = None,
-    reader: options.Format = None,
-    columns: options.Columns = None,
-    robot: options.FilesRobot = None,
-    arm: options.Arm = "",
     part: options.Part = None,
     split: options.Split = None,
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    files: Files,
 ) -> None:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     if report is not None:
@@ -74,7 +79,6 @@ def evaluate(
         check_free(tables, force, "--tables")
     accepted_names = check_names(accept)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
-    files = Files(reader, columns, robot, arm, models[0])  # a model may carry its robot
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(
@@ -82,8 +86,8 @@ def evaluate(
         )
     units = {joint: first.units[f"measured/{joint}"] for joint in first.joints}
     accepted = parse_tolerances(tolerance or [], units)
-    read_testing = files.find(recordings, part=part, split=split)
-    read_training = files.find(training or [])
+    read_testing = files.find(recordings, part=part, split=split, model=first)
+    read_training = files.find(training or [], model=first)
     testing, shown = read_testing(), read_training()
     check = checked(testing, accepted_names, model=first)
     of_training = checked(shown, accepted_names, joints=first.joints) if shown else None

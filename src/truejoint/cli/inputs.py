@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import glob
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
+from functools import wraps
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import truejoint
+from truejoint.cli import options
 from truejoint.cli.console import progress, say
 from truejoint.errors import RecordingError, TruejointError, unknown
 from truejoint.files import check_target
@@ -21,23 +23,17 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 @dataclass(frozen=True)
 class Files:
-    """What a person says of recordings whose files do not say it themselves.
+    """What a person says of recordings whose files do not say it themselves, an option each."""
 
-    What neither says of robot and arm is that of the `model` which is to correct them.
-    """
-
-    format: str | None = None
-    columns: Path | None = None
-    robot: str | None = None
-    arm: str = ""
-    model: truejoint.Calibration | None = None
-
-    def __post_init__(self) -> None:
-        if self.robot is not None:
-            truejoint.get_robot(self.robot, self.arm)
-        known = truejoint.recordings.format_names()
-        if self.format is not None and self.format not in known:
-            raise RecordingError(unknown("format", self.format, known))
+    format: options.Format = None
+    columns: options.Columns = None
+    robot: options.FilesRobot = None
+    arm: options.FilesArm = ""
+    rate_hz: options.RateHz = None
+    truth_unit: options.TruthUnit = None
+    homing_id: options.HomingId = None
+    load_grams: options.LoadGrams = None
+    session: options.Session = None
 
     def find(
         self,
@@ -48,23 +44,26 @@ class Files:
         held_out: bool = True,
         joints: Sequence[str] = (),
         inputs: truejoint.models.FeatureSet | None = None,
+        model: truejoint.Calibration | None = None,
     ) -> Read:
-        """Find recordings of files, shell patterns and ``NAME:PATTERN`` of public data sets.
+        """Find recordings of files, folders, shell patterns and ``NAME:PATTERN`` of data sets.
 
         What is given back reads them: `part` of each by time, ``FROM:TO``, or one side of the data
         set's recommended `split`, that to judge on if `held_out`. What is wrong with names, part or
         `joints` is raised here, before anything is read; reading ends at the first recording that
-        lacks one of these, or a signal of the `inputs`.
+        lacks one of these, or a signal of the `inputs`. Robot and arm are those of the `model`
+        where neither a person nor a file says them.
         """
+        self._check()
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
-        readers = [self._reader(name, joints) for name in names]
+        readers = [self._reader(name, joints, model) for name in names]
         if self.robot is not None:
             truejoint.get_robot(self.robot, self.arm).index(list(joints))
         if split is not None:
-            return _split_side(only_dataset(names), split, held_out)
+            return self._split_side(only_dataset(names), split, held_out)
 
         def read() -> list[truejoint.Recording]:
             from truejoint.calibration.conformal import check_columns  # noqa: PLC0415  # imports much
@@ -87,35 +86,132 @@ class Files:
 
         return read if names else list
 
-    def _reader(self, name: str, joints: Sequence[str]) -> Read:
+    def _check(self) -> None:
+        if self.robot is not None:
+            truejoint.get_robot(self.robot, self.arm)
+        known = truejoint.recordings.format_names()
+        if self.format is not None and self.format not in known:
+            raise RecordingError(unknown("format", self.format, known))
+
+    def _reader(
+        self, name: str, joints: Sequence[str], model: truejoint.Calibration | None
+    ) -> Read:
         sets = truejoint.recordings.datasets
         wanted, _, pattern = name.partition(":")
-        if Path(name).exists():
-            paths = [name]
+        path = Path(name)
+        if path.exists() and not _is_plain_folder(path):
+            paths = [path]
+        elif path.exists():
+            paths = self._without_strangers(name, sorted(path.iterdir()))
         elif wanted in sets.DATASETS:
             found = sets.get_dataset(wanted)
             found.match(pattern or "*")
             truejoint.get_robot(found.robot).index(list(joints))
-            return partial(sets.read_dataset, wanted, pattern or "*")
+            return lambda: self._state(sets.read_dataset(wanted, pattern or "*"))
         else:
-            paths = sorted(glob.glob(name))  # noqa: PTH207  # absolute too
-        if not paths:
-            raise RecordingError(
-                f"{name}: no such file or folder, and {unknown('data set', wanted, sets.DATASETS)}"
-            )
-        return lambda: [self._read(Path(path)) for path in paths]
+            paths = [Path(found) for found in sorted(glob.glob(name))]  # noqa: PTH207  # absolute too
+            if not paths:
+                known = unknown("data set", wanted, sets.DATASETS)
+                raise RecordingError(f"{name}: no such file or folder, and {known}")
+            paths = self._without_strangers(name, paths)
+        return lambda: [recording for path in paths for recording in self._read(path, model)]
 
-    def _read(self, path: Path) -> truejoint.Recording:
+    def _without_strangers(self, name: str, paths: Sequence[Path]) -> list[Path]:
+        """Those of the paths that nobody named one by one which are recordings; tell the others."""
+        from truejoint.recordings import reading  # noqa: PLC0415  # needs NumPy
+
+        kept = []
+        for path in paths:
+            reason = reading.why_no_recording(path, self.format, self.columns)
+            if reason:
+                say(f"  {path}: left out: {reason}")
+            else:
+                kept.append(path)
+        if not kept:
+            raise RecordingError(f"{name}: none of {len(paths)} files there is a recording")
+        return kept
+
+    def _read(self, path: Path, model: truejoint.Calibration | None) -> list[truejoint.Recording]:
         sets = truejoint.recordings
         kind = self.format or sets.detect_format(path, with_map=self.columns is not None)
-        context = {"robot": self.robot, "arm": self.arm or None, "column_map": self.columns}
+        context = {
+            "robot": self.robot,
+            "arm": self.arm or None,
+            "column_map": self.columns,
+            "rate": self.rate_hz,
+            "truth_unit": self.truth_unit,
+        }
         given = {key: value for key, value in context.items() if value is not None}
-        said = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
-        if self.model is not None and not said and kind in sets.FORMATS:
-            for key, name in (("robot", self.model.robot), ("arm", self.model.arm)):
-                if name and key in sets.FORMATS[kind].options:
-                    given.setdefault(key, name)
-        return sets.read_recording(path, kind, **given)
+        stated = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
+        if model is not None and not stated and kind in sets.FORMATS:
+            of_model = {"robot": model.robot, "arm": model.arm}
+            takes = sets.FORMATS[kind].options
+            given = {k: name for k, name in of_model.items() if name and k in takes} | given
+        found = sets.read_recordings(path, kind, **given, **self._about())
+        if len(found) > 1:
+            say(f"  {path}: its clock restarts: read as {len(found)} recordings")
+        return found
+
+    def _about(self) -> dict[str, Any]:
+        """Give what is said of where recordings come from."""
+        load = None if self.load_grams is None else self.load_grams / 1000.0
+        about = {"homing_id": self.homing_id, "load": load, "session": self.session}
+        return {key: value for key, value in about.items() if value is not None}
+
+    def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
+        from truejoint.recordings.reading import state  # noqa: PLC0415  # needs NumPy
+
+        return state(recordings, self._about())
+
+    def _split_side(self, dataset: str | None, name: str, held_out: bool) -> Read:
+        if dataset is None:
+            raise RecordingError(
+                f"--split {name!r} is for one public data set by name; use --part for files"
+            )
+        sets, evaluation = truejoint.recordings.datasets, truejoint.evaluation
+        split = sets.get_dataset(dataset).split(name)
+        side = "the held-out" if held_out else "the training"
+
+        def read() -> list[truejoint.Recording]:
+            with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
+                recordings = self._state(sets.read_dataset(dataset, split.files, progress=done))
+            if split.test:
+                named = zip(sets.get_dataset(dataset).match(split.files), recordings, strict=True)
+                return [r for named_so, r in named if split.holds_out(named_so.name) == held_out]
+            pairs = [
+                evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings
+            ]
+            return [test if held_out else train for train, test in pairs]
+
+        return read
+
+
+def takes_files(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options that `Files` has; it takes them together as `files`."""
+    own = inspect.signature(command, eval_str=True).parameters
+    said = inspect.signature(Files, eval_str=True).parameters
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        files = Files(**{name: given.pop(name) for name in said})
+        command(**given, files=files)
+
+    taken = [p for name, p in own.items() if name != "files"] + list(said.values())
+    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in taken]
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in parameters}
+    return run
+
+
+def _is_plain_folder(path: Path) -> bool:
+    """Whether a path is a folder that is not itself one recording."""
+    if not path.is_dir():
+        return False
+    try:
+        truejoint.recordings.detect_format(path)
+    except RecordingError:
+        return True
+    return False
 
 
 def say_dropped(recording: truejoint.Recording) -> None:
@@ -152,26 +248,6 @@ def check_model_free(path: Path, force: bool, option: str = "--out") -> None:
     from truejoint.calibration.model_file import check_name  # noqa: PLC0415  # needs NumPy
 
     check_writable(check_name(path), force, option)
-
-
-def _split_side(dataset: str | None, name: str, held_out: bool) -> Read:
-    if dataset is None:
-        raise RecordingError(
-            f"--split {name!r} is for one public data set by name; use --part for files"
-        )
-    sets, evaluation = truejoint.recordings.datasets, truejoint.evaluation
-    split = sets.get_dataset(dataset).split(name)
-    side = "the held-out" if held_out else "the training"
-
-    def read() -> list[truejoint.Recording]:
-        with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
-            recordings = sets.read_dataset(dataset, split.files, progress=done)
-        if split.test:
-            return [r for r in recordings if split.holds_out(r.provenance.session) == held_out]
-        pairs = [evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings]
-        return [test if held_out else train for train, test in pairs]
-
-    return read
 
 
 def parse_part(text: str) -> tuple[float, float]:

@@ -47,21 +47,46 @@ Recordings = Annotated[
         autocompletion=complete.recordings,
     ),
 ]
+
+
+def _of_files(name: str, help: str, **more: Any) -> Any:  # noqa: A002
+    """Option that says what recordings' files do not say themselves."""
+    return typer.Option(name, help=help, rich_help_panel="What files do not say", **more)
+
+
 Format = Annotated[
     str | None,
-    typer.Option(
+    _of_files(
         "--format",
-        help="Reader by name; default: found from the file.",
+        "Reader by name; default: found from the file.",
         autocompletion=complete.formats,
     ),
 ]
 Columns = Annotated[
     Path | None,
-    typer.Option("--columns", help="TOML file that names a CSV file's columns and units."),
+    _of_files("--columns", "TOML file that names a file's columns; see `truejoint columns`."),
 ]
 FilesRobot = Annotated[
     str | None,
-    typer.Option("--robot", help="For files that do not say it.", autocompletion=complete.robots),
+    _of_files("--robot", "For files that do not say it.", autocompletion=complete.robots),
+]
+FilesArm = Annotated[
+    str,
+    _of_files("--arm", "Which arm; default: the robot's first.", autocompletion=complete.arms),
+]
+RateHz = Annotated[
+    float | None, _of_files("--rate-hz", "Rate of the rows of a file without time stamps [Hz].")
+]
+TruthUnit = Annotated[
+    str | None,
+    _of_files("--truth-unit", "Of RAVEN's external encoders: rad_m, deg_m, deg_mm, ravenstate."),
+]
+HomingId = Annotated[
+    str | None, _of_files("--homing-id", "Name of the homing that the positions refer to.")
+]
+LoadGrams = Annotated[float | None, _of_files("--load-grams", "Mass hung on the tool [g].")]
+Session = Annotated[
+    str | None, _of_files("--session", "Name of what was recorded in one go; default: the file's.")
 ]
 Part = Annotated[
     str | None,

@@ -11,7 +11,8 @@ from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.results import OFFSET, Domain, Trace
 from truejoint.recordings.recording import Recording
-from truejoint.runtime import Corrector, Status
+from truejoint.runtime import Status
+from truejoint.runtime.corrector import corrector_for
 from truejoint.runtime.limits import believable_corrections
 
 _HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
@@ -25,12 +26,10 @@ def row_statuses(model: object, recordings: Sequence[Recording]) -> list[Integer
     """
     if not isinstance(model, Calibration) or model.training_domain is None:
         return [None] * len(recordings)
-    known = all(column in r.units for r in recordings for column in model.redundant)
-    model = model if known else model.without_redundant()
     try:
-        corrector = Corrector(model)
+        corrector = corrector_for(model, recordings)
     except CalibrationError:
-        corrector = Corrector(model.baselines[OFFSET])
+        corrector = corrector_for(model.baselines[OFFSET], recordings)
     corrector.set_homing(True)
     return [corrector.run(recording).status & _HOMING for recording in recordings]
 

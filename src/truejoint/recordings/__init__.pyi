@@ -9,10 +9,15 @@ from .data_check import check_data as check_data
 from .formats import FORMATS as FORMATS
 from .formats import Format as Format
 from .formats import format_names as format_names
+from .joining import ClockOffset as ClockOffset
+from .joining import join_truth as join_truth
+from .map_sketch import sketch_column_map as sketch_column_map
 from .parquet import read_parquet as read_parquet
 from .parquet import write_parquet as write_parquet
+from .readers.mapped import read_truth as read_truth
 from .reading import detect_format as detect_format
 from .reading import read_recording as read_recording
+from .reading import read_recordings as read_recordings
 from .recorder import Recorder as Recorder
 from .recording import Provenance as Provenance
 from .recording import Recording as Recording

@@ -72,7 +72,8 @@ class ColumnMap:
     comment : str
         A line that begins with it is passed over.
     rate : float
-        Of a file without time stamps [Hz]; 0 where ``t`` is among the columns.
+        Of a file without time stamps [Hz]; 0 where ``t`` is among the columns, or the caller states
+        it.
 
     Examples
     --------
@@ -132,11 +133,10 @@ def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
     columns, rate = values.get("columns"), values.get("rate_hz", 0.0)
     if not _is_number(rate) or not 0 <= rate <= 1e9:
         raise RecordingError(f"{name}: rate_hz is {rate!r:.40}; want a number above 0")
-    if not isinstance(columns, Mapping) or ("t" in columns) == (rate > 0):
-        raise RecordingError(
-            f"{name}: needs a table 'columns' that says which column is 't', or rate_hz where the "
-            "file has no time stamps"
-        )
+    if not isinstance(columns, Mapping):
+        raise RecordingError(f"{name}: needs a table 'columns' that says what is in which column")
+    if "t" in columns and rate > 0:
+        raise RecordingError(f"{name}: gives 't' and rate_hz; a rate is for files without stamps")
     texts = {key: values[key] for key in _TEXTS if key in values}
     for key, text in texts.items():
         if not isinstance(text, str) or (key == "comment" and len(text) > 1):

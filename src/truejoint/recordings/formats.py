@@ -25,7 +25,8 @@ class Format:
     summary : str
         What it is, in a few words for a person.
     read : callable
-        Takes the path and any of `options`.
+        Takes the path and any of `options`; gives a recording, or one for each session of a file
+        whose clock restarts.
     options : tuple of str
         Names of the keyword arguments that `read` takes.
     folder : bool
@@ -39,7 +40,7 @@ class Format:
 
     name: str
     summary: str
-    read: Callable[..., Recording]
+    read: Callable[..., Recording | list[Recording]]
     options: tuple[str, ...] = ()
     folder: bool = False
 
@@ -56,19 +57,20 @@ def _own(
     return Format(name, summary, read, options, folder)
 
 
-_MAPPED: Final = ("robot", "arm", "column_map")
+_MAPPED: Final = ("robot", "arm", "column_map", "rate")
+_TRUTH: Final = ("arm", "truth_unit")
 FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         _own("parquet", "what truejoint writes", "parquet:read_parquet"),
-        _own("csv", "header, or column map", "readers.mapped:read_csv", _MAPPED),
-        _own("arrays", ".npy or .mat with a column map", "readers.mapped:read_arrays", _MAPPED),
+        _own("csv", "header, or column map", "readers.mapped:read", _MAPPED),
+        _own("arrays", ".npy or .mat with a column map", "readers.mapped:read", _MAPPED),
         _own("raven_csv_240", "RAVEN-II state", "readers.raven_csv:read_240", ("arm",)),
         _own(
             "raven_csv_252",
             "RAVEN-II state with external encoders",
             "readers.raven_csv:read_252",
-            ("arm", "truth_unit"),
+            _TRUTH,
         ),
         _own("davinci_grasper_umn", "da Vinci grasper bench", "readers.davinci_grasper:read"),
         _own(

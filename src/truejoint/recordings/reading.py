@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.array_files import VERSION5_MARK
+from truejoint.recordings.column_map import MapSource
 from truejoint.recordings.files import read_head, require_file
-from truejoint.recordings.formats import format_names, get_format
+from truejoint.recordings.formats import FORMATS, format_names, get_format
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
 from truejoint.recordings.parquet import PARQUET_MAGIC
-from truejoint.recordings.readers import davinci_grasper, dvrk_berkeley, kflex, raven_csv
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.readers import (
+    davinci_grasper,
+    dvrk_berkeley,
+    kflex,
+    mapped,
+    raven_csv,
+)
+from truejoint.recordings.recording import Recording, as_recordings
 
 PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
 """What a caller may state about any file, and that replaces what the file says."""
@@ -33,9 +41,9 @@ def read_recording(
     format : str, optional
         One of `format_names`; found out from the content by default, if it is truejoint's own.
     **context
-        What the file does not say: ``robot``, ``arm``, ``column_map`` and ``truth_unit`` for the
-        formats that take them (see `FORMATS`), ``load`` [kg], ``homing_id``, ``session`` and
-        ``notes`` for any.
+        What the file does not say: ``robot``, ``arm``, ``column_map``, ``rate`` [Hz] of a file
+        without time stamps, and ``truth_unit``, for the formats that take them (see `FORMATS`);
+        ``load`` [kg], ``homing_id``, ``session`` and ``notes`` for any.
 
     Raises
     ------
@@ -48,6 +56,31 @@ def read_recording(
     >>> read_recording("run.csv", robot="davinci_grasper").joints_of("truth")
     ('jaw',)
     """
+    found = read_recordings(path, format, **context)
+    if len(found) > 1:
+        raise RecordingError(
+            f"{path}: its clock restarts, so it holds {len(found)} recordings; "
+            "read_recordings(path) gives all of them"
+        )
+    return found[0]
+
+
+def read_recordings(
+    path: str | os.PathLike[str],
+    format: str | None = None,  # noqa: A002 - the word that a person types
+    **context: Any,
+) -> list[Recording]:
+    """Read the recordings of a file: several where its clock restarts, a session each.
+
+    Takes and raises what `read_recording` does.
+
+    Examples
+    --------
+    >>> twice = pd.concat([test.table, training[0].table])
+    >>> twice.to_csv("day.csv", index=False)
+    >>> [r.provenance.session for r in read_recordings("day.csv", robot="davinci_grasper")]
+    ['day#1', 'day#2']
+    """
     if not isinstance(path, str | os.PathLike):
         raise RecordingError(
             f"a {type(path).__name__} is no path; Recording.from_columns(table, robot) makes a "
@@ -58,7 +91,7 @@ def read_recording(
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
     name = format or detect_format(source, with_map="column_map" in context)
     entry = get_format(name)
-    about = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
+    about: dict[str, Any] = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]
     if wrong:
         allowed = ", ".join((*entry.options, *PROVENANCE_OPTIONS))
@@ -66,16 +99,49 @@ def read_recording(
     if not entry.folder:
         require_file(source)
     try:
-        recording = entry.read(source, **context)
+        found = as_recordings(entry.read(source, **context))
     except RecordingError as error:
         # The rules of a recording name it as its provenance does; a person wants the path.
         text = str(error)
         if text.startswith(f"{source.name}:") and str(source) != source.name:
             raise RecordingError(str(source) + text.removeprefix(source.name)) from None
         raise
-    if not about:  # nor check the table again
-        return recording
-    return replace(recording, provenance=replace(recording.provenance, **about))
+    return state(found, about)
+
+
+def state(recordings: Sequence[Recording], about: Mapping[str, Any]) -> list[Recording]:
+    """State of recordings what a person says of them, any of `PROVENANCE_OPTIONS`."""
+    if not about:  # nor check the tables again
+        return list(recordings)
+    stated = []
+    for recording in recordings:
+        facts = dict(about)
+        _, part, count = recording.provenance.session.rpartition("#")
+        if "session" in facts and len(recordings) > 1:
+            facts["session"] += part + count
+        stated.append(replace(recording, provenance=replace(recording.provenance, **facts)))
+    return stated
+
+
+def why_no_recording(
+    path: Path,
+    format: str | None = None,  # noqa: A002
+    column_map: MapSource | None = None,
+) -> str:
+    """Say why a file that nobody named is none of the recordings among which it lies, else ``""``.
+
+    One that is damaged counts as a recording: reading it says so.
+    """
+    try:
+        name = detect_format(path, with_map=column_map is not None)
+        if name == "csv":
+            mapping, _, _ = mapped.read_header(path, column_map, rate=0.0)
+            if not any(column.startswith("measured/") for column in mapping.columns):
+                return "no 'measured/<joint>' column"
+    except RecordingError as error:
+        return str(error).removeprefix(f"{path}: ")
+    own = format in FORMATS and not (format == "csv" and name == "arrays")
+    return f"is {name}, not {format}" if own and name != format else ""
 
 
 def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
@@ -125,9 +191,9 @@ def _detect_text(source: Path, head: str) -> str:
     fields = split_fields(line, ",")
     if not all(is_number(field) for field in fields):
         names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
-        if "t" in names:
+        if "t" in names or any(name.startswith("measured/") for name in names):
             return "csv"
-        raise _unknown(source, "a header without 't'; give a column map")
+        raise _unknown(source, f"a header without 't'; {mapped.MAP_ADVICE}")
     count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
     if count in ravens:
         return f"raven_csv_{count}"
@@ -135,7 +201,7 @@ def _detect_text(source: Path, head: str) -> str:
         return "kflex_tendon_sheath"
     counts = ", ".join(map(str, (*ravens, *kflex.LAYOUTS)))
     raise _unknown(
-        source, f"{count} columns without a header, expected {counts}; give a column map"
+        source, f"{count} columns without a header, expected {counts}; {mapped.MAP_ADVICE}"
     )
 
 

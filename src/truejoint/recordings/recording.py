@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -17,7 +18,14 @@ from truejoint.robots import Robot, get_robot
 from truejoint.summary import Summarised
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
-_EPOCH: Final = 1e8
+EPOCH: Final = 1e8
+
+_SHOWN: Final = 8  # quantities that a summary lists with their channels
+
+_MAX_MISSING: Final = 1 / 3  # share of rows that may lack a value
+_SHORTEST_SESSION: Final = 10  # rows before and after a clock's restart
+_RESTART: Final = 0.1  # share of the time before at which the clock may go on
+MISSING: Final = "value missing"
 
 # Quantities whose unit is that of the joint's position.
 POSITION_QUANTITIES: Final = ("measured", "setpoint", "truth", "truth_exact")
@@ -201,12 +209,17 @@ class Recording(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Robot, source, size and columns, by label."""
-        quantities = dict.fromkeys(name.partition("/")[0] for name in self.units)
+        quantities = sorted(
+            dict.fromkeys(name.partition("/")[0] for name in self.units),
+            key=lambda quantity: quantity not in ("measured", "effort", "truth"),
+        )
+        shown, others = quantities[:_SHOWN], ", ".join(quantities[_SHOWN:])
         return {
             "robot": self.robot.title,
             "source": self.provenance.source or "-",
             "rows": f"{len(self)} over {self.duration:.1f} s",
-            **{name: ", ".join(self.joints_of(name)) or "-" for name in quantities},
+            **{name: ", ".join(self.joints_of(name)) or "-" for name in shown},
+            **({"others": others} if others else {}),
         }
 
     @property
@@ -276,7 +289,7 @@ def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording
 def since_first(t: Array) -> tuple[Array, float]:
     """Stamps `t` (n,) [s] since the first if they are since 1970, and what was taken off or NaN."""
     first = float(t[0])
-    return (t - first, first) if first > _EPOCH else (t, math.nan)
+    return (t - first, first) if first > EPOCH else (t, math.nan)
 
 
 def nominal_rates(**stamps: Array) -> dict[str, float]:
@@ -296,27 +309,78 @@ def runs(same: Mask) -> list[tuple[int, int]]:
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
 
 
-def recording_of_file(
+def recordings_of_file(
     path: Path,
     robot: Robot | str,
     columns: Mapping[str, Array],
     units: Mapping[str, str] | None = None,
     *,
     rate: float | None = None,
+    dropped: Mapping[str, int] | None = None,
     **about: Any,
-) -> Recording:
-    """Make a recording of a file's columns (n,); its name up to a dot is the session unless stated.
+) -> list[Recording]:
+    """Make recordings of a file's columns (n,): one, or one for each session if its clock restarts.
 
-    State and truth are of `rate` [Hz]; without one the state is of that which its stamps show.
+    Rows in which a value other than truth is missing are left out, of rows with the same stamp all
+    but the last; both are counted beside what was `dropped` before. Stamps since 1970 are counted
+    from the first row. The session is the file's name up to a dot unless stated. State and truth
+    are of `rate` [Hz]; without one the state is of that which its stamps show.
     """
     robot = get_robot(robot) if isinstance(robot, str) else robot
+    _check_shapes(columns, path.name)
+    columns, missing = _whole_rows(columns, path.name)
+    last = last_of_each_stamp(columns["t"])
+    columns = {name: values[last] for name, values in columns.items()}
+    counts = {**(dropped or {}), MISSING: missing, "repeated time stamp": int((~last).sum())}
     stated: dict[str, Any] = {
         "source": path.name,
         "session": path.name.partition(".")[0],
         "rates": {"state": rate, "truth": rate} if rate else nominal_rates(state=columns["t"]),
     }
     provenance = Provenance(robot.name, robot.arm, **(stated | about))
-    return Recording.from_columns(columns, provenance, units)
+    sessions = _sessions(columns["t"])
+    found = []
+    for count, (first, end) in enumerate(sessions, 1):
+        rows = {name: values[first:end] for name, values in columns.items()}
+        rows["t"], start = since_first(rows["t"])
+        own = replace(provenance, start=start, dropped=counts if count == 1 else {})
+        if len(sessions) > 1:
+            own = replace(own, session=f"{provenance.session}#{count}")
+        found.append(Recording.from_columns(rows, own, units))
+    return found
+
+
+def _whole_rows(columns: Mapping[str, Array], source: str) -> tuple[Mapping[str, Array], int]:
+    """Rows in which nothing but truth is NaN, and how many others there are."""
+    gaps = {n: np.isnan(values) for n, values in columns.items() if not n.startswith("truth")}
+    whole = ~np.logical_or.reduce(list(gaps.values()))
+    missing = int((~whole).sum())
+    if missing > _MAX_MISSING * whole.size:
+        worst = max(gaps, key=lambda name: int(gaps[name].sum()))
+        raise RecordingError(
+            f"{source}: {missing} of {whole.size} rows lack a value, {worst!r} in "
+            f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
+        )
+    if not missing:
+        return columns, 0
+    return {name: values[whole] for name, values in columns.items()}, missing
+
+
+def _sessions(t: Array) -> list[tuple[int, int]]:
+    """First row, and the row behind the last, of what was recorded in one go, by stamps (n,) [s].
+
+    A clock restarts where it goes back by nearly all that went before, and stays there. Any other
+    step back, or one next to a few rows only, is a stray stamp, which a recording refuses.
+    """
+    starts = [0]
+    for row in (np.flatnonzero(np.diff(t) < 0) + 1).tolist():
+        begin, before = t[starts[-1]], t[row - 1]
+        stays = (t[row : row + 2] < before).all()
+        if stays and t[row] - begin <= _RESTART * (before - begin):
+            starts.append(row)
+    bounds = list(itertools.pairwise([*starts, t.size]))
+    stray = any(end - first < _SHORTEST_SESSION for first, end in bounds)
+    return [(0, t.size)] if stray else bounds
 
 
 def default_unit(column: str, robot: Robot) -> str:
@@ -336,9 +400,9 @@ def default_unit(column: str, robot: Robot) -> str:
 
 
 _UNITS: Final = {
-    **dict.fromkeys(("motor", "driver"), "rad"),
+    **dict.fromkeys(("motor", "motor_setpoint", "driver"), "rad"),
     **dict.fromkeys(("motor_velocity", "driver_velocity"), "rad/s"),
-    **dict.fromkeys(("tool", "cable"), "m"),
+    **dict.fromkeys(("tool", "tool_setpoint", "cable"), "m"),
     **dict.fromkeys(("tension", "truth_tension"), "N"),
     "current": "A",
     "truth_load": "Nm",

@@ -10,9 +10,9 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import RecordingError
+from truejoint.recordings.recording import MISSING
 
 BACK: Final = "time stamp not after the one before"
-MISSING: Final = "value missing"
 BEFORE: Final = "no truth: before it starts"
 AFTER: Final = "no truth: after it ends"
 GAP: Final = "no truth: gap between its samples"
@@ -89,7 +89,7 @@ def synchronise(
     if not (gap_limit > 0):
         raise RecordingError(f"synchronise: gap limit {gap_limit} s; give one above 0 s")
     dropped: dict[str, int] = {}
-    state, truth = _clean(state, "state", dropped), _clean(truth, "truth", dropped)
+    state, truth = usable_rows(state, "state", dropped), usable_rows(truth, "truth", dropped)
     after = np.searchsorted(truth.t, state.t, side="left")
     exact = truth.t[np.minimum(after, truth.t.size - 1)] == state.t
     early, late = state.t < truth.t[0], state.t > truth.t[-1]
@@ -120,7 +120,8 @@ def forward_rows(t: Array) -> Mask:
     return keep
 
 
-def _clean(stream: Stream, name: str, dropped: dict[str, int]) -> Stream:
+def usable_rows(stream: Stream, name: str, dropped: dict[str, int]) -> Stream:
+    """Rows without NaN whose stamps go forward; the others are counted in `dropped`."""
     known = np.logical_and.reduce([np.isfinite(v) for v in (stream.t, *stream.columns.values())])
     if not known.all():
         dropped[f"{name}: {MISSING}"] = int((~known).sum())

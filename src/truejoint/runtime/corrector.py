@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -256,6 +257,17 @@ class Corrector(Summarised):
         self.position[:] = self.correction[:] = np.nan
         self.half_width[:] = np.inf
         return self._statuses[int(self._numbers[at.HOMING]) | Status.WRONG_SIZE]
+
+
+def corrector_for(
+    calibration: Calibration, recordings: Sequence[Recording], **how: Any
+) -> Corrector:
+    """Corrector to run over recordings, which `how` is given to.
+
+    Where one of them lacks a column that only checks measured positions, none is asked for.
+    """
+    known = all(c in r.units for r in recordings for c in calibration.redundant)
+    return Corrector(calibration if known else calibration.without_redundant(), **how)
 
 
 class _Statuses(dict[int, Status]):

@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError
-from truejoint.recordings import Recording, read_recording
+from truejoint.recordings import Recording, read_recording, read_recordings
 
 numbers = st.floats(-1e12, 1e12)
 
@@ -120,10 +120,13 @@ def test_stamps_since_1970_count_from_the_first_row(tmp_path: Path) -> None:
         ("t,measured/joint1\n", {"robot": "bros"}, "holds no rows"),
         ("t,measured/joint1\n0,1\n1,2\n0,3\n", {"robot": "bros"}, "row 2 goes back or repeats"),
         ("t,measured/joint1\n0,1\n1,high\n", {"robot": "bros"}, "line 3, column 1 is 'high'"),
-        ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "line 3, column 1 is 'nan'"),
+        ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "lack a value, 'measured/joint1'"),
+        ("measured/joint1\n0\n1\n", {"robot": "bros"}, "no column 't' .* --rate-hz.*truejoint col"),
+        ("t,measured/joint1\n0,1\n1,2\n", {"robot": "bros", "rate": 9.0}, "has time stamps"),
+        ("measured/joint1\n0\n1\n", {"robot": "bros", "rate": np.nan}, "a rate of nan Hz"),
         ("t,measured/joint1\n0,1\n1,inf\n", {"robot": "bros"}, "row 1 is inf"),
         ("t,t,measured/joint1\n0,0,1\n1,1,2\n", {"robot": "bros"}, "column 't' is twice"),
-        (TABLE, {"column_map": {"columns": {"t": "time"}}, "robot": "bros"}, "no 'measured/"),
+        (TABLE, {"column_map": {"columns": {"t": "stamp"}}, "robot": "bros"}, "no 'measured/"),
         (
             TABLE,
             {"column_map": {"columns": {"t": "time", "measured/joint1": 1}}, "robot": "bros"},
@@ -238,6 +241,60 @@ def test_a_signal_that_is_not_there_is_one_line(tmp_path: Path, column: str, mes
     assert "\n" not in str(caught.value)
     with pytest.raises(RecordingError, match="give a column map"):
         read_recording(tmp_path / "a.mat", "arrays", robot="bros")
+
+
+def test_a_rate_in_place_of_stamps_may_come_from_the_caller(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.csv", "measured/joint1,truth/joint1\n1,2\n3,4\n")
+    assert read_recording(path, robot="bros", rate=4.0).t.tolist() == [0.0, 0.25]
+    np.save(tmp_path / "a.npy", ROWS)
+    mapping = {"robot": "bros", "columns": {"measured/joint1": 1}}
+    assert read_recording(tmp_path / "a.npy", column_map=mapping, rate=2.0).duration == 2.0
+
+
+@settings(max_examples=30)
+@given(
+    rows=st.lists(st.lists(st.floats(-9, 9) | st.just(np.nan), min_size=2, max_size=2), min_size=9),
+    lost=st.sets(st.integers(0, 8), max_size=3),
+)
+def test_rows_that_lack_a_value_are_left_out_and_counted(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[float]], lost: set[int]
+) -> None:
+    table = np.array([[k, *row] for k, row in enumerate(rows)])
+    table[:, 1] = np.nan_to_num(table[:, 1])
+    table[list(lost), 1] = np.nan
+    path = tmp_path_factory.mktemp("nan") / "a.csv"
+    names = "t,measured/joint1,truth/joint1"
+    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.17g")
+    recording = read_recording(path, robot="bros")
+    kept = table[np.isfinite(table[:, 1])]
+    np.testing.assert_array_equal(recording.table.to_numpy(), kept)
+    assert recording.provenance.dropped.get("value missing", 0) == len(lost)
+
+
+@settings(max_examples=30)
+@given(
+    lengths=st.lists(st.integers(10, 30), min_size=1, max_size=4),
+    first=st.sampled_from([0.0, 3.5, 1.7e9]),
+)
+def test_each_restart_of_the_clock_begins_a_session(
+    tmp_path_factory: pytest.TempPathFactory, lengths: list[int], first: float
+) -> None:
+    t = np.concatenate([first + 0.25 * np.arange(length) for length in lengths])
+    path = tmp_path_factory.mktemp("restart") / "day.csv"
+    names = "t,measured/joint1"
+    table = np.column_stack([t, np.arange(t.size)])
+    np.savetxt(path, table, delimiter=",", header=names, comments="", fmt="%.17g")
+    found = read_recordings(path, robot="bros", homing_id="h", session="morning")
+    assert [len(recording) for recording in found] == lengths
+    measured = np.concatenate([recording.column("measured/joint1") for recording in found])
+    np.testing.assert_array_equal(measured, np.arange(t.size))
+    several = len(lengths) > 1
+    names = [f"morning#{k}" if several else "morning" for k in range(1, len(lengths) + 1)]
+    assert [recording.provenance.session for recording in found] == names
+    assert {recording.provenance.homing_id for recording in found} == {"h"}
+    if several:
+        with pytest.raises(RecordingError, match=f"holds {len(lengths)} recordings"):
+            read_recording(path, robot="bros")
 
 
 @pytest.mark.parametrize("rate", [0, -1, float("nan"), True, "x"])

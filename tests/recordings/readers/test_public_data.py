@@ -172,7 +172,7 @@ def test_kuka_file(tmp_path: Path) -> None:
     [
         ({"ref_pos_deg": None}, "has no field 'ref_pos_deg'"),
         ({"act_pos_se_deg": np.zeros((6, 3))}, r"rec.act_pos_se_deg is of shape \(6, 3\)"),
-        ({"time_cont": np.zeros(4)}, "row 1 goes back or repeats"),
+        ({"time_cont": np.zeros(4)}, "1 rows; a recording needs at least 2"),
     ],
 )
 def test_kuka_file_that_lacks_something(

@@ -22,6 +22,20 @@ BLOCKS = {
     "motor_velocity": (134, True),
     "velocity": (150, True),
     "setpoint": (182, True),
+    "motor_setpoint": (166, True),
+    "encoder": (70, False),
+    "encoder_offset": (200, False),
+    "dac": (86, False),
+}
+# The same of what each arm has once: first column, how many of them, whether in micrometres.
+OF_ARM = {
+    "tool": (22, 3, True),
+    "rotation": (28, 9, False),
+    "rotation_setpoint": (46, 9, False),
+    "tool_setpoint": (64, 3, True),
+    "grasp_setpoint": (198, 1, False),
+    "jacobian_velocity": (216, 6, False),
+    "jacobian_force": (228, 6, False),
 }
 CHANNELS = ("shoulder", "elbow", "insertion", "unused", "roll", "wrist", "jaw1", "jaw2")
 
@@ -46,6 +60,17 @@ def test_every_column_is_where_the_layout_has_it(
             # One factor for all, the insertion's metres too.
             expected = np.deg2rad(expected) if degrees else expected
             assert np.allclose(recording.column(f"{quantity}/{channel}"), expected, atol=1e-12)
+    for quantity, (first, count, micrometres) in OF_ARM.items():
+        where = start + first + (count if offset else 0)
+        expected = table[:, where : where + count] * (1e-6 if micrometres else 1.0)
+        found = recording.columns(quantity, recording.joints_of(quantity))
+        np.testing.assert_allclose(found, expected, rtol=1e-12)
+    assert recording.units["tool/x"] == recording.units["tool_setpoint/z"] == "m"
+    assert recording.column("state/last_seq")[0] == table[0, start + 19]
+    assert recording.joints_of("crtk") == (recording.robot.joint_names if columns == 252 else ())
+    if columns == 252:
+        assert recording.column("crtk/shoulder")[0] == table[0, 5]
+        assert recording.units["crtk/insertion"] == "m"
     assert recording.t[0] == 0.0
     assert recording.duration == pytest.approx(39 / 30, abs=1e-5)
     assert recording.provenance.start == 1.7e9
@@ -141,8 +166,9 @@ def test_missing_numbers(write_raven: WriteRaven) -> None:
     def hole(table: np.ndarray) -> None:
         table[7, 1] = np.nan
 
-    with pytest.raises(RecordingError, match="line 8, column 1 is 'nan'"):
-        read_recording(write_raven(240, change=hole))
+    recording = read_recording(write_raven(240, change=hole))
+    assert recording.provenance.dropped == {"value missing": 1}
+    assert len(recording) == 39
     # In the truth it is a reading that is missing.
     recording = read_recording(write_raven(252, change=hole))
     assert recording.provenance.dropped == {"truth: value missing": 1}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Final
 
 from truejoint.recordings.numeric_text import TextLayout, read_numbers
-from truejoint.recordings.recording import Recording, recording_of_file
+from truejoint.recordings.recording import Recording, recordings_of_file
 
 COLUMNS: Final = 10
 HEADER_MARK: Final = "Front-end Maxon Encoder"  # stands in the header line of every file
@@ -31,7 +31,7 @@ JAW_PER_DRIVER: Final = -0.9
 JAW_AT_DRIVER_ZERO: Final = math.radians(67.0)
 
 
-def read(path: Path) -> Recording:
+def read(path: Path) -> list[Recording]:
     """Read one file of the grasper bench, text or gzip.
 
     Columns: ``measured/jaw`` [rad], the jaw angle that the driver angle stands for nominally
@@ -59,7 +59,7 @@ def read(path: Path) -> Recording:
         "truth_effort/jaw": jaw_torque * TORQUE_COUNT,
     }
     stem = path.name.partition(".")[0]
-    return recording_of_file(
+    return recordings_of_file(
         path,
         "davinci_grasper",
         columns,

@@ -16,7 +16,7 @@ import numpy as np
 from truejoint.errors import RecordingError
 from truejoint.recordings.array_files import read_mat
 from truejoint.recordings.files import read_bounded
-from truejoint.recordings.recording import Recording, recording_of_file
+from truejoint.recordings.recording import Recording, recordings_of_file
 from truejoint.robots import Transmission, get_robot
 
 KUKA_AXES: Final = 6
@@ -30,7 +30,7 @@ _KUKA_FIELDS: Final = (
 )
 
 
-def read_bros(path: Path) -> Recording:
+def read_bros(path: Path) -> list[Recording]:
     """Read one part of a measurement of BROS, a MATLAB file with one variable ``data_<k>`` (5, n).
 
     Columns, for ``joint1`` and ``joint2``: ``motor`` [rad], ``measured`` [rad], the motor angle
@@ -52,10 +52,10 @@ def read_bros(path: Path) -> Recording:
     columns = {"t": time}
     for quantity, both in (("measured", measured), ("motor", motor), ("truth", truth)):
         columns |= {f"{quantity}/joint{k}": angle for k, angle in enumerate(both, 1)}
-    return recording_of_file(path, "bros", columns, rate=1000.0, sha256=digest, session=path.stem)
+    return recordings_of_file(path, "bros", columns, rate=1000.0, sha256=digest, session=path.stem)
 
 
-def read_kuka(path: Path) -> Recording:
+def read_kuka(path: Path) -> list[Recording]:
     """Read one recorded trajectory of the KUKA, a MATLAB file with a struct ``rec``.
 
     Columns: ``measured``, ``velocity``, ``setpoint`` and ``effort`` [rad, rad/s, rad, Nm] of
@@ -79,6 +79,6 @@ def read_kuka(path: Path) -> Recording:
         scaled = np.radians(values) if "_deg" in name else values
         columns |= {f"{quantity}/axis{i + 1}": scaled[i] for i in range(axes)}
     session = path.parent.name if path.stem == "data" else path.stem
-    return recording_of_file(
+    return recordings_of_file(
         path, "kuka_kr300", columns, rate=250.0, sha256=digest, session=session, homing_id=session
     )

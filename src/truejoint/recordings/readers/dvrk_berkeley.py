@@ -11,13 +11,13 @@ from typing import Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.array_files import read_npy
-from truejoint.recordings.recording import Recording, recording_of_file
+from truejoint.recordings.recording import Recording, recordings_of_file
 from truejoint.robots import get_robot
 
 FILES: Final = ("t_stamp.npy", "q_des.npy", "q_act.npy")
 
 
-def read(path: Path) -> Recording:
+def read(path: Path) -> list[Recording]:
     """Read the folder of one experiment.
 
     Columns, for each of the arm's six joints: ``measured/<joint>`` [rad, m], the joint position
@@ -42,7 +42,7 @@ def read(path: Path) -> Recording:
                 "are the files of one experiment?"
             )
         columns |= {f"{quantity}/{joint}": values[:, i] for i, joint in enumerate(joints)}
-    return recording_of_file(
+    return recordings_of_file(
         path,
         "dvrk_psm",
         columns,

@@ -13,14 +13,14 @@ import numpy as np
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.numeric_text import TextLayout, count_fields, read_numbers
-from truejoint.recordings.recording import Recording, last_of_each_stamp, recording_of_file
+from truejoint.recordings.recording import Recording, recordings_of_file
 
 # By the number of columns: time, commanded angle, truth, tension of each wire, current of each
 # motor; and the rate [Hz].
 LAYOUTS: Final = {8: ((0, 1, 3, 4, 5, 6, 7), 40.0), 10: ((0, 1, 5, 6, 7, 8, 9), 2000.0)}
 
 
-def read(path: Path) -> Recording:
+def read(path: Path) -> list[Recording]:
     """Read one file, text or gzip, of either layout.
 
     Columns: ``measured/bend`` [rad], the commanded angle; ``truth/bend`` [rad], the angle at the
@@ -36,22 +36,18 @@ def read(path: Path) -> Recording:
         raise RecordingError(f"{path}: {count} columns, expected 8 or 10; is it a K-FLEX file?")
     use, rate = LAYOUTS[count]
     table = read_numbers(path, TextLayout(count), use)
-    last = last_of_each_stamp(table.values[:, 0])
-    time, commanded, truth, *wires = table.values[last].T
+    time, commanded, truth, *wires = table.values.T
     columns = {"t": time, "measured/bend": np.radians(commanded), "truth/bend": np.radians(truth)}
     currents = wires[2:] if count == 8 else []  # mA in the file
     tensions = wires[: len(wires) - len(currents)]
     columns |= {f"effort/wire{k}": tension for k, tension in enumerate(tensions, 1)}
     columns |= {f"current/wire{k}": current * 1e-3 for k, current in enumerate(currents, 1)}
-    return recording_of_file(
+    return recordings_of_file(
         path,
         "kflex",
         columns,
         rate=rate,
         sha256=table.sha256,
-        dropped={
-            "repeated time stamp": int((~last).sum()),
-            "last line cut short": table.incomplete,
-        },
+        dropped={"last line cut short": table.incomplete},
         notes="measured is the commanded angle; wire tensions are in undocumented units",
     )

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Final
 
 import numpy as np
 
@@ -29,21 +32,120 @@ from truejoint.recordings.recording import (
     POSITION_QUANTITIES,
     Recording,
     default_unit,
-    last_of_each_stamp,
-    recording_of_file,
-    since_first,
+    recordings_of_file,
 )
+from truejoint.recordings.synchronise import Stream
 from truejoint.robots import Robot, get_robot
 
+MAP_ADVICE: Final = "give a column map (`truejoint columns FILE` writes one to start from)"
 
-def read_csv(
-    path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
-) -> Recording:
-    """Read a CSV file, text or gzip; without a map its first line must name columns, in SI units.
 
-    Empty and ``nan`` fields are accepted for truth only. Stamps counted from 1970 are counted from
-    the first row instead, which `Provenance.start` keeps. Of rows with the same stamp the last is
-    kept, the others are counted. `robot` and `arm` overrule those of the column map.
+def read(
+    path: Path,
+    robot: str = "",
+    arm: str = "",
+    column_map: MapSource | None = None,
+    rate: float = 0.0,
+) -> list[Recording]:
+    """Read a text file of columns, or arrays: .npy with a row a sample, MATLAB with a signal a row.
+
+    Without a map the first line of a text must name columns, in SI units; arrays need a map. In a
+    MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
+    holds several signals. Any file may be in gzip. `robot` and `arm` overrule those of the column
+    map, `rate` [Hz] stands in for time stamps.
+    """
+    table = _read(path, robot, arm, column_map, rate, "measured")
+    return recordings_of_file(
+        path, table.robot, table.columns, table.units, sha256=table.sha256, dropped=table.dropped
+    )
+
+
+def read_truth(
+    path: str | os.PathLike[str],
+    robot: str = "",
+    arm: str = "",
+    column_map: MapSource | None = None,
+    rate: float = 0.0,
+) -> Stream:
+    """Read the truth of a robot's joints, as `read` does, from a file that has nothing else of it.
+
+    Stamps stay as the file has them. Raises RecordingError if no column is ``truth/<joint>``, or
+    as `read_recording` does.
+
+    Examples
+    --------
+    >>> test.table[["t", "truth/jaw"]].to_csv("encoder.csv", index=False)
+    >>> list(read_truth("encoder.csv", robot="davinci_grasper").columns)
+    ['truth/jaw']
+    """
+    path = Path(path)
+    columns = dict(_read(path, robot, arm, column_map, rate, "truth").columns)
+    t = columns.pop("t")
+    return Stream(t, {name: v for name, v in columns.items() if name.startswith("truth/")})
+
+
+@dataclass(frozen=True)
+class _Table:
+    """Columns (n,) in SI units, and what else a file tells."""
+
+    robot: Robot
+    columns: Mapping[str, Array]
+    units: Mapping[str, str]
+    sha256: str
+    dropped: Mapping[str, int]
+
+
+def _read(
+    path: Path,
+    robot: str,
+    arm: str,
+    column_map: MapSource | None,
+    rate: float,
+    needed: str,
+) -> _Table:
+    """Columns of a file, of which one must be of the quantity `needed`."""
+    head, incomplete = read_head(path), 0
+    if b"\0" not in head:
+        mapping, use, layout = read_header(path, column_map, rate)
+        machine = _robot(path, mapping, robot, arm, needed)
+        table = read_numbers(path, layout, list(use.values()), list(use.values()))
+        columns = dict(zip(use, table.values.T, strict=True))
+        digest, incomplete = table.sha256, table.incomplete
+    elif column_map is None:
+        raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
+    else:
+        mapping = _timed(path, read_column_map(column_map), rate)
+        machine = _robot(path, mapping, robot, arm, needed)
+        columns, digest = _arrays(path, mapping, head)
+    columns, units = _in_si(path, mapping, machine, columns)
+    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
+    dropped = {
+        "last line cut short": incomplete,
+        "truth: value missing": int(np.any(truth, axis=0).sum()),
+    }
+    return _Table(machine, columns, units, digest, dropped)
+
+
+def _arrays(path: Path, mapping: ColumnMap, head: bytes) -> tuple[dict[str, Array], str]:
+    """Columns of a file of arrays, and its SHA-256."""
+    if head.startswith(NPY_MAGIC):
+        array, digest = read_npy(path)
+        table = array.reshape(len(array) if array.ndim else 1, -1)
+        use = _positions(path, mapping, None, table.shape[1])
+        return {name: table[:, k] for name, k in use.items()}, digest
+    data, digest = read_bounded(path)
+    variables = read_mat(data, str(path))
+    names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
+    rows = _signal(path, variables, names["t"]).size if "t" in names else 0
+    return {k: _signal(path, variables, name, rows) for k, name in names.items()}, digest
+
+
+def read_header(
+    path: Path, column_map: MapSource | None = None, rate: float = 0.0
+) -> tuple[ColumnMap, dict[str, int], TextLayout]:
+    """Map of a text file's columns, where each of its columns stands, and how the numbers stand.
+
+    Raises RecordingError if a mapped column is not there, or nothing says what the columns are.
     """
     mapping = read_column_map(column_map) if column_map is not None else None
     number, line = first_line(path, mapping.comment if mapping else "#")
@@ -54,59 +156,49 @@ def read_csv(
     if mapping is None:
         if header is None:
             raise RecordingError(
-                f"{path}: has no header that names t and <quantity>/<joint> columns; "
-                "give a column map"
+                f"{path}: has no header that names t and <quantity>/<joint> columns; {MAP_ADVICE}"
             )
         mapping = ColumnMap({name: MappedColumn(name) for name in header})
-    machine = _robot(path, mapping, robot, arm)
+    mapping = _timed(path, mapping, rate)
     use = _positions(path, mapping, header, len(fields))
-    layout = TextLayout(len(fields), delimiter, mapping.comment, number if header else 0)
-    may_miss = [use[name] for name in use if name.startswith("truth")]
-    table = read_numbers(path, layout, list(use.values()), may_miss)
-    columns = dict(zip(use, table.values.T, strict=True))
-    return _recording(path, mapping, machine, columns, table.sha256, table.incomplete)
+    return (
+        mapping,
+        use,
+        TextLayout(len(fields), delimiter, mapping.comment, number if header else 0),
+    )
 
 
-def read_arrays(
-    path: Path, robot: str = "", arm: str = "", column_map: MapSource | None = None
-) -> Recording:
-    """Read a .npy file with a row a sample, or a MATLAB file with a row or column a signal.
+def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
+    """Column map with time stamps, or else with the rate that the caller states [Hz]."""
+    if not 0.0 <= rate <= 1e9:
+        raise RecordingError(f"{path}: a rate of {rate} Hz; state one above 0 Hz")
+    if "t" in mapping.columns and rate:
+        raise RecordingError(f"{path}: has time stamps, so no rate can be stated; leave it out")
+    if "t" not in mapping.columns and not (rate or mapping.rate):
+        raise RecordingError(
+            f"{path}: no column 't' of time stamps: state their rate (rate_hz in the column map, "
+            f"or --rate-hz), or which column it is; {MAP_ADVICE}"
+        )
+    return replace(mapping, rate=rate or mapping.rate)
 
-    In a MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where
-    that holds several signals. The column map is needed; otherwise as `read_csv`.
-    """
-    if column_map is None:
-        raise RecordingError(f"{path}: what is in its columns? give a column map")
-    mapping = read_column_map(column_map)
-    machine = _robot(path, mapping, robot, arm)
-    if read_head(path).startswith(NPY_MAGIC):
-        array, digest = read_npy(path)
-        table = array.reshape(len(array) if array.ndim else 1, -1)
-        use = _positions(path, mapping, None, table.shape[1])
-        columns = {name: table[:, k] for name, k in use.items()}
-    else:
-        data, digest = read_bounded(path)
-        variables = read_mat(data, str(path))
-        names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
-        rows = _signal(path, variables, names["t"]).size if "t" in names else 0
-        columns = {k: _signal(path, variables, name, rows) for k, name in names.items()}
-    return _recording(path, mapping, machine, columns, digest)
+
+def arrays_of(variables: Mapping[str, MatValue]) -> dict[str, Array]:
+    """Arrays of a MATLAB file by ``variable`` or ``struct.field``."""
+    found: dict[str, Array] = {}
+    for name, value in variables.items():
+        inner = {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else None
+        found |= {name: value} if inner is None else inner  # type: ignore[dict-item]
+    return found
 
 
 def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int = 0) -> Array:
     """One signal of a MATLAB file, along the side of `rows` samples, else the longer one."""
     variable = name.partition("[")[0]
-    first, _, field = variable.partition(".")
-    value = variables.get(first)
-    if field:
-        value = value.get(field) if isinstance(value, dict) else None
-    if not isinstance(value, np.ndarray) or not value.size:
-        known = [
-            f"{key}.{inner}" if inner else key
-            for key, found in variables.items()
-            for inner in (found if isinstance(found, dict) else ("",))
-        ]
-        raise RecordingError(f"{path}: no signal {name!r}; the file has {', '.join(known)[:300]}")
+    arrays = arrays_of(variables)
+    value = arrays.get(variable)
+    if value is None or not value.size:
+        known = ", ".join(arrays)[:300]
+        raise RecordingError(f"{path}: no signal {name!r}; the file has {known}")
     along = value.shape[1] == rows if rows in value.shape else value.shape[1] > value.shape[0]
     signals = value if along else value.T
     names = [variable] if len(signals) == 1 else [f"{variable}[{k}]" for k in range(len(signals))]
@@ -119,7 +211,7 @@ def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int 
     return signal
 
 
-def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
+def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) -> Robot:
     model = robot or mapping.robot
     if not model:
         raise RecordingError(f"{path}: which robot is it? state robot=..., or put it in the map")
@@ -136,19 +228,16 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str) -> Robot:
                 f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
                 f"{', '.join(machine.channels)}"
             )
-    if not any(name.startswith("measured/") for name in mapping.columns):
-        raise RecordingError(f"{path}: no 'measured/<joint>' column; there is nothing to correct")
+    if not any(name.startswith(f"{needed}/") for name in mapping.columns):
+        why = "there is nothing to correct" if needed == "measured" else "it is no truth"
+        raise RecordingError(f"{path}: no '{needed}/<joint>' column; {why}")
     return machine
 
 
-def _recording(
-    path: Path,
-    mapping: ColumnMap,
-    robot: Robot,
-    found: dict[str, Array],
-    sha256: str,
-    incomplete: int = 0,
-) -> Recording:
+def _in_si(
+    path: Path, mapping: ColumnMap, robot: Robot, found: Mapping[str, Array]
+) -> tuple[dict[str, Array], dict[str, str]]:
+    """Columns in SI units with their stamps, and the unit of each but those."""
     columns, units = {}, {}
     for name, values in found.items():
         mapped = mapping.columns[name]
@@ -163,19 +252,7 @@ def _recording(
     units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
-    keep = last_of_each_stamp(columns["t"])
-    if not keep.all():
-        columns = {name: values[keep] for name, values in columns.items()}
-    columns["t"], start = since_first(columns["t"])
-    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
-    dropped = {
-        "last line cut short": incomplete,
-        "repeated time stamp": int((~keep).sum()),
-        "truth: value missing": int(np.any(truth, axis=0).sum()),
-    }
-    return recording_of_file(
-        path, robot, columns, units, sha256=sha256, dropped=dropped, start=start
-    )
+    return columns, units
 
 
 def _positions(

@@ -23,10 +23,8 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.numeric_text import NumericTable, TextLayout, count_fields, read_numbers
 from truejoint.recordings.recording import (
     Recording,
-    nominal_rates,
-    recording_of_file,
+    recordings_of_file,
     runs,
-    since_first,
 )
 from truejoint.robots import Robot, get_robot
 
@@ -50,7 +48,26 @@ BLOCKS: Final[Mapping[str, tuple[int, float]]] = {
     "setpoint": (182, _DEG),
     "motor": (118, _DEG),
     "motor_velocity": (134, _DEG),
+    "motor_setpoint": (166, _DEG),
+    "encoder": (70, 1.0),
+    "encoder_offset": (200, 1.0),
+    "dac": (86, 1.0),
 }
+_AXES: Final = ("x", "y", "z")
+_ENTRIES: Final = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+# Quantity: first column, what each arm has of it (first the gold one), factor to SI.
+_OF_ARM: Final[Mapping[str, tuple[int, tuple[str, ...], float]]] = {
+    "tool": (22, _AXES, 1e-6),
+    "tool_setpoint": (64, _AXES, 1e-6),
+    "rotation": (28, _ENTRIES, 1.0),
+    "rotation_setpoint": (46, _ENTRIES, 1.0),
+    "grasp_setpoint": (198, ("jaw",), 1.0),
+    "jacobian_velocity": (216, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
+    "jacobian_force": (228, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
+    "arm": (20, ("type",), 1.0),
+}
+_OF_STATE: Final = {"state/run_level": RUN_LEVEL, "state/sub_level": 18, "state/last_seq": 19}
+CRTK: Final = 5  # first of the seven joints of CRTK's measured_js in the 252-column layout
 
 # Units that the external encoders may be written in: shoulder, elbow, insertion. Their driver
 # counts in 2 pi/80000 rad and 5 um (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
@@ -71,22 +88,26 @@ _FROZEN_TIME: Final = 1.0
 _FROZEN_TRAVEL: Final = (math.radians(5.0), math.radians(5.0), 0.005)
 
 
-def read_240(path: Path, arm: str = "left") -> Recording:
+def read_240(path: Path, arm: str = "left") -> list[Recording]:
     """Read the robot's state, 240 columns, no header, no truth; text or gzip.
 
-    ``measured``, ``velocity``, ``effort`` [Nm at the motor's capstan], ``setpoint``, ``motor`` and
-    ``motor_velocity`` of the 8 channels of the `arm`. Rows recorded while homing are left out and
-    counted.
+    Every field of the state, for the `arm`: of its 8 channels ``measured``, ``velocity``,
+    ``effort`` [Nm at the motor's capstan], ``setpoint``, ``motor``, ``motor_velocity``,
+    ``motor_setpoint``, ``encoder`` and ``encoder_offset`` [counts], ``dac``; ``tool`` [m] and
+    ``rotation`` with their setpoints, ``jacobian_velocity``, ``jacobian_force`` (which repeats the
+    velocity), ``state``.
+    Rows recorded while homing are left out and counted.
     """
     robot = get_robot("raven2", arm)
     return _recording(path, robot, _read(path, robot, STATE_COLUMNS), {}, {})
 
 
-def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> Recording:
+def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> list[Recording]:
     """Read a training file of the arm that carries external encoders, 252 columns.
 
-    As `read_240`, and ``truth`` of shoulder, elbow and insertion [rad, rad, m], which the file has
-    in one of `TRUTH_UNITS`; one that cannot be right, by the measured positions, is refused. The
+    As `read_240`, ``crtk``, the joint state that CRTK publishes [rad, m], and ``truth`` of
+    shoulder, elbow and insertion [rad, rad, m], which the file has in one of `TRUTH_UNITS`; one
+    that cannot be right, by the measured positions, is refused. The
     file repeats the nearest reading for every row, so a sensor that stopped shows as a truth that
     stands still while the motors turn: such stretches become NaN and are counted.
     """
@@ -95,10 +116,11 @@ def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> Record
             f"truth unit {truth_unit!r} is not known; choose from {', '.join(TRUTH_UNITS)}"
         )
     robot = get_robot("raven2", arm)
-    table = _read(path, robot, TRAINING_COLUMNS, STATE_START, EXTERNAL)
+    crtk = {f"crtk/{joint}": CRTK + k for k, joint in enumerate(robot.joint_names)}
+    table = _read(path, robot, TRAINING_COLUMNS, STATE_START, (*crtk.values(), *EXTERNAL))
     raw = table.values[:, -len(EXTERNAL) :]
-    # The positioning joints are the first channels, right behind time and run level.
-    measured = table.values[:, 2 : 2 + len(EXTERNAL)] * _DEG
+    # The positioning joints are the first channels, right behind the time.
+    measured = table.values[:, 1 : 1 + len(EXTERNAL)] * _DEG
     _check_truth_unit(path, robot, raw, measured, truth_unit)
     truth = raw * TRUTH_UNITS[truth_unit]
     missing = np.isnan(truth).any(axis=1)
@@ -108,7 +130,8 @@ def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> Record
         "truth: value missing": int(missing.sum()),
         "no truth: its sensor stands still": int(frozen.sum()),
     }
-    columns = {f"truth/{joint}": truth[:, i] for i, joint in enumerate(robot.positioning)}
+    columns = dict(zip(crtk, table.values[:, -len(crtk) - len(EXTERNAL) :].T, strict=False))
+    columns |= {f"truth/{joint}": truth[:, i] for i, joint in enumerate(robot.positioning)}
     return _recording(path, robot, table, columns, dropped)
 
 
@@ -127,45 +150,55 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
     return frozen
 
 
+def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
+    """Column in the 240-column layout and factor to SI, by name; the time stands first."""
+    second = robot.arm == "right"
+    found = {"t": (0, 1.0)}
+    for quantity, (first, factor) in BLOCKS.items():
+        for i, channel in enumerate(robot.channels):
+            found[f"{quantity}/{channel}"] = (first + i + (CHANNELS if second else 0), factor)
+    for quantity, (first, names, factor) in _OF_ARM.items():
+        for i, name in enumerate(names):
+            found[f"{quantity}/{name}"] = (first + i + (len(names) if second else 0), factor)
+    return found | {name: (column, 1.0) for name, column in _OF_STATE.items()}
+
+
 def _read(
-    path: Path, robot: Robot, columns: int, start: int = 0, external: tuple[int, ...] = ()
+    path: Path, robot: Robot, columns: int, start: int = 0, others: tuple[int, ...] = ()
 ) -> NumericTable:
-    """Time, run level, `BLOCKS` of the arm's channels, external encoders."""
+    """Columns of `_state_columns`, which begin at `start`, then the `others`; any may be empty."""
     found = count_fields(path)
     if found != columns:
         raise RecordingError(
             f"{path}: {found} columns, expected {columns}; the RAVEN layouts have "
             f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
         )
-    first = start + (CHANNELS if robot.arm == "right" else 0)
-    channels = [first + block + i for block, _ in BLOCKS.values() for i in range(CHANNELS)]
-    use = [start, start + RUN_LEVEL, *channels, *external]
-    return read_numbers(path, TextLayout(columns), use, external)
+    use = [*(start + column for column, _ in _state_columns(robot).values()), *others]
+    return read_numbers(path, TextLayout(columns), use, use)
 
 
 def _recording(
     path: Path,
     robot: Robot,
     table: NumericTable,
-    truth: Mapping[str, Array],
+    others: Mapping[str, Array],
     dropped: Mapping[str, int],
-) -> Recording:
-    time, run_level, *values = table.values.T
-    keep = run_level != HOMING
-    stamps, start = since_first(time)
-    names = [f"{quantity}/{channel}" for quantity in BLOCKS for channel in robot.channels]
-    factors = np.repeat([factor for _, factor in BLOCKS.values()], CHANNELS)
-    state = {n: rows * factor for n, rows, factor in zip(names, values, factors, strict=False)}
-    columns = {name: rows[keep] for name, rows in {"t": stamps, **state, **truth}.items()}
-    missing = {"homing": int((~keep).sum()), "last line cut short": table.incomplete}
-    return recording_of_file(
+) -> list[Recording]:
+    known = _state_columns(robot)
+    state = zip(known.items(), table.values.T, strict=False)
+    columns = {name: values * factor for (name, (_, factor)), values in state} | dict(others)
+    keep = columns["state/run_level"] != HOMING
+    return recordings_of_file(
         path,
         robot,
-        columns,
+        {name: rows[keep] for name, rows in columns.items()},
+        {name: robot.joint(name[5:]).unit for name in others if name.startswith("crtk/")},
         sha256=table.sha256,
-        rates=nominal_rates(state=time),
-        dropped={**dropped, **missing},
-        start=start,
+        dropped={
+            **dropped,
+            "homing": int((~keep).sum()),
+            "last line cut short": table.incomplete,
+        },
     )
 
 
@@ -184,7 +217,9 @@ def _check_truth_unit(
         return
     joint = robot.positioning[int(np.argmin(fits(truth_unit)))]
     others = [unit for unit in TRUTH_UNITS if fits(unit).all()]
-    advice = f"it would fit truth_unit={others[0]!r}" if others else "check units and arm"
+    advice = (
+        f"it would fit truth_unit={others[0]!r} (--truth-unit)" if others else "check units and arm"
+    )
     raise RecordingError(
         f"{path}: truth of {joint} is far from its measured position when read as "
         f"{truth_unit!r}; {advice}"

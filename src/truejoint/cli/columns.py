@@ -1,0 +1,48 @@
+"""`truejoint columns`: write a column map to start from for somebody's file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import out
+from truejoint.cli.inputs import check_writable
+from truejoint.errors import RecordingError
+from truejoint.files import write_atomically
+
+
+def columns(
+    path: Annotated[
+        Path, typer.Argument(metavar="FILE", help="Text, .npy or .mat file with a signal a column.")
+    ],
+    robot: Annotated[
+        str,
+        typer.Option(help="Robot, for the names of its joints.", autocompletion=complete.robots),
+    ] = "",
+    arm: options.Arm = "",
+    output: Annotated[
+        Path | None, typer.Option("--out", "-o", help="TOML file to write; default: print it.")
+    ] = None,
+    force: options.Force = False,
+) -> None:
+    """Write a column map for a file, its columns guessed by their names, for you to mend.
+
+    Other commands take it with `--columns`.
+    """
+    if output is not None:
+        check_writable(output, force)
+    text = truejoint.recordings.sketch_column_map(path, robot, arm) + "\n"
+    if output is None:
+        out.print(text, end="", soft_wrap=True)
+    else:
+        write_atomically(
+            output,
+            lambda part: part.write_text(text, "utf-8"),
+            overwrite=force,
+            error=RecordingError,
+        )
+        out.print(f"{output}: mend it, then give it with --columns")

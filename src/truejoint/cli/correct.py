@@ -1,0 +1,160 @@
+"""`truejoint correct`: put recordings right with a calibration, as the robot's loop would."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import err, print_table, progress, result_json, say
+from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
+from truejoint.cli.inputs import Files, check_writable, takes_files
+from truejoint.errors import RecordingError
+from truejoint.files import write_atomically
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# Fewer corrected rows than this share of a recording, and the model is not for it.
+_LEAST_CORRECTED = 0.5
+_NOT_JUDGED = "NOT_JUDGED"
+
+
+@takes_files
+def correct(
+    model: options.Model,
+    recordings: options.Recordings,
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Table to write, .csv or .parquet: time, corrected position, "
+            "half-width (both in rad or m) and status of every row.",
+        ),
+    ],
+    level_percent: Annotated[
+        float,
+        typer.Option(
+            "--level",
+            help="Probability of the half-width [%].",
+            autocompletion=complete.percent_levels,
+        ),
+    ] = 90.0,
+    accept: Accept = None,
+    part: options.Part = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    *,
+    files: Files,
+) -> None:
+    """Correct recordings, which need no truth; exit code 1 when most of one could not be.
+
+    A row is corrected, or left as it was measured and flagged, just as in the robot's loop.
+    """
+    if output.suffix not in {".csv", ".parquet"}:
+        raise RecordingError(f"{output}: call it .csv or .parquet")
+    check_writable(output, force)
+    accepted = check_names(accept)
+    calibration = truejoint.read_calibration(model)
+    loaded = files.find(recordings, part=part, model=calibration)()
+    names = _names(loaded)
+    check = checked(loaded, accepted, model=calibration)
+    tables = []
+    with progress(f"Correcting {len(loaded)} recording{'s' if len(loaded) > 1 else ''}") as done:
+        for count, recording in enumerate(loaded, 1):
+            tables.append(correct_rows(calibration, recording, level_percent / 100.0))
+            done(count / len(loaded))
+    found = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
+    _write(names, tables, output, force)
+    if as_json:
+        result_json({"out": str(output), "recordings": found, "check": check.to_dict()})
+    else:
+        _show(found, output)
+        known = ", ".join(accepted_homings(calibration)) or "none"
+        if any("HOMED_AGAIN" in name for counts in found for name in counts["flagged"]):
+            say(
+                f"HOMED_AGAIN: the model is for homing {known}: re-zero it after this one "
+                "(truejoint check --rezero), or state --homing-id if it is the same"
+            )
+    if check.failed:
+        err.print(f"truejoint: {why_refused(check)}", style="red", soft_wrap=True)
+    flagged = any(counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in found)
+    if check.failed or flagged:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def correct_rows(
+    calibration: truejoint.Calibration, recording: truejoint.Recording, level: float
+) -> pd.DataFrame:
+    """Time, corrected positions, half-widths and status of every row, by the loop's own kernel.
+
+    An estimator that works on whole recordings only has no such kernel; nothing is judged then.
+    """
+    import numpy as np  # noqa: PLC0415  # not for help
+    import pandas as pd  # noqa: PLC0415
+
+    from truejoint.recordings.recording import EPOCH  # noqa: PLC0415
+    from truejoint.runtime.corrector import corrector_for  # noqa: PLC0415
+
+    start = recording.provenance.start
+    t = recording.t + (start if start > EPOCH else 0.0)  # as the file had them, since 1970
+    if calibration.model.family.row is None:
+        table = calibration.correct_table(recording, level)
+        return table.assign(t=t, status=_NOT_JUDGED)
+    calibration.check_recording(recording)
+    corrector = corrector_for(calibration, [recording], level=level)
+    corrector.set_homing(True, recording.provenance.homing_id or None)
+    trace = corrector.run(recording)
+    columns = {"t": t}
+    for name, values in (("corrected", trace.position), ("half_width", trace.half_width)):
+        columns |= {f"{name}/{joint}": values[:, k] for k, joint in enumerate(calibration.joints)}
+    bits, place = np.unique(trace.status, return_inverse=True)
+    status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
+    return pd.DataFrame(columns).assign(status=status)
+
+
+def accepted_homings(calibration: truejoint.Calibration) -> list[str]:
+    """Homings after which the model holds without re-zeroing; none where training named none."""
+    return [str(name) for name in calibration.metadata.get("homing_ids", ())]
+
+
+def _names(loaded: list[truejoint.Recording]) -> list[str]:
+    names = [r.provenance.session or Path(r.provenance.source).stem for r in loaded]
+    twice = sorted({name for name in names if names.count(name) > 1})
+    if twice:
+        raise RecordingError(f"two recordings are called {twice[0]!r}; correct them one at a time")
+    return names
+
+
+def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
+    """How many rows were corrected, and how many left as measured, by status."""
+    counts = {str(status): int(n) for status, n in table["status"].value_counts().items()}
+    corrected = sum(counts.pop(status, 0) for status in ("OK", _NOT_JUDGED))
+    return {"recording": name, "rows": len(table), "corrected": corrected, "flagged": counts}
+
+
+def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bool) -> None:
+    """One table: of several recordings each row says of which it is."""
+    import pandas as pd  # noqa: PLC0415  # not for help
+
+    whole = tables[0]
+    if len(tables) > 1:
+        whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
+        whole = whole.reset_index("recording")
+    write = whole.to_csv if output.suffix == ".csv" else whole.to_parquet
+    write_atomically(output, partial(write, index=False), overwrite=force, error=RecordingError)
+
+
+def _show(found: list[dict[str, Any]], output: Path) -> None:
+    rows = []
+    for counts in found:
+        flagged = ", ".join(f"{n} {status}" for status, n in counts["flagged"].items()) or "-"
+        share = f"{100 * counts['corrected'] / counts['rows']:.1f} %"
+        rows.append((counts["recording"], f"{counts['rows']}", share, flagged))
+    header = ("recording", "rows", "corrected", "left as measured, why")
+    print_table(header, rows, title=str(output))

@@ -1,0 +1,80 @@
+"""`truejoint join`: the robot's file and that of its joint sensors become one recording."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.inputs import Files, check_writable, say_dropped, takes_files
+from truejoint.errors import RecordingError
+
+
+@takes_files
+def join(
+    robot_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT",
+            help="Recording of the robot, without truth.",
+            autocompletion=complete.recordings,
+        ),
+    ],
+    truth_file: Annotated[
+        Path,
+        typer.Argument(metavar="TRUTH", help="File with t and truth/<joint>, or any with a map."),
+    ],
+    output: Annotated[Path, typer.Option("--out", "-o", help="Recording to write, .parquet.")],
+    truth_columns: Annotated[
+        Path | None,
+        typer.Option(help="TOML file that names the columns of TRUTH; see `truejoint columns`."),
+    ] = None,
+    near_s: Annotated[
+        float | None,
+        typer.Option(help="About how large the offset is, where the motion repeats itself [s]."),
+    ] = None,
+    offset_s: Annotated[
+        float | None,
+        typer.Option(
+            help="What to add to the stamps of TRUTH to have those of ROBOT [s]; 0 on one clock. "
+            "Default: found by the motion that both saw."
+        ),
+    ] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    *,
+    files: Files,
+) -> None:
+    """Join a robot's recording with the truth that was recorded in a file of its own."""
+    if near_s is not None and offset_s is not None:
+        raise RecordingError("--near-s and --offset-s: give one of the two")
+    check_writable(output, force)
+    found = files.find([robot_file])()
+    if len(found) != 1:
+        raise RecordingError(f"{robot_file}: {len(found)} recordings; join takes one at a time")
+    arm = found[0].robot
+    truth = truejoint.recordings.read_truth(truth_file, arm.name, arm.arm, truth_columns)
+    with progress("Finding the offset of the clocks"):
+        recording, clock = truejoint.recordings.join_truth(found[0], truth, offset_s, near=near_s)
+    truejoint.write_parquet(recording, output, overwrite=force)
+    say_dropped(recording)
+    known = int(
+        recording.table[[f"truth/{joint}" for joint in recording.joints_of("truth")]]
+        .notna()
+        .all(axis=1)
+        .sum()
+    )
+    if as_json:
+        offset = {k: v for k, v in asdict(clock).items() if clock.joints or k == "seconds"}
+        result_json({"recording": str(output), "offset": offset, "rows_with_truth": known})
+        return
+    how = f"± {clock.sd:.2g} s, by the motion of {', '.join(clock.joints)}"
+    out.print(
+        f"{output}: {known} of {len(recording)} rows with truth, whose clock is "
+        f"{clock.seconds:.10g} s behind ({how if clock.joints else 'as stated'})"
+    )

@@ -1,0 +1,124 @@
+"""`truejoint show`: what a model file or a recording is and holds."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import print_facts, print_table, result_json
+from truejoint.cli.correct import accepted_homings
+from truejoint.cli.inputs import Files, takes_files
+from truejoint.units import display_unit
+
+
+@takes_files
+def show(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE",
+            help="Model file, recording, or NAME:PATTERN of a public data set.",
+            autocompletion=complete.recordings,
+        ),
+    ],
+    as_json: options.Json = False,
+    *,
+    files: Files,
+) -> None:
+    """Say what a model file or a recording is, what it holds and where it comes from."""
+    if is_model(Path(name)):
+        shown = [model_facts(Path(name))]
+    else:
+        shown = [recording_facts(recording) for recording in files.find([name])()]
+    if as_json:
+        result_json({"shown": [{**facts, "columns": columns} for facts, columns in shown]})
+        return
+    for facts, columns in shown:
+        print_facts(name, _texts(facts))
+        header = ("column", "unit", "lowest", "highest", "missing")
+        print_table(header, [_column_texts(column) for column in columns])
+
+
+def is_model(path: Path) -> bool:
+    """Whether a file begins as a safetensors file does: a length, then JSON."""
+    if not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return file.read(9)[8:] == b"{"
+
+
+def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Tell what a model is, and the signals of a sample in order with their trained ranges."""
+    from truejoint.recordings.files import sha256_of  # noqa: PLC0415  # not for help
+
+    model = truejoint.read_calibration(path)
+    ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)
+    own = {f.signal: (float(low), float(high)) for f, low, high in ranges if f.operation == "value"}
+    columns = [_column(signal, model.units[signal], own.get(signal)) for signal in model.signals]
+    homings = ", ".join(accepted_homings(model))
+    facts = {
+        **model.summary(),
+        "features": ", ".join(model.feature_set.names),
+        "sample": ", ".join(model.signals),
+        "homings": homings or "any one, the first that the loop is told: training named none",
+        "loads": ", ".join(_loads(model.metadata)),
+        **{key: value for key, value in model.metadata.items() if key not in _TOLD},
+        "sha256": sha256_of(path),
+    }
+    return facts, columns
+
+
+# What stands in a model's summary, or beside it in other words.
+_TOLD = frozenset({"estimator", "rows", "duration", "homing_ids", "held_out"})
+
+
+def _loads(metadata: Mapping[str, Any]) -> list[str]:
+    """Masses that training had [g], where it says so."""
+    sessions = metadata.get("sessions") or ()
+    loads = {s["load"] for s in sessions if s.get("load") is not None}
+    return [f"{1000.0 * load:g} g" for load in sorted(loads)]
+
+
+def recording_facts(
+    recording: truejoint.Recording,
+) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Tell what a recording is, where it comes from, and the range of each column."""
+    provenance = recording.provenance.to_dict()
+    del provenance["robot"], provenance["arm"], provenance["source"]
+    facts = {**recording.summary(), **provenance}
+    columns = []
+    for column, unit in recording.units.items():
+        values = recording.table[column].dropna()
+        bounds = (float(values.min()), float(values.max())) if len(values) else None
+        columns.append(_column(column, unit, bounds, len(recording) - len(values)))
+    return facts, columns
+
+
+def _column(
+    name: str, unit: str, bounds: tuple[float, float] | None, missing: int = 0
+) -> dict[str, Any]:
+    low, high = bounds or (None, None)
+    return {"column": name, "unit": unit, "lowest": low, "highest": high, "missing": missing}
+
+
+def _column_texts(column: Mapping[str, Any]) -> list[str]:
+    unit = display_unit(column["unit"])
+    bounds = (column["lowest"], column["highest"])
+    low, high = ("-" if value is None else f"{value * unit.scale:.4g}" for value in bounds)
+    return [column["column"], unit.name, low, high, str(column["missing"] or "-")]
+
+
+def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Facts as text; of what is nested in them each a line, of sessions how many there are."""
+    for key, value in facts.items():
+        if isinstance(value, Mapping):
+            yield from ((f"{key}.{name}", text) for name, text in _texts(value))
+        elif isinstance(value, list):
+            yield key, f"{len(value)}" if key == "sessions" else ", ".join(map(str, value))
+        elif value not in (None, ""):
+            yield key, f"{value:.6g}" if isinstance(value, float) else str(value)

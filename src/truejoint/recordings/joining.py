@@ -1,0 +1,284 @@
+"""Truth from a file of its own, brought onto the robot's clock by the motion that both saw."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.signal import argrelmax
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import RecordingError
+from truejoint.recordings.recording import Recording, nominal_rates
+from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
+
+_MAX_GRID: Final = 1 << 19  # points of the longer stream, when clocks are compared at first
+_LEAST_OVERLAP: Final = 0.5  # share of the shorter stream
+_LEAST_FIT: Final = 0.5  # share of a joint's variance that the other stream must explain
+_RIVAL: Final = 1.3  # residuals up to this many times the least are as good an answer
+_BLOCKS: Final = 10  # of the common time, to see how much its parts differ
+_GAP: Final = 10.0  # median steps of the truth that may be bridged
+_SLOW: Final = 0.1  # of the RMS speed; slower, a joint keeps its last direction
+_ROUNDS: Final = 20
+_MAX_ROWS: Final = 20_000  # of the truth, for the regressions
+
+
+@dataclass(frozen=True)
+class ClockOffset:
+    """What to add to the stamps of a truth to have those of the robot's clock.
+
+    Attributes
+    ----------
+    seconds : float
+        [s].
+    sd : float
+        Standard deviation [s]: how much parts of the motion differ (jackknife over ten), how much
+        friction could pass for a delay, and that a reading may be as old as one step of its stream;
+        NaN where the offset was stated. A lag of the joint itself is part of the offset.
+    joints : tuple of str
+        Whose motion it was found by; empty where it was stated.
+
+    Examples
+    --------
+    >>> ClockOffset(12.5, 0.001, ("jaw",))
+    ClockOffset(12.5 s ± 0.0010 s by jaw)
+    """
+
+    seconds: float
+    sd: float = math.nan
+    joints: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        found = f" ± {self.sd:.4f} s by {', '.join(self.joints)}" if self.joints else " as stated"
+        return f"{type(self).__name__}({self.seconds:.10g} s{found})"
+
+
+def join_truth(
+    recording: Recording,
+    truth: Stream,
+    offset: float | None = None,
+    *,
+    near: float | None = None,
+) -> tuple[Recording, ClockOffset]:
+    """Give a recording the truth that was recorded elsewhere, on a clock of its own.
+
+    The offset of the two clocks is found by the motion: coarsely by normalised cross-correlation of
+    truth and measured positions at any shift at which half of the shorter one remains, then by
+    regression of the truth on position, direction and velocity, whose coefficient is the delay. The
+    direction keeps friction and backlash apart from a delay. Truth is then interpolated as
+    `synchronise` does.
+
+    Parameters
+    ----------
+    recording : Recording
+    truth : Stream
+        With columns ``truth/<joint>`` [rad or m] of some of its joints.
+    offset : float, optional
+        To be added to the truth's stamps to have those of the recording's own clock [s], which
+        count from `Provenance.start` where that is known; estimated by default.
+    near : float, optional
+        About how large it is [s], to choose by where a motion repeats itself.
+
+    Raises
+    ------
+    RecordingError
+        If the recording has truth or lacks a joint, no shift fits, or several fit alike.
+
+    Examples
+    --------
+    >>> robot = Recording.from_columns(test.table.drop(columns="truth/jaw"), "davinci_grasper")
+    >>> stamps = {"truth/jaw": test.column("truth/jaw")}
+    >>> joined, clock = join_truth(robot, Stream(test.t + 30.0, stamps))
+    >>> bool(abs(clock.seconds + 30.0) < 0.01), len(joined)
+    (True, 400)
+    """
+    source = recording.provenance.source or "recording"
+    joints = tuple(name.removeprefix("truth/") for name in truth.columns)
+    if recording.joints_of("truth"):
+        raise RecordingError(f"{source}: has a truth already; give one without")
+    robot = {f"measured/{joint}": recording.column(f"measured/{joint}") for joint in joints}
+    begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
+    dropped: dict[str, int] = {}
+    truth = usable_rows(truth, "truth", dropped)
+    if offset is None:
+        about = None if near is None else near - begins
+        found = find_clock_offset(Stream(recording.t, robot), truth, about)
+        found = replace(found, seconds=found.seconds + begins)
+    elif math.isfinite(offset):
+        found = ClockOffset(float(offset))
+    else:
+        raise RecordingError(f"{source}: an offset of {offset} s; state a number")
+    shifted = replace(truth, t=truth.t + (found.seconds - begins))
+    state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
+    gap_limit = _GAP * float(np.median(np.diff(truth.t)))
+    columns, counts = synchronise(state, shifted, gap_limit)
+    provenance = recording.provenance
+    sd = "" if math.isnan(found.sd) else f" (sd {found.sd:.2g} s)"
+    notes = f"{found.seconds:.10g} s{sd} added to the stamps of the truth, a file of its own"
+    described = replace(
+        provenance,
+        rates={**provenance.rates, **nominal_rates(truth=truth.t)},
+        dropped={**provenance.dropped, **dropped, **counts},
+        notes="; ".join(filter(None, (provenance.notes, notes))),
+    )
+    units = {f"truth/{joint}": recording.units[f"measured/{joint}"] for joint in joints}
+    return Recording.from_columns(columns, described, {**recording.units, **units}), found
+
+
+def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:
+    """Offset to be added to the stamps of the truth [s], by the motion; raises RecordingError.
+
+    `state` has columns ``measured/<joint>``, `truth` in the same order ``truth/<joint>``, neither
+    a NaN. The stamps of both rise.
+    """
+    joints = tuple(name.partition("/")[2] for name in truth.columns)
+    moving = [
+        k
+        for k, joint in enumerate(joints)
+        if np.ptp(state.columns[f"measured/{joint}"]) > 0 and np.ptp([*truth.columns.values()][k])
+    ]
+    if not moving:
+        raise RecordingError(
+            f"{', '.join(joints)} stand still: no motion tells the offset of the clocks; state it"
+        )
+    joints = tuple(joints[k] for k in moving)
+    measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
+    found = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
+    coarse = _coarse_offset(state.t, measured, truth.t, found, joints, near)
+    with threadpool_limits(
+        1, user_api="blas"
+    ):  # many small regressions, of which each would wait for its threads
+        seconds, sd = _fine_offset(state.t, measured, truth.t, found, coarse)
+    steps = [float(np.median(np.diff(stamps))) for stamps in (state.t, truth.t)]
+    return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)
+
+
+def _coarse_offset(
+    t: Array,
+    measured: Array,
+    truth_t: Array,
+    truth: Array,
+    joints: Sequence[str],
+    near: float | None,
+) -> float:
+    """Shift [s] at which truth and measured positions are most alike, to a step of either."""
+    spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
+    steps = [float(np.median(np.diff(stamps))) for stamps in (t, truth_t)]
+    dt = max(*steps, max(spans) / _MAX_GRID)
+    grids = [np.arange(round(span / dt) + 1) * dt for span in spans]
+    least = int(_LEAST_OVERLAP * min(len(grid) for grid in grids))
+    lags = np.arange(least - len(grids[1]), len(grids[0]) - least + 1)
+    fit = np.zeros(len(lags))
+    score = np.zeros(len(lags))
+    for k in range(len(joints)):
+        ours = np.interp(grids[0], t - t[0], measured[:, k])
+        theirs = np.interp(grids[1], truth_t - truth_t[0], truth[:, k])
+        explained = _explained(ours, theirs, lags)
+        score -= np.log(1.0 - explained)
+        fit = np.maximum(fit, explained)
+    best = int(np.argmax(score))
+    if fit[best] < _LEAST_FIT:
+        raise RecordingError(
+            f"no offset of the clocks makes the truth follow {', '.join(joints)} (at best "
+            f"{100 * fit[best]:.0f} % of a joint's motion); are both of one motion, with the same "
+            "joints and signs? else state the offset"
+        )
+    offsets = t[0] - truth_t[0] + lags * dt
+    # Residual variances of all joints together, relative to the least.
+    peaks = [p for p in argrelmax(score)[0] if score[best] - score[p] < 2.0 * math.log(_RIVAL)]
+    if near is not None:
+        return float(offsets[min((best, *peaks), key=lambda place: abs(offsets[place] - near))])
+    rivals = [p for p in peaks if p != best]
+    if rivals:
+        rival = max(rivals, key=lambda place: score[place])
+        raise RecordingError(
+            f"the motion repeats itself: offsets of {offsets[best]:.2f} s and "
+            f"{offsets[rival]:.2f} s fit alike; state it, about (--near-s) or exactly (--offset-s)"
+        )
+    return float(offsets[best])
+
+
+def _explained(ours: Array, theirs: Array, lags: Integers) -> Array:
+    """Squared correlation, if it is positive, at `lags`: rows by which `theirs` begins later.
+
+    Over the rows that overlap, by FFT (Padfield, IEEE Trans. Image Process. 21(5), 2012).
+    """
+    size = next_fast_len(len(ours) + len(theirs) - 1, real=True)
+    ours, theirs = ours - ours.mean(), theirs - theirs.mean()
+
+    def across(a: Array, b: Array) -> Array:
+        found: Array = irfft(rfft(a, size) * np.conj(rfft(b, size)), size)[lags]
+        return found
+
+    one, other = np.ones(len(ours)), np.ones(len(theirs))
+    count = np.round(across(one, other))
+    mine, their = across(ours, other), across(one, theirs)
+    covariance = across(ours, theirs) - mine * their / count
+    variance = across(ours**2, other) - mine**2 / count
+    of_theirs = across(one, theirs**2) - their**2 / count
+    # Where one stands still there is nothing to compare, but for rounding.
+    moves = (variance > 1e-9 * variance.max()) & (of_theirs > 1e-9 * of_theirs.max())
+    product = np.where(moves, variance * of_theirs, np.inf)
+    return np.clip(np.maximum(covariance, 0.0) ** 2 / product, 0.0, 1.0 - 1e-12)
+
+
+def _fine_offset(
+    t: Array, measured: Array, truth_t: Array, truth: Array, offset: float
+) -> tuple[float, float]:
+    """Offset [s] that leaves no delay between truth and measured positions, and its deviation."""
+    velocity = np.column_stack([np.gradient(column, t) for column in measured.T])
+    direction = np.column_stack([_direction(column) for column in velocity.T])
+    limit = np.median(np.diff(t)) + np.median(np.diff(truth_t))
+    stride = -(-len(truth_t) // _MAX_ROWS)
+    truth_t, truth = truth_t[::stride], truth[::stride]
+    for _ in range(_ROUNDS):
+        stamps = truth_t + offset
+        inside = (stamps >= t[0]) & (stamps <= t[-1])
+        position, speed, way = (
+            np.column_stack([np.interp(stamps[inside], t, column) for column in values.T])
+            for values in (measured, velocity, direction)
+        )
+        known = np.column_stack([np.ones(len(position)), position, way])
+        step = _delay(known, speed, truth[inside])
+        offset += float(np.clip(step, -limit, limit))
+        if abs(step) < 1e-6:
+            break
+    parts = np.arange(len(known)) * _BLOCKS // len(known)
+    left_out = [
+        _delay(known[parts != part], speed[parts != part], truth[inside][parts != part])
+        for part in range(_BLOCKS)
+    ]
+    frictionless = _delay(known[:, : 1 + position.shape[1]], speed, truth[inside])
+    jackknife = math.sqrt(_BLOCKS - 1) * float(np.std(left_out))
+    return offset, math.hypot(jackknife, frictionless - step)
+
+
+def _direction(velocity: Array) -> Array:
+    """Way that a joint moves or moved last (n,), -1 to 1, of its velocity (n,)."""
+    moves = np.abs(velocity) > _SLOW * np.sqrt(np.mean(velocity**2))
+    last = np.maximum.accumulate(np.where(moves, np.arange(len(velocity)), 0))
+    return np.asarray(np.sign(velocity)[last])
+
+
+def _delay(known: Array, velocity: Array, truth: Array) -> float:
+    """Delay [s] of measured positions behind the truth, of each joint by how well it is known.
+
+    Each truth is regressed on `known` (one, the positions, the directions) and its joint's
+    velocity: a position that comes `d` too late lacks `d` times the velocity.
+    """
+    delays, weights = [], []
+    for k in range(truth.shape[1]):
+        X = np.column_stack([known, velocity[:, k]])
+        found, *_ = np.linalg.lstsq(X, truth[:, k])
+        # What of the velocity nothing else explains tells how well its coefficient is known.
+        own = X[:, -1] - known @ np.linalg.lstsq(known, X[:, -1])[0]
+        residual = np.sum((truth[:, k] - X @ found) ** 2) + np.finfo(float).tiny
+        slope = found[1 + k]
+        delays.append(found[-1] / slope)
+        weights.append(slope**2 * np.sum(own**2) / residual)
+    return float(np.average(delays, weights=weights))

@@ -1,0 +1,162 @@
+"""What `correct`, `show` and `compare` make and say."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from sklearn.neighbors import KNeighborsRegressor
+from tests.cli.conftest import Call
+
+from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
+from truejoint.runtime import Corrector, Status
+
+
+def test_a_corrected_table_is_what_the_loop_gives(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    table = tmp_path / "out.csv"
+    result = call("correct", session / "m.st", session / "random.parquet", "-o", table, "--json")
+    assert result.code == 0, result.err
+    recording = read_recording(session / "random.parquet")
+    corrector = Corrector(session / "m.st")
+    corrector.set_homing(True, recording.provenance.homing_id)
+    rows = recording.table[list(corrector.signals)].to_numpy()
+    expected = []
+    for t, sample in zip(recording.t, rows, strict=True):
+        status = corrector.step(t, sample)
+        expected.append([t, *corrector.position, *corrector.half_width, Status(status).name])
+    found = pd.read_csv(table, float_precision="round_trip")
+    quantities = [f"{q}/{j}" for q in ("corrected", "half_width") for j in corrector.joints]
+    assert list(found) == ["t", *quantities, "status"]
+    pd.testing.assert_frame_equal(found, pd.DataFrame(expected, columns=found.columns))
+    (counts,) = json.loads(result.out)["recordings"]
+    assert counts["rows"] == len(found) == counts["corrected"] + sum(counts["flagged"].values())
+    assert counts["corrected"] == (found["status"] == "OK").sum()
+
+
+def test_several_recordings_go_into_one_table(call: Call, session: Path, tmp_path: Path) -> None:
+    files = [session / "random.parquet", session / "zigzag.parquet"]
+    out = tmp_path / "out.parquet"
+    assert call("correct", session / "m.st", *files, "-o", out).code == 0
+    found = pd.read_parquet(out)
+    names = [read_recording(file).provenance.session for file in files]
+    assert found["recording"].unique().tolist() == names
+    assert call("correct", session / "m.st", *files, "-o", out).code == 2
+
+
+def test_rows_of_another_homing_stay_as_measured_and_fail(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    arguments = ["correct", session / "m.st", session / "random.parquet", "-o"]
+    result = call(*arguments, tmp_path / "a.csv", "--homing-id", "tomorrow")
+    assert result.code == 1
+    assert "HOMED_AGAIN: the model is for homing seed 0, homing 1" in result.err
+    found = pd.read_csv(tmp_path / "a.csv")
+    measured = read_recording(session / "random.parquet").column("measured/elbow")
+    np.testing.assert_allclose(found["corrected/elbow"], measured, rtol=1e-14)
+    assert np.isinf(found["half_width/elbow"]).all()
+
+
+def test_an_estimator_of_whole_recordings_corrects_without_judging(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    recording = session / "random.parquet"
+    offline = calibrate(read_recording(session / "zigzag.parquet"), KNeighborsRegressor())
+    assert offline.model.family.row is None
+    write_calibration(offline, tmp_path / "m.st")
+    assert call("correct", tmp_path / "m.st", recording, "-o", tmp_path / "a.csv").code == 0
+    found = pd.read_csv(tmp_path / "a.csv", float_precision="round_trip")
+    assert set(found["status"]) == {"NOT_JUDGED"}
+    corrected = offline.correct(read_recording(recording))
+    np.testing.assert_array_equal(found["corrected/elbow"], corrected[:, 1])
+
+
+def test_stamps_since_1970_are_given_as_the_file_had_them(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    table = read_recording(session / "random.parquet").table
+    table["t"] += 1.7e9
+    table.to_csv(tmp_path / "run.csv", index=False)
+    model = session / "m.st"
+    assert call("correct", model, tmp_path / "run.csv", "-o", tmp_path / "a.csv").code == 0
+    found = pd.read_csv(tmp_path / "a.csv", float_precision="round_trip")
+    np.testing.assert_array_equal(found["t"], table["t"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["-o", "a.txt"], "call it .csv or .parquet"),
+        (["-o", "nosuch/a.csv"], "the folder nosuch does not exist"),
+        (["-o", "a.csv", "--level", "100"], "level 1.0 is not a share"),
+        (["random.parquet", "-o", "a.csv"], "named twice"),
+        (["zigzag.csv", "-o", "a.csv"], "zigzag.csv"),
+    ],
+)
+def test_correct_refuses_in_one_line(
+    call: Call, session: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
+) -> None:
+    monkeypatch.chdir(session)
+    result = call("correct", "m.st", "random.parquet", *arguments)
+    assert result.code == 2
+    assert said in result.err.splitlines()[-1]
+
+
+def test_two_recordings_of_one_name_are_refused(call: Call, session: Path, tmp_path: Path) -> None:
+    recording = read_recording(session / "random.parquet")
+    other = replace(recording, provenance=replace(recording.provenance, source="other"))
+    write_parquet(other, tmp_path / "b.parquet")
+    files = [session / "random.parquet", tmp_path / "b.parquet"]
+    result = call("correct", session / "m.st", *files, "-o", tmp_path / "a.csv")
+    assert result.code == 2
+    assert "two recordings are called 'random 1 min, seed 0'" in result.err
+
+
+def test_show_tells_what_a_model_is(call: Call, session: Path) -> None:
+    model = read_calibration(session / "m.st")
+    (shown,) = json.loads(call("show", session / "m.st", "--json").out)["shown"]
+    assert shown["homings"] == "seed 0, homing 1"
+    assert shown["sample"].split(", ") == list(model.signals)
+    assert [column["column"] for column in shown["columns"]] == list(model.signals)
+    assert shown["columns"][1]["lowest"] == model.lower[1]
+    assert len(shown["sha256"]) == 64
+    text = call("show", session / "m.st").out
+    for word in ("seed 0, homing 1", "truejoint calibrate", "measured/elbow", "deg"):
+        assert word in text
+
+
+def test_show_tells_what_a_recording_is(call: Call, session: Path) -> None:
+    path = session / "random.parquet"
+    (shown,) = json.loads(call("show", path, "--json").out)["shown"]
+    recording = read_recording(path)
+    assert shown["homing_id"] == recording.provenance.homing_id
+    columns = {column["column"]: column for column in shown["columns"]}
+    assert set(columns) == set(recording.units)
+    truth = columns["truth/elbow"]
+    assert truth["highest"] == np.nanmax(recording.column("truth/elbow"))
+    assert truth["missing"] == np.isnan(recording.column("truth/elbow")).sum()
+    assert "seed 0, homing 1" in call("show", path).out
+
+
+def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_path: Path) -> None:
+    zigzag, random = session / "zigzag.parquet", session / "random.parquet"
+    write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
+    models = [session / "m.st", tmp_path / "curved.st"]
+    result = call("compare", *models, random, "--json")
+    assert result.code == 0, result.err
+    found = json.loads(result.out)
+    rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}
+    for joint, best in found["best"].items():
+        assert rmse[best, joint] == min(rmse["m", joint], rmse["curved", joint])
+    assert rmse["curved", "elbow"] == rmse["poly2", "elbow"]
+    seen = call("compare", *models, zigzag)
+    assert seen.code == 1
+    assert seen.err.count("cannot be believed") == 2
+    alone = call("compare", session / "m.st", random)
+    assert alone.code == 2
+    assert "1 model file among" in alone.err

@@ -1,0 +1,142 @@
+"""Truth that was recorded on a clock of its own finds its place by the motion."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import Provenance, Recording, Stream, join_truth
+from truejoint.recordings.datasets import read_dataset
+
+JOINTS = ("joint1", "joint2")
+
+
+def angles(t: np.ndarray, seed: int) -> np.ndarray:
+    """Motion (n, 2) at several speeds that does not repeat itself."""
+    random = np.random.default_rng(seed)
+    rates, phases = random.uniform(0.2, 2.0, (6, 2)), random.uniform(0, 6, (6, 2))
+    return np.sin(t[:, None, None] * rates + phases).mean(axis=1)
+
+
+def robot_and_truth(
+    offset: float, seed: int, dt: float = 0.01, truth_dt: float = 0.02, *, hysteresis: float = 0.0
+) -> tuple[Recording, Stream]:
+    """Robot's recording and a truth [rad] whose clock is `offset` behind, both with noise."""
+    random = np.random.default_rng(seed)
+    t, truth_t = np.arange(0.0, 40.0, dt), np.arange(3.0, 44.0, truth_dt)
+    noise = 1e-4 * random.standard_normal((len(t), 2))
+    measured = dict(zip(JOINTS, (angles(t, seed) + noise).T, strict=True))
+    q = angles(truth_t, seed)
+    way = np.sign(np.gradient(q, axis=0))
+    truth = 1.03 * q - 0.02 * q[:, ::-1] + 0.1 - hysteresis * way
+    columns = {"t": t} | {f"measured/{joint}": values for joint, values in measured.items()}
+    recording = Recording.from_columns(columns, Provenance("bros", source="robot.csv"))
+    named = {f"truth/{joint}": truth[:, k] for k, joint in enumerate(JOINTS)}
+    return recording, Stream(truth_t - offset, named)
+
+
+@settings(max_examples=25)
+@given(offset=st.floats(-5e3, 5e3), seed=st.integers(0, 50))
+def test_the_offset_is_found_to_a_fraction_of_a_step(offset: float, seed: int) -> None:
+    recording, truth = robot_and_truth(offset, seed)
+    joined, clock = join_truth(recording, truth)
+    assert clock.seconds == pytest.approx(offset, abs=2e-3)
+    assert abs(clock.seconds - offset) < 3 * clock.sd < 0.05
+    known = np.isfinite(joined.columns("truth", JOINTS)).all(axis=1)
+    assert known.sum() == pytest.approx((recording.t >= 3.0).sum(), abs=2)
+    assert f"{clock.seconds:.10g} s" in joined.provenance.notes
+    assert joined.provenance.rates["truth"] == 50.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_friction_is_not_taken_for_a_delay(seed: int) -> None:
+    recording, truth = robot_and_truth(17.0, seed, hysteresis=0.03)
+    _, clock = join_truth(recording, truth)
+    assert clock.seconds == pytest.approx(17.0, abs=0.02)  # 0.03 rad pass for about 50 ms
+    assert abs(clock.seconds - 17.0) < 3 * clock.sd
+
+
+def test_stamps_since_1970_are_offset_against_the_robots_own_clock() -> None:
+    recording, truth = robot_and_truth(0.0, 1)
+    later = Provenance("bros", source="robot.csv", start=1.7e9)
+    recording = Recording(recording.table, recording.units, later)
+    _, clock = join_truth(recording, Stream(truth.t + 1.7e9 - 2.5, truth.columns))
+    assert clock.seconds == pytest.approx(2.5, abs=2e-3)
+
+
+def test_a_stated_offset_is_taken_as_it_is() -> None:
+    recording, truth = robot_and_truth(17.0, 1)
+    joined, clock = join_truth(recording, truth, 17.0)
+    assert (clock.seconds, clock.joints) == (17.0, ())
+    rows = np.isfinite(joined.column("truth/joint1"))
+    expected = np.interp(joined.t[rows], truth.t + 17.0, truth.columns["truth/joint1"])
+    np.testing.assert_allclose(joined.column("truth/joint1")[rows], expected)
+
+
+def test_a_motion_that_repeats_itself_needs_a_hint() -> None:
+    t = np.arange(0.0, 30.0, 0.01)
+    columns = {"t": t, "measured/joint1": np.sin(2 * np.pi * t / 5.0)}
+    truth = Stream(t + 60.0, {"truth/joint1": columns["measured/joint1"]})
+    recording = Recording.from_columns(columns, "bros")
+    with pytest.raises(RecordingError, match=r"repeats itself: offsets of .*--near-s"):
+        join_truth(recording, truth)
+    for near in (-61.0, -58.5, -54.0):
+        _, clock = join_truth(recording, truth, near=near)
+        assert clock.seconds == pytest.approx(5.0 * round(near / 5.0), abs=1e-3)
+
+
+def _other(recording: Recording, truth: Stream) -> object:
+    noise = np.random.default_rng(0).standard_normal((2, len(truth.t)))
+    return join_truth(recording, Stream(truth.t, dict(zip(truth.columns, noise, strict=True))))
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (_other, "no offset of the clocks makes the truth follow joint1, joint2"),
+        (
+            lambda recording, truth: join_truth(
+                recording, Stream(truth.t, {"truth/joint1": np.ones(len(truth.t))})
+            ),
+            "joint1 stand still",
+        ),
+        (
+            lambda recording, truth: join_truth(join_truth(recording, truth)[0], truth),
+            "has a truth already",
+        ),
+        (
+            lambda recording, truth: join_truth(
+                recording, Stream(truth.t, {"truth/elbow": truth.columns["truth/joint1"]})
+            ),
+            "no column 'measured/elbow'",
+        ),
+        (lambda recording, truth: join_truth(recording, truth, np.inf), "an offset of inf s"),
+    ],
+)
+def test_what_cannot_be_joined_is_one_line(
+    call: Callable[[Recording, Stream], object], message: str
+) -> None:
+    with pytest.raises(RecordingError, match=message) as refused:
+        call(*robot_and_truth(0.0, 0))
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["bros_dual_encoder", "kuka_kr300_dual_encoder"])
+def test_the_offset_is_found_on_real_joints(
+    dataset_folder: Callable[[str], object], name: str
+) -> None:
+    dataset_folder(name)
+    for whole in read_dataset(name):
+        joints = whole.joints_of("truth")
+        kept = [column for column in whole.table if not column.startswith("truth")]
+        robot = Recording.from_columns(whole.table[kept], whole.provenance.robot)
+        rows = slice(len(whole) // 10, None, 3)
+        truth = {f"truth/{joint}": whole.column(f"truth/{joint}")[rows] for joint in joints}
+        _, clock = join_truth(robot, Stream(whole.t[rows] - 123.4, truth))
+        assert clock.seconds == pytest.approx(123.4, abs=0.005)
+        assert abs(clock.seconds - 123.4) < 2 * clock.sd

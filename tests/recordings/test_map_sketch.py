@@ -1,0 +1,94 @@
+"""A map that is written for a file is one that reads it."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import read_column_map, read_recording, sketch_column_map
+
+fields = st.text(
+    st.characters(codec="utf-8", exclude_characters=',;\t\r\n "#\v\f\x1c\x1d\x1e\x85\u2028\u2029'),
+    min_size=1,
+    max_size=12,
+)
+
+
+@given(names=st.lists(fields, min_size=2, max_size=8), robot=st.sampled_from(["", "raven2"]))
+def test_any_header_gives_a_map_that_is_understood(
+    tmp_path_factory: pytest.TempPathFactory, names: list[str], robot: str
+) -> None:
+    path = tmp_path_factory.mktemp("sketch") / "run.csv"
+    head = ",".join(names)
+    path.write_text(f"{head}\n{','.join('1' for _ in names)}\n", encoding="utf-8")
+    if "\0" in head:
+        return
+    text = sketch_column_map(path, robot)
+    mapping = read_column_map(tomllib.loads(text))
+    assert mapping.robot == robot
+    taken = [mapped.column for mapped in mapping.columns.values()]
+    assert len(set(taken)) == len(taken)
+    # What is not guessed stands there as a comment that becomes an entry by taking the # away.
+    spare = [line[2:] for line in text.splitlines() if line.startswith('# "<quantity>')]
+    for k, line in enumerate(spare):
+        entry = tomllib.loads(line.replace("<quantity>/<joint>", f"effort/x{k}", 1))
+        taken.append(entry[f"effort/x{k}"]["column"])
+    assert len(taken) == len(names)
+
+
+def test_what_the_names_say_is_guessed(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    names = (
+        "Time [ms],q_shoulder_deg,jpos_elbow,insertion (mm),tau_0,tau_1,ext_1_deg,mvel2,desired_3"
+    )
+    path.write_text(f"# note\n{names},note,note\n" + ",".join("1" * 11) + "\n")
+    text = sketch_column_map(path, "raven2")
+    mapping = read_column_map(tomllib.loads(text))
+    found = {name: (c.column, c.unit) for name, c in mapping.columns.items()}
+    assert (
+        found
+        == {
+            "t": ("Time [ms]", "ms"),
+            "measured/shoulder": ("q_shoulder_deg", "deg"),
+            "measured/elbow": ("jpos_elbow", ""),
+            "measured/insertion": ("insertion (mm)", "mm"),
+            "effort/shoulder": ("tau_0", ""),
+            "effort/elbow": ("tau_1", ""),
+            "truth/elbow": ("ext_1_deg", "deg"),
+            "motor_velocity/insertion": ("mvel2", ""),
+            "setpoint/unused": ("desired_3", ""),
+        }
+        or "setpoint/roll" in found
+    )
+    assert text.count("column = 9") == text.count("column = 10") == 1
+
+
+def test_the_map_reads_the_file(tmp_path: Path) -> None:
+    content = {"time": np.arange(5.0), "q": np.arange(10.0).reshape(2, 5), "tau": np.ones((2, 5))}
+    scipy.io.savemat(tmp_path / "run.mat", content)
+    np.savetxt(tmp_path / "bare.txt", np.ones((3, 4)))
+    (tmp_path / "map.toml").write_text(sketch_column_map(tmp_path / "run.mat", "bros"))
+    recording = read_recording(tmp_path / "run.mat", column_map=tmp_path / "map.toml")
+    np.testing.assert_array_equal(
+        recording.columns("measured", ("joint1", "joint2")).T, content["q"]
+    )
+    assert recording.joints_of("effort") == ("joint1", "joint2")
+    bare = sketch_column_map(tmp_path / "bare.txt")
+    assert [f"column = {k} " in bare for k in range(5)] == [True] * 4 + [False]
+    assert "# robot =" in bare
+    assert "# rate_hz =" in bare
+
+
+def test_what_needs_no_map_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a.parquet").write_bytes(b"PAR1....")
+    with pytest.raises(RecordingError, match="needs no column map"):
+        sketch_column_map(tmp_path / "a.parquet")
+    with pytest.raises(RecordingError, match="there is no such file"):
+        sketch_column_map(tmp_path / "b.csv")
