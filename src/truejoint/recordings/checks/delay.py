@@ -12,8 +12,8 @@ from truejoint.array_types import Array
 from truejoint.recordings.checks.explained import Explained
 from truejoint.recordings.recording import Recording
 
-_SHIFTS: Final = np.arange(-20, 21) * 0.02  # s
-_NEAR: Final = np.arange(-5, 6) * 0.004  # s, about the best of those
+_SHIFTS: Final = np.linspace(-0.4, 0.4, 41)  # s
+_NEAR: Final = np.linspace(-0.02, 0.02, 11)  # s, about the best of those
 _BLOCKS: Final = 4  # of each recording, left out in turn for the uncertainty
 _RIDGE: Final = 1e-7
 
