@@ -23,6 +23,8 @@ BENCHMARKS = (
     "speed_training",
     "accuracy_recordings",
     "grasper",
+    "data_check",
+    "training_outliers",
     "staleness",
     "interval_coverage",
     "accuracy_twin",
