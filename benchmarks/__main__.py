@@ -26,6 +26,8 @@ BENCHMARKS = (
     "accuracy_recordings",
     "grasper",
     "moved_zeros",
+    "data_check",
+    "training_outliers",
     "staleness",
     "automatic_choice",
     "interval_coverage",

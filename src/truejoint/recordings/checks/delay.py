@@ -12,8 +12,8 @@ from truejoint.array_types import Array
 from truejoint.recordings.checks.explained import Explained
 from truejoint.recordings.recording import Recording
 
-_STEP: Final = 0.02  # s
-_SHIFTS: Final = np.arange(-20, 21) * _STEP
+_SHIFTS: Final = np.linspace(-0.4, 0.4, 41)  # s
+_NEAR: Final = np.linspace(-0.02, 0.02, 11)  # s, about the best of those
 _BLOCKS: Final = 4  # of each recording, left out in turn for the uncertainty
 _RIDGE: Final = 1e-7
 
@@ -35,32 +35,31 @@ def estimate_delay(
     For each shift the truth is interpolated and the regression of `explain` made anew, with its
     weights; the logarithms of the residual's variance are added over joints.
     """
-    pairs = zip(recordings, explained, strict=True)
-    squares = [_squares(*pair) for pair in pairs]  # (blocks, shifts) each
-    seconds, drop = _lowest([s.sum(axis=0) for s in squares])
-    blocks = len(squares[0])
-    left_out = [_lowest([s.sum(axis=0) - s[block] for s in squares])[0] for block in range(blocks)]
-    spread = float(np.sqrt((blocks - 1) * np.var(left_out)))
-    return Delay(seconds, spread, drop)
+    pairs = list(zip(recordings, explained, strict=True))
+    squares = [_squares(*pair, _SHIFTS) for pair in pairs]  # (blocks, shifts) each
+    coarse, drop = _lowest(_SHIFTS, [s.sum(axis=0) for s in squares])
+    blocks = range(len(squares[0]))
+    left_out = [_lowest(_SHIFTS, [s.sum(axis=0) - s[k] for s in squares])[0] for k in blocks]
+    near = coarse + _NEAR
+    seconds, _ = _lowest(near, [_squares(*pair, near).sum(axis=0) for pair in pairs])
+    return Delay(seconds, float(np.sqrt((len(blocks) - 1) * np.var(left_out))), drop)
 
 
-def _lowest(squares: Sequence[Array]) -> tuple[float, float]:
-    """Shift [s] with the least sum of logarithms, by a parabola; fall of the variance from 0."""
+def _lowest(shifts: Array, squares: Sequence[Array]) -> tuple[float, float]:
+    """Shift [s] with the least sum of logarithms, by a parabola; fall of the variance to it."""
     curve = np.mean([np.log(np.maximum(s, 1e-300)) for s in squares], axis=0)
     at = int(np.argmin(curve))
     drop = float(1.0 - np.exp(curve[at] - curve[len(curve) // 2]))
-    shift = float(_SHIFTS[at])
+    shift = float(shifts[at])
     if 0 < at < len(curve) - 1:
         before, here, after = curve[at - 1 : at + 2]
-        bend = before - 2.0 * here + after
-        shift += (
-            0.5 * float(before - after) / float(max(bend, 1e-12)) * float(_SHIFTS[1] - _SHIFTS[0])
-        )
+        bend = max(before - 2.0 * here + after, 1e-12)
+        shift += 0.5 * float(shifts[1] - shifts[0]) * float((before - after) / bend)
     return shift, drop
 
 
-def _squares(recordings: Sequence[Recording], explained: Explained) -> Array:
-    """Weighted sums of squared residuals (blocks, shifts)."""
+def _squares(recordings: Sequence[Recording], explained: Explained, shifts: Array) -> Array:
+    """Weighted sums of squared residuals (blocks, shifts), at `shifts` [s] of the truth."""
     samples = explained.samples
     own = f"/{explained.joint}"
     targets, blocks = [], []
@@ -71,7 +70,7 @@ def _squares(recordings: Sequence[Recording], explained: Explained) -> Array:
         padded = np.pad(truth[known], 1, mode="edge")
         smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
         at, measured = t[sample.rows], recording.column("measured" + own)[sample.rows]
-        shifted = [np.interp(at + shift, t[known], smooth) for shift in _SHIFTS]
+        shifted = [np.interp(at + shift, t[known], smooth) for shift in shifts]
         targets.append(np.stack(shifted, axis=1) - measured[:, None])
         blocks.append(np.arange(len(at)) * _BLOCKS // len(at) + _BLOCKS * number)
     groups = np.repeat(np.arange(len(samples)), [len(sample.rows) for sample in samples])
