@@ -9,8 +9,8 @@ measured position, as if the robot had been homed. Each test recording is re-zer
 2 s of truth, and judged on the rest. Jaw RMSE in deg, over all test recordings together; of several
 draws of the zeros, that with the largest last column.
 
-"shared" is the plain fit, "recording" and "homing" the fits with a zero for each. The plain fit is
-also what a model of either kind gives without re-zeroing: the first column is theirs too.
+The plain fit takes all recordings to share one zero, those beside it have one for each recording
+or homing. As positions come, the plain one corrects whatever was fitted beside it.
 """
 
 from __future__ import annotations
@@ -114,8 +114,10 @@ def main() -> None:
     parser.add_argument("--fit", nargs="+", choices=FITTED, default=list(FITTED))
     parser.add_argument("--draws", type=int, default=1)
     options = parser.parse_args()
-    columns = ("held out", "estimator", "zero moved", "zero fitted", "shared", "shared, re-zeroed",
-               "as fitted, re-zeroed", "of unmoved")  # fmt: skip
+    columns = (
+        "held out", "estimator", "zero moved", "zero fitted", "plain", "plain, re-zeroed",
+        "with zeros, re-zeroed", "of unmoved",
+    )  # fmt: skip
     print("| " + " | ".join(columns) + " |\n|" + "---|" * len(columns))
     for split in (DATASET.split(name) for name in options.splits):
         for name in options.fit:
