@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.linear_model import Ridge
@@ -52,7 +54,7 @@ def test_what_is_better_on_unseen_recordings_is_chosen():
 def test_the_linear_model_stays_where_nothing_is_better():
     model = choose(0.0, [PolynomialRegressor(2), DecisionTreeRegressor(), Ridge(1e-9)])
     assert model.estimator == "linear"
-    assert told(model)["DecisionTreeRegressor"]["note"] == "given up after 3 of 4 folds"
+    assert told(model)["DecisionTreeRegressor"]["note"] == "given up after 3 folds"
     assert told(model)["Ridge"]["ratio"] == pytest.approx(1.0)
 
 
@@ -88,6 +90,15 @@ def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
     assert names == ["offset", "linear", "poly2", "dnn", "HistGradientBoostingRegressor"]
     assert candidates()[3].epochs == 0
+
+
+def test_a_part_without_which_a_feature_never_changes_is_passed_over():
+    recording = bent(0, 0.2)
+    effort = np.where(recording.t < 2.0, recording.column("effort/jaw"), 1.0)
+    table = recording.table.assign(**{"effort/jaw": effort})
+    model = calibrate(replace(recording, table=table), Automatic([PolynomialRegressor(2)]))
+    assert model.metadata["choice"]["left_out"] == ["time 2", "time 3", "time 4", "time 5"]
+    assert [one["folds"] for one in model.metadata["choice"]["tried"]] == [4, 4]
 
 
 def test_a_recording_too_short_for_it_is_refused():

@@ -92,6 +92,14 @@ class _Trial:
     def name(self) -> str:
         return self.estimator.name
 
+    def judge(
+        self, fitted: Calibration, recordings: Sequence[Recording], fold: Fold
+    ) -> Calibration:
+        """Keep the errors of a fit on what it did not see, and what it settled."""
+        self.errors.append(_rmse(fitted, recordings, fold))
+        self.estimator, self.names = fitted.model.settled(), fitted.feature_set.names
+        return fitted
+
     def ratios(self, reference: _Trial) -> Array:
         """Logarithms (n_folds, n_joints) of the errors over those of another."""
         own, other = np.array(self.errors), np.array(reference.errors[: len(self.errors)])
@@ -130,41 +138,29 @@ def choose(
 ) -> Calibration:
     """Choose as `Automatic` says, and fit the chosen one to all recordings.
 
-    Raises CalibrationError if the linear model cannot be fitted, of the recordings or of a fold.
+    A fold without which the linear model cannot be fitted (a feature never changes in the rest) is
+    passed over; raises CalibrationError if that is every one.
     """
     report = progress or (lambda _fraction: None)
-    left_out = folds(recordings)
     feature_sets = [features]
     if automatic.default_features and features is not None and len(recordings) >= FEW:
         feature_sets.append(None)
     trials = list(_trials(automatic.candidates, feature_sets))
-    reference = trials[0]
-    raw: list[Array] = []
-    steps = len(left_out) * len(trials) + 1
     fit_briefly = partial(fit, fit_rate=_brief_rate(recordings, fit_rate))
+    left_out = folds(recordings)
+    steps = len(left_out) + 1
+    judged: list[Fold] = []
+    raw: list[Array] = []
     for k, fold in enumerate(left_out):
-        training = without(recordings, fold.parts)
-        known: dict[FeatureSet | None, Calibration] = {}  # which bring baselines along
-        for i, trial in enumerate(trials):
-            report((k * len(trials) + i) / steps)
-            if trial.note:
-                continue
-            began = time.perf_counter()
-            try:
-                fitted = _fitted(trial, training, fit_briefly, known)
-                trial.errors.append(_rmse(fitted, recordings, fold))
-            except CalibrationError as reason:
-                if trial is reference:
-                    raise
-                trial.note = str(reason)
-                continue
-            finally:
-                trial.seconds += time.perf_counter() - began
-            trial.estimator, trial.names = fitted.model.settled(), fitted.feature_set.names
-            if trial is reference:
-                raw.append(_raw_rmse(fitted, recordings, fold))
-            if trial.is_hopeless(reference) and k + 1 < len(left_out):
-                trial.note = f"given up after {k + 1} of {len(left_out)} folds"
+        is_last = fold is left_out[-1]
+        try:
+            raw.append(_try(trials, recordings, fold, fit_briefly, is_last=is_last))
+            judged.append(fold)
+        except CalibrationError:
+            if is_last and not judged:
+                raise
+        report((k + 1) / steps)
+    reference = trials[0]
     best = min(
         (trial for trial in trials if trial is reference or trial.is_better(reference)),
         key=lambda trial: trial.against(reference)[0],
@@ -176,7 +172,35 @@ def choose(
     fitted = fit(
         recordings, best.candidate, features=best.features, fit_rate=fit_rate, progress=report_last
     )
-    return fitted.with_metadata(choice=_told(left_out, trials, best, raw, fitted.joints))
+    return fitted.with_metadata(choice=_told(judged, trials, best, raw, fitted.joints))
+
+
+def _try(
+    trials: Sequence[_Trial],
+    recordings: Sequence[Recording],
+    fold: Fold,
+    fit: Fit,
+    *,
+    is_last: bool,
+) -> Array:
+    """Fit what is not given up without a fold, and judge it; RMSE (n_joints,) of raw positions.
+
+    Raises CalibrationError if the reference, the first, cannot be fitted.
+    """
+    training = without(recordings, fold.parts)
+    known: dict[FeatureSet | None, Calibration] = {}  # which bring baselines along
+    reference, *others = trials
+    fitted = reference.judge(_fitted(reference, training, fit, known), recordings, fold)
+    for trial in (one for one in others if not one.note):
+        began = time.perf_counter()
+        try:
+            trial.judge(_fitted(trial, training, fit, known), recordings, fold)
+        except CalibrationError as reason:
+            trial.note = str(reason)
+        trial.seconds += time.perf_counter() - began
+        if not trial.note and not is_last and trial.is_hopeless(reference):
+            trial.note = f"given up after {len(trial.errors)} folds"
+    return _raw_rmse(fitted, recordings, fold)
 
 
 def _trials(
