@@ -202,7 +202,7 @@ def build(
         source="m.h",
         real=precision,
         stamps=table(stamps, "double"),
-        samples=table(rows[list(calibration.signals)].to_numpy(), precision),
+        samples=table(rows[list(calibration.loop_signals)].to_numpy(), precision),
         rows=SAMPLES,
         period=float(stamps[-1] - stamps[0] + np.median(np.diff(stamps))),
     )

@@ -32,8 +32,8 @@ def jaw_models() -> Iterator[tuple[Calibration, Samples]]:
         at_motor = DRIVER in family.inputs(estimator.model_params())
         training, unseen = (driven[:4], driven[4]) if at_motor else (cables[:1], cables[1])
         model = calibrate(training, estimator)
-        rows = unseen.table[list(model.signals)].to_numpy()
-        yield model, Samples(model.signals, unseen.t.tolist(), rows)
+        rows = unseen.table[list(model.loop_signals)].to_numpy()
+        yield model, Samples(model.loop_signals, unseen.t.tolist(), rows)
 
 
 def driven_jaw(seed: int) -> Recording:

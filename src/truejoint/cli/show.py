@@ -64,7 +64,7 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     facts = {
         **model.summary(),
         "features": ", ".join(model.feature_set.names),
-        "sample": ", ".join(model.signals),
+        "sample": ", ".join(model.loop_signals),
         "homings": homings or "any one, the first that the loop is told: training named none",
         "loads": ", ".join(_loads(model.metadata)),
         **{key: value for key, value in model.metadata.items() if key not in _TOLD},
