@@ -146,7 +146,7 @@ def evaluate(
         comparisons=comparisons,
         deploy=_to_deploy(traces, estimators),
         objections=tuple(objections_to(metadata, recordings, domain)),
-        doubts=tuple(doubts_about(metadata, recordings, domain, check)),
+        doubts=tuple(doubts_about(metadata, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
         plain = _fitted_for(given, rezeroing=False)[chosen][0]

@@ -261,15 +261,19 @@ def doubts_about(
     recordings: Sequence[Recording],
     domain: Domain | None,
     check: DataCheck,
+    rezero: float = 0.0,
 ) -> Iterator[str]:
-    """Tell what a pass is to be taken with: data, domain, homings, and truth that re-zeroed."""
+    """Tell what a pass is to be taken with: data, domain, homings, and truth that re-zeroed.
+
+    A homing that training has not seen is no doubt where `rezero` seconds of truth make up for it.
+    """
     for finding in (finding for finding in check.findings if finding.level == "fail"):
         yield f"The data check failed: {finding.what} ({finding.where})."
     if domain and domain.inside < 1.0 - _FEW:
         yield f"The loop would refuse {_refused(domain)}, and pass the raw position through there."
     known = set(metadata.get("homing_ids", ()))
     other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
-    if known and other:
+    if known and other and rezero == 0.0:
         yield (
             f"The test has homings that training has not seen ({', '.join(other[:4])}); positions "
             "of two homings differ by an offset that no model knows."
