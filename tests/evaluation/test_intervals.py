@@ -197,7 +197,8 @@ def test_the_band_of_a_rezeroed_interval_follows_the_truth(calibration):
 
 def figures_of(page: str) -> dict[str, dict]:
     start = page.index('id="figures">') + len('id="figures">')
-    return {f["key"]: f for f in json.loads(page[start : page.index("</script>", start)])}
+    values = json.loads(page[start : page.index("</script>", start)])
+    return {figure["key"]: figure for figure in values["figures"]}
 
 
 def numbers(values: dict) -> np.ndarray:
