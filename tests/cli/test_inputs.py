@@ -87,8 +87,7 @@ def test_strangers_among_mapped_files_lack_the_columns(call: Call, tmp_path: Pat
 
 
 def test_what_files_do_not_say_is_stated(call: Call, tmp_path: Path) -> None:
-    table = motion().drop(columns="t")
-    pd.concat([table, table]).to_csv(tmp_path / "run.csv", index=False)
+    motion(rows=800).drop(columns="t").to_csv(tmp_path / "run.csv", index=False)
     result = call(
         "calibrate", tmp_path / "run.csv", "-e", "linear", "-o", tmp_path / "m.st", "--json",
         "--robot", "davinci_grasper", "--rate-hz", "100", "--homing-id", "noon",
