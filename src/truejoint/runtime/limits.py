@@ -36,6 +36,9 @@ SLIP_SHARE: Final = 0.5
 a jump: one that slipped stays a jump until the whole of that has grown to it."""
 PARITY_MARGIN: Final = 2.0
 """How much further than in training a parity equation may be from its middle."""
+SETPOINT_MARGIN: Final = 4.0
+"""The same with a set point, which a joint follows the later the faster it moves: motion at random
+after a zig-zag in which a joint hardly moved reached 2.5 times what that had shown (12 twins)."""
 PARITY_FLOOR: Final = 0.02
 """Share of a joint's trained range of errors that it may be off by at least: less is no matter."""
 PARITY_STEPS: Final = 3.0
@@ -160,7 +163,10 @@ def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[
         matrix, intercept = equations.matrix, equations.intercept
         floor = PARITY_FLOOR * (seen.error_upper - seen.error_lower)[equations.joint.astype(int)]
         middle = 0.5 * (equations.lower + equations.upper)
-        half = PARITY_MARGIN * (equations.upper - middle) + floor
+        setpoints = [column.startswith("setpoint/") for column in data.loop_signals]
+        late = (matrix[:, setpoints] != 0.0).any(axis=1)
+        margin = np.where(late, SETPOINT_MARGIN, PARITY_MARGIN)
+        half = margin * (equations.upper - middle) + floor
         lower, upper = middle - half, middle + half
     names = ("parity", "parity_intercept", "parity_lower", "parity_upper")
     return dict(zip(names, (matrix, intercept, lower, upper), strict=True))
