@@ -92,13 +92,13 @@ def test_the_registry_says_what_is_tried():
     assert candidates()[3].epochs == 0
 
 
-def test_a_part_without_which_a_feature_never_changes_is_passed_over():
+def test_a_part_without_which_a_feature_never_changes_is_judged_without_the_feature():
     recording = bent(0, 0.2)
     effort = np.where(recording.t < 2.0, recording.column("effort/jaw"), 1.0)
     table = recording.table.assign(**{"effort/jaw": effort})
     model = calibrate(replace(recording, table=table), Automatic([PolynomialRegressor(2)]))
-    assert model.metadata["choice"]["left_out"] == ["time 2", "time 3", "time 4", "time 5"]
-    assert [one["folds"] for one in model.metadata["choice"]["tried"]] == [4, 4]
+    assert model.metadata["choice"]["left_out"] == [f"time {k}" for k in range(1, 6)]
+    assert [one["folds"] for one in model.metadata["choice"]["tried"]] == [5, 5]
 
 
 def test_a_recording_too_short_for_it_is_refused():

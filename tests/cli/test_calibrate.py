@@ -25,7 +25,8 @@ def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path,
     few = [get_estimator(name) for name in ("offset", "linear", "poly2")]
     monkeypatch.setattr("truejoint.estimators.candidates", lambda: few)
     path = tmp_path / "m.safetensors"
-    done = call("calibrate", *sessions, "-e", "auto", "--interval", "cross", "-o", path)
+    done = call("calibrate", *sessions, "-e", "auto", "--interval", "cross", "-o", path,
+                "--accept", "unit")  # fmt: skip
     assert done.code == 0, done.err
     assert "RMSE on 3 parts left out" in done.out
     assert "poly2 (chosen)" in done.out, done.out

@@ -219,7 +219,8 @@ def test_bad_recordings_are_one_line_and_exit_code_2(
     path = _damaged(session, tmp_path, damage)
     model = tmp_path / "m.st"
     arguments = ["calibrate", path, "--robot", "raven2", "-e", "linear", "-o", model]
-    result = call(*arguments, "--accept", "missing")
+    accept = [word for name in ("missing", "frozen", "unit") for word in ("--accept", name)]
+    result = call(*arguments, *accept)
     assert result.code == 2
     last = result.err.strip().splitlines()[-1]
     assert last.startswith("truejoint: ")

@@ -18,7 +18,7 @@ from truejoint.recordings import (
     read_recordings,
     write_parquet,
 )
-from truejoint.recordings.formats import why_no_recording
+from truejoint.recordings.reading import why_no_recording
 
 
 def write(path: Path, content: str | bytes) -> Path:

@@ -46,7 +46,7 @@ def domain_of(model: object, traces: Sequence[Trace]) -> Domain | None:
     error = np.concatenate([trace.truth - trace.measured for trace in traces])
     beyond = (error < lower) | (error > upper)
     return Domain(
-        inside=float(np.mean(status == 0)),
+        inside=float(np.mean(np.concatenate([trace.inside for trace in traces]))),
         flags={name: share for share, name in found},
         beyond=float(beyond.any(axis=1).mean()),
     )

@@ -14,6 +14,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.estimators import registry
 from truejoint.evaluation.comparison import Outcome
 from truejoint.models import names
+from truejoint.runtime import Status
 from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
@@ -390,8 +391,10 @@ class Trace:
 
     @property
     def inside(self) -> Mask:
-        """Rows (n,) that the loop would correct; all where that is not known."""
-        return np.ones(len(self.t), dtype=bool) if self.status is None else self.status == 0
+        """Rows (n,) that the loop would correct were their zero right; all where not known."""
+        if self.status is None:
+            return np.ones(len(self.t), dtype=bool)
+        return self.status & ~int(Status.ZERO_SUSPECT) == 0
 
     def error(self, estimator: str) -> Array:
         """Estimated minus true position (n, n_joints) [rad or m]."""

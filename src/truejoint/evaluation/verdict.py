@@ -271,6 +271,12 @@ def doubts_about(
         yield f"The data check failed: {finding.what} ({finding.where})."
     if domain and domain.inside < 1.0 - _FEW:
         yield f"The loop would refuse {_refused(domain)}, and pass the raw position through there."
+    suspect = domain.flags.get("ZERO_SUSPECT", 0.0) if domain else 0.0
+    if suspect:
+        yield (
+            f"The loop would hold the zero for suspect in {share_text(suspect)} of the rows, until "
+            "it is found anew: a reading jumped, or parts from what else says where the joint is."
+        )
     known = set(metadata.get("homing_ids", ()))
     other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
     if known and other and rezero == 0.0:

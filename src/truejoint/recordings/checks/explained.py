@@ -24,6 +24,8 @@ _BISQUARE: Final = 4.685  # spreads; 95 % efficient for normal noise (Beaton and
 # No spread counts as less, as a share of the joint's range: rounding is no finding.
 _FINEST: Final = 1e-4
 _FINEST_OF_OTHERS: Final = 1e-3
+# Nor as a share of what is explained: a step that the regression follows late is no outlier.
+_FINEST_LEFT: Final = 1e-2
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,9 @@ def explain(recordings: Sequence[Recording], joint: str, quantity: str = "truth"
     centre, scale = inputs.mean(axis=0), inputs.std(axis=0)
     scale[scale == 0.0] = 1.0
     finest = _FINEST if quantity == "truth" else _FINEST_OF_OTHERS
-    least = max(finest * abs(ratio) * float(np.ptp(inputs[:, 0])), 1e-12)
+    spans = [np.ptp(np.quantile(error[groups == k], [0.02, 0.98])) for k in range(len(parts))]
+    least = finest * abs(ratio) * float(np.ptp(inputs[:, 0]))
+    least = max(least, _FINEST_LEFT * float(np.median(spans)), 1e-12)
     coefficients, weights, spread = _bisquare((inputs - centre) / scale, error, groups, least)
     samples = tuple(Sample(*part, weights[groups == k]) for k, part in enumerate(parts))
     return Explained(joint, quantity, ratio, features, centre, scale, coefficients, spread, samples)
@@ -120,7 +124,7 @@ def _features(recordings: Sequence[Recording], joint: str, explained: str) -> Fe
         name
         for name in recordings[0].units
         if name.partition("/")[0] in ("measured", "motor", "effort", "current")
-        and all(name in r.units and np.ptp(r.column(name)) > 0.0 for r in recordings)
+        and all(name in r.table.columns and np.ptp(r.column(name)) > 0.0 for r in recordings)
     ]
     span = max(float(np.ptp(np.quantile(r.column(own), [0.02, 0.98]))) for r in recordings)
     texts = [own, *(f"play({own}, {share * span:.4g})" for share in _PLAYS if span > 0.0)]
