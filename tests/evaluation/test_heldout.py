@@ -3,9 +3,9 @@ from typing import Any
 
 import pytest
 
-from truejoint.recordings import DataCheck
 from truejoint.evaluation.splits import split_by_time
 from truejoint.evaluation.verdict import doubts_about, objections_to
+from truejoint.recordings import DataCheck
 from truejoint.recordings.recording import Recording
 
 NOTHING = DataCheck((), ())

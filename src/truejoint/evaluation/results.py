@@ -394,7 +394,7 @@ class Trace:
         """Rows (n,) that the loop would correct were their zero right; all where not known."""
         if self.status is None:
             return np.ones(len(self.t), dtype=bool)
-        return self.status & ~int(Status.ZERO_SUSPECT) == 0
+        return np.asarray(self.status & ~int(Status.ZERO_SUSPECT) == 0)
 
     def error(self, estimator: str) -> Array:
         """Estimated minus true position (n, n_joints) [rad or m]."""
