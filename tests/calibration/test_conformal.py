@@ -21,17 +21,14 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.conformal import (
-    conformal_threshold,
-    exchangeable_units,
-    trained_on,
-)
+from truejoint.calibration.conformal import conformal_threshold, exchangeable_units
 from truejoint.calibration.interval import (
     decode_interval,
     inverse_span,
     range_excesses,
 )
 from truejoint.calibration.model_file import encode_arrays
+from truejoint.calibration.sessions import trained_on
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.recordings import Recording
 

@@ -16,9 +16,8 @@ from truejoint.calibration.effort_baseline import (
     decode_effort_baseline,
     effort_steps,
     effort_terms,
-    fit_effort_baseline,
-    residual_statistics,
 )
+from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
 from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording

@@ -18,7 +18,8 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.zero import judged_error, shift_signals, signal_moves
+from truejoint.calibration.signal_shift import shift_signals, signal_moves
+from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.recordings import Recording

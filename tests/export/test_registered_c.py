@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.zero import moved, signal_moves
+from truejoint.calibration.signal_shift import signal_moves
+from truejoint.calibration.zero import moved
 from truejoint.errors import ExportError
 from truejoint.export.export_c import export_c
 from truejoint.runtime import Status

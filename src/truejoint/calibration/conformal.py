@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.effort_baseline import residual_statistics
+from truejoint.calibration.effort_fitting import residual_statistics
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
+from truejoint.calibration.sessions import session_of, source_of, trained_on
 from truejoint.calibration.zero import judged_error
-from truejoint.errors import CalibrationError, meant
+from truejoint.errors import CalibrationError
 from truejoint.models.names import OFFSET
 
 if TYPE_CHECKING:
@@ -321,24 +322,6 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
     return float(values[order][min(first, len(values) - 1)])
 
 
-def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "sessions") -> bool:
-    """Whether rows of a recording were in the training, or in what metadata list under `key`.
-
-    Two recordings are the same when their hashes are equal or, where neither has one, source,
-    session, homing and start. Parts of one count as the same when their times overlap.
-    """
-    own = recording.provenance.to_dict()
-    for session in metadata.get(key, ()):
-        if own["sha256"] or session["sha256"]:
-            same = own["sha256"] == session["sha256"]
-        else:
-            keys = ("source", "session", "homing_id", "start")
-            same = all(own[key] == session.get(key, own[key]) for key in keys)
-        if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
-            return True
-    return False
-
-
 def trajectory_scores(
     calibration: Calibration,
     recording: Recording,
@@ -357,47 +340,3 @@ def trajectory_scores(
     widening = 1.0 + growth * calibration.range_excess(recording)[rows]
     raw_error = recording.error(calibration.joints)[rows]
     return np.abs([error.T / widening, offset_error.T, raw_error.T])
-
-
-def session_of(recording: Recording) -> dict[str, Any]:
-    """Tell a recording from others, as JSON values."""
-    kept = ("source", "sha256", "session", "homing_id", "load", "start")
-    origin = recording.provenance.to_dict()
-    return {key: origin[key] for key in kept} | {
-        "first": float(recording.t[0]),
-        "last": float(recording.t[-1]),
-    }
-
-
-def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> None:
-    """Raise CalibrationError, naming them, when columns are missing that something needs."""
-    missing = [column for column in columns if column not in recording.table.columns]
-    if missing:
-        raise CalibrationError(
-            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose};"
-            f"{meant(missing[0], recording.units)} it has {', '.join(recording.units)}"
-        )
-
-
-def check_unit(recording: Recording, column: str, unit: str, where: str) -> None:
-    """Raise CalibrationError unless a column is in the unit that it has elsewhere."""
-    if recording.units[column] != unit:
-        raise CalibrationError(
-            f"{source_of(recording)}: {column!r} is in {recording.units[column]}, {where} {unit}; "
-            "convert it where the file is read"
-        )
-
-
-def check_arm(recording: Recording, arm: tuple[str, str], other: str) -> None:
-    """Raise CalibrationError unless a recording is of the robot and arm that another is of."""
-    robot = recording.robot
-    if (robot.name, robot.arm) != arm:
-        raise CalibrationError(
-            f"{source_of(recording)} is of {robot.title}, {other}; calibrate each arm on its own "
-            "recordings"
-        )
-
-
-def source_of(recording: Recording) -> str:
-    """File or robot that a recording is of, for a message."""
-    return recording.provenance.source or "recording"

@@ -18,17 +18,17 @@ from sklearn.base import clone
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.choice import Automatic, choose
-from truejoint.calibration.conformal import (
+from truejoint.calibration.effort_fitting import fit_effort_baseline
+from truejoint.calibration.parity import fit_parity_equations, redundant_columns
+from truejoint.calibration.sessions import (
     check_arm,
     check_columns,
     check_unit,
     session_of,
     source_of,
 )
-from truejoint.calibration.effort_baseline import fit_effort_baseline
-from truejoint.calibration.parity import fit_parity_equations, redundant_columns
+from truejoint.calibration.signal_shift import shift_signals, signal_moves
 from truejoint.calibration.training_domain import fit_training_domain
-from truejoint.calibration.zero import shift_signals, signal_moves
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT

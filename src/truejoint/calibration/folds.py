@@ -11,7 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.conformal import source_of
+from truejoint.calibration.sessions import source_of
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.models.features import sample_dt

@@ -13,14 +13,13 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import (
     command_line,
-    err,
     out,
     print_table,
     progress,
     result_json,
     say,
 )
-from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
+from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.inputs import Files, check_model_free, only_dataset, takes_files
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
@@ -135,8 +134,8 @@ def calibrate(
     )
     training, testing, unseen = read_training(), read_testing(), read_unseen()
     check = checked(training, accepted, joints=joints)
+    say_failed(check)
     if check.failed:
-        err.print(f"truejoint: {why_refused(check)}", style="red", soft_wrap=True)
         if as_json:
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)

@@ -40,7 +40,7 @@ def compare(
             f"{len(paths)} model file{'s' if len(paths) != 1 else ''} among {', '.join(names)}; "
             "name at least two (`truejoint evaluate` judges one)"
         )
-    from truejoint.calibration.conformal import source_of, trained_on  # noqa: PLC0415  # not for help
+    from truejoint.calibration.sessions import source_of, trained_on  # noqa: PLC0415  # not for help
     from truejoint.evaluation.results import BASELINES  # noqa: PLC0415
 
     stems = [Path(path).stem for path in paths]

@@ -10,8 +10,8 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import err, print_table, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
+from truejoint.cli.console import print_table, progress, result_json, say
+from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.inputs import Files, check_writable, takes_files
 from truejoint.errors import RecordingError
 from truejoint.files import write_atomically
@@ -81,8 +81,7 @@ def correct(
                 f"HOMED_AGAIN: the model is for homing {known}: re-zero it after this one "
                 "(truejoint check --rezero), or state --homing-id if it is the same"
             )
-    if check.failed:
-        err.print(f"truejoint: {why_refused(check)}", style="red", soft_wrap=True)
+    say_failed(check)
     flagged = any(counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in found)
     if check.failed or flagged:
         raise typer.Exit(CHECK_FAILED)

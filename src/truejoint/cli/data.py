@@ -46,8 +46,11 @@ def checked(
     return check
 
 
-def why_refused(check: truejoint.recordings.DataCheck) -> str:
-    """One line that names what failed and how to go on all the same."""
+def say_failed(check: truejoint.recordings.DataCheck) -> None:
+    """Name in one line what failed, if anything did, and how to go on all the same."""
+    if not check.failed:
+        return
     names = check.failures
     accept = " ".join(f"--accept {name}" for name in names)
-    return f"the data check failed ({', '.join(names)}): mend the data, or go on with {accept}"
+    failed = f"the data check failed ({', '.join(names)}): mend the data, or go on with {accept}"
+    err.print(f"truejoint: {failed}", style="red", soft_wrap=True)

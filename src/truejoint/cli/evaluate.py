@@ -10,8 +10,8 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import command_line, err, out, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, why_refused
+from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.inputs import (
     Files,
     check_free,
@@ -105,8 +105,7 @@ def evaluate(
         result_json(result.to_dict() | {"checks": found})
     else:
         show(result)
-    if check.failed:
-        err.print(f"truejoint: {why_refused(check)}", style="red", soft_wrap=True)
+    say_failed(check)
     if check.failed or not result.verdict.passed:
         raise typer.Exit(CHECK_FAILED)
 

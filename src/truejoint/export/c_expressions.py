@@ -9,7 +9,7 @@ import re
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -17,7 +17,7 @@ from numba.core.dispatcher import Dispatcher
 from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export.c_statements import Body, Statement, Variable
-from truejoint.export.c_structs import Handle, Struct, Unprintable, kind_of
+from truejoint.export.c_structs import Constants, Handle, Struct, Unprintable, kind_of
 from truejoint.export.c_syntax import definitions, tree_of
 from truejoint.export.c_values import (
     AND,
@@ -35,15 +35,13 @@ from truejoint.export.c_values import (
     Kind,
     Known,
     Scalar,
+    Style,
     View,
     add,
     either_origin,
     join,
     scale,
 )
-
-if TYPE_CHECKING:
-    from truejoint.export.c_printer import Printer
 
 FUNCTIONS: Final = frozenset(
     {"sqrt", "exp", "expm1", "log", "log1p", "sin", "cos", "tan", "atan", "atan2", "tanh", "ceil",
@@ -74,11 +72,39 @@ ARITHMETIC: Final[Mapping[type, tuple[str, int, Callable[[Any, Any], Any]]]] = {
 }  # fmt: skip
 
 
+class Printed(Protocol):
+    """What a call knows of the function that it calls."""
+
+    name: str
+    parameters: list[Any]
+    written: set[str]
+    has_effect: bool
+
+    @property
+    def result(self) -> Any:
+        """Kind of the result, what is known of it, or None."""
+
+
+class Printing(Protocol):
+    """What expressions ask of the program of which their kernel is a part."""
+
+    style: Style
+    enums: Mapping[type, str]
+    constants: Constants
+    calls: list[tuple[str, Expressions, dict[str, Any]]]
+
+    def function(self, kernel: Any, arguments: Sequence[Any]) -> Printed:
+        """Print a kernel for such arguments, unless that is done."""
+
+    def has_effect(self, text: str) -> bool:
+        """Whether evaluating this text changes anything."""
+
+
 @dataclass(eq=False)
 class Expressions:
     """Expressions of one kernel for arguments of which something is known."""
 
-    printer: Printer
+    printer: Printing
     python: Any  # the kernel
     arguments: Sequence[Any]  # known numbers, expressions, views and handles
     kinds: dict[str, Kind]  # of local variables, by Python names; grows until a pass finds no more
