@@ -190,7 +190,8 @@ class Arm:
     def setpoint_js(self, age: float = MAX_AGE) -> JointState:
         """Latest set-point, its velocity and the effort command; refused as `measured_js`."""
         block = self._valid("setpoint_js", age)
-        velocity = np.diff(block.setpoint, axis=0, prepend=block.setpoint[:1]) * SERVO_RATE
+        last = block.setpoint[-2:]
+        velocity = (last[-1:] - last[:1]) * SERVO_RATE
         return self._joint_state(block, block.setpoint, velocity)
 
     def goal_js(self) -> JointState:
@@ -364,8 +365,7 @@ class Arm:
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
-            # Two rows are enough for every getter.
-            self._latest = block.rows(slice(-2, None))
+            self._latest = block
         broken: BaseException | None = None
         for subscription in tuple(self._subscriptions):
             try:
@@ -473,8 +473,10 @@ class Arm:
         state = self._backend.operating_state()
         if not state.is_ready:  # the robot itself, or another program, has stopped it
             raise motion.stopped(state.state, state.t)
-        before = self._sent[-1] if self._sent is not None else rows[0]
-        self._sent = np.vstack([before, rows])[-2:]
+        if len(rows) > 1:
+            self._sent = rows[-2:]
+        else:
+            self._sent = np.array([rows[0] if self._sent is None else self._sent[1], rows[0]])
         self._backend.servo_jp(rows)
         motion.elapsed += len(rows) / SERVO_RATE
 
