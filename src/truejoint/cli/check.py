@@ -11,7 +11,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED
-from truejoint.cli.inputs import Files, check_model_free, takes_files
+from truejoint.cli.inputs import Files, check_model_target, takes_files
 from truejoint.errors import RecordingError
 from truejoint.units import with_unit
 
@@ -65,7 +65,7 @@ def check(
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
     if rezero is not None:
-        check_model_free(rezero, force, "--rezero")
+        check_model_target(rezero, force)
         if against is not None:
             raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
     calibration = truejoint.read_calibration(model)

@@ -12,9 +12,9 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_writable, takes_files
+from truejoint.cli.inputs import Files, takes_files
 from truejoint.errors import RecordingError
-from truejoint.files import write_atomically
+from truejoint.files import check_target, write_atomically
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -58,7 +58,7 @@ def correct(
     """
     if output.suffix not in {".csv", ".parquet"}:
         raise RecordingError(f"{output}: call it .csv or .parquet")
-    check_writable(output, force)
+    check_target(output, overwrite=force)
     accepted = check_names(accept)
     calibration = truejoint.read_calibration(model)
     loaded = files.find(recordings, part=part, model=calibration)()

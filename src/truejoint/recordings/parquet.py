@@ -1,10 +1,11 @@
-"""Recordings on disk: one Parquet file with units and provenance in its schema."""
+"""Recordings on disk: one Parquet file with units, provenance and a hash in its schema."""
 
 from __future__ import annotations
 
 import json
 import os
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -13,14 +14,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from truejoint.errors import RecordingError, RobotError
-from truejoint.files import write_atomically
-from truejoint.recordings.files import require_file
+from truejoint.files import UNHASHED, content_hash, is_as_written, write_atomically
+from truejoint.recordings.files import most_unpacked, require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording, as_recording
 from truejoint.robots import adopt_robot
 
 METADATA_KEY: Final = b"truejoint"
-VERSION: Final = 1  # of the JSON under `METADATA_KEY`; a newer one is refused
+# Of the JSON under `METADATA_KEY`: a newer one is refused; that of version 1 has no hash.
+VERSION: Final = 2
 PARQUET_MAGIC: Final = b"PAR1"
 
 _MAX_COLUMNS: Final = 4096
@@ -57,10 +59,9 @@ def write_parquet(
         "provenance": recording.provenance.to_dict(),
         "robot": recording.robot.to_dict(),
     }
-    table = pa.table(
-        {str(name): column.to_numpy() for name, column in recording.table.items()},
-        metadata={METADATA_KEY: json.dumps(header, allow_nan=False).encode()},
-    )
+    columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
+    signed = {**header, "sha256": content_hash(header, columns)}
+    table = pa.table(columns, metadata={METADATA_KEY: json.dumps(signed, allow_nan=False).encode()})
     # Values that change a little from row to row pack best with their bytes split apart.
     packing = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
     write = partial(pq.write_table, table, **packing)
@@ -73,8 +74,9 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     Raises
     ------
     RecordingError
-        If the file is not there, cut short, damaged, larger than is read, from a newer version,
-        or was not written by truejoint.
+        If the file is not there, cut short, damaged, edited (its content differs from its hash),
+        larger than is read, from a newer version, or was not written by truejoint. One from before
+        there were hashes is read, and its notes say so.
 
     Examples
     --------
@@ -90,14 +92,29 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
             _check_size(source, file)
             header = _header(source, file.schema_arrow)
             table = file.read(use_threads=False)
+    except MemoryError:
+        raise RecordingError(
+            f"{source}: takes more memory than there is; close other programs, or read it where "
+            "there is more"
+        ) from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise RecordingError(
             f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    digest = header.pop("sha256", None)
+    unhashed = digest is None and header["version"] == 1
+    if not unhashed and not is_as_written(digest, header, columns):
+        raise RecordingError(
+            f"{source}: its content does not match its hash; it was damaged or edited: copy or "
+            "record it again"
+        )
     try:
         provenance = Provenance.from_dict(header["provenance"])
+        if unhashed and UNHASHED not in provenance.notes:
+            notes = "; ".join(filter(None, (provenance.notes, UNHASHED)))
+            provenance = replace(provenance, notes=notes)
         if "robot" in header:
             adopt_robot(header["robot"], source.name)
         return Recording.from_columns(columns, provenance, header["units"])
@@ -112,6 +129,12 @@ def _check_size(source: Path, file: Any) -> None:
         raise RecordingError(
             f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
             f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
+        )
+    size = source.stat().st_size
+    if 8 * values > most_unpacked(size):
+        raise RecordingError(
+            f"{source}: its {size} bytes unpack to {8 * values}, which no measurement does; "
+            "is it one?"
         )
     other = [field.name for field in schema if field.type != pa.float64()]
     if other:
@@ -133,11 +156,12 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
     header = None
     with suppress(ValueError, RecursionError):
         header = json.loads(text)
-    if not isinstance(header, dict) or not isinstance(header.get("version"), int):
+    version = header.get("version") if isinstance(header, dict) else None
+    if not isinstance(version, int) or version < 1:
         raise damaged
-    if header["version"] > VERSION:
+    if version > VERSION:
         raise RecordingError(
-            f"{source}: is of version {header['version']}, this truejoint reads up to {VERSION}; "
+            f"{source}: is of version {version!s:.20}, this truejoint reads up to {VERSION}; "
             "update truejoint"
         )
     units = header.get("units", {})
