@@ -142,7 +142,7 @@ def content_hash(description: Mapping[str, Any], arrays: Mapping[str, Array]) ->
     for name in sorted(arrays):
         array = arrays[name]
         digest.update(json.dumps([name, array.shape]).encode())
-        digest.update(array.astype("<f8", order="C", copy=False))
+        digest.update(array.astype("<f8", order="C", copy=False).data)
     return digest.hexdigest()
 
 

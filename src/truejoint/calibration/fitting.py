@@ -504,8 +504,8 @@ def _stride(fit_rate: float | None, dt: float) -> int:
     """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
     if fit_rate is None:
         return 1
-    if not (math.isfinite(fit_rate) and fit_rate > 0):
-        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz")
+    if not 1e-9 <= fit_rate < math.inf:
+        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz, 1e-9 at least")
     return max(1, round(1.0 / (fit_rate * dt)))
 
 

@@ -12,7 +12,7 @@ import truejoint
 from truejoint.cli import complete
 from truejoint.cli.console import out, print_table, result_json, say
 from truejoint.cli.inputs import read_trajectory
-from truejoint.cli.options import Arm, Force, Json, RobotName
+from truejoint.cli.options import Arm, Force, Json, RobotName, Seed
 from truejoint.errors import TrajectoryError
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
@@ -71,7 +71,7 @@ def make_zigzag(
 def make_random(
     output: Output,
     minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 20.0,
-    seed: Annotated[int, typer.Option(help="Same seed, same motion.")] = 0,
+    seed: Seed = 0,
     profile: Annotated[
         str,
         typer.Option(

@@ -156,7 +156,9 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
     header = None
     with suppress(ValueError, RecursionError):
         header = json.loads(text)
-    version = header.get("version") if isinstance(header, dict) else None
+    if not isinstance(header, dict):
+        raise damaged
+    version = header.get("version")
     if not isinstance(version, int) or version < 1:
         raise damaged
     if version > VERSION:

@@ -8,10 +8,10 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.errors import RobotError
 
 
@@ -86,7 +86,7 @@ class SerialChain:
         return np.array(rows), prismatic, mapping
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
     """Move `frame` (3, 4) in place from one axis to the next: Rx(alpha) Tx(a) Rz(theta) Tz(d).
 
@@ -108,7 +108,7 @@ def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
         frame[i, 3] += a * x + d * along
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     value = 0.0
     for j in range(joint.size):
@@ -118,7 +118,7 @@ def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _link_frames(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
 ) -> None:
@@ -135,7 +135,7 @@ def _link_frames(
         frames[n, :, 3, 3] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _jacobian(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
 ) -> None:

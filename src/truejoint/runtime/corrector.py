@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.interval import check_level
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.layout import refuse_copy
@@ -131,8 +132,7 @@ class Corrector(Summarised):
         range_margin: float = RANGE_MARGIN,
         rezeroing: bool = False,
     ) -> None:
-        if not 0.0 < level < 1.0:
-            raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
+        check_level(level)
         data = _read(model, rezeroing)
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)

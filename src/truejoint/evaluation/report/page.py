@@ -74,7 +74,8 @@ def write_report(
     target = check_name(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
     page = render_report(evaluation, training=training, checks=checks, command=command)
-    write = partial(Path.write_text, data=page, encoding="utf-8")
+    # Half a character, of somebody's name, becomes its number.
+    write = partial(Path.write_text, data=page, encoding="utf-8", errors="backslashreplace")
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
     return target
 

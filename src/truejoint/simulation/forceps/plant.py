@@ -11,9 +11,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled, jit
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import CableConstants, PlantConstants
 from truejoint.simulation.forceps.parameters import Friction, Jaw
@@ -22,7 +22,7 @@ N_STATES = 8
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[float, float]:
     """Tension above the pretension [N] of a cable at rest, and its slope [N/m].
 
@@ -34,7 +34,7 @@ def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[
     return force, cable.elastic * cable.growth * growth
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def drive_stretch(
     distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
 ) -> tuple[float, float, float]:
@@ -53,13 +53,13 @@ def drive_stretch(
     return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
     """Rate [1/s] of a Bouc-Wen state with n = 1 and beta = gamma = 1/2; it stays in [-1, 1]."""
     return (speed - 0.5 * (abs(speed) * yielded + speed * abs(yielded))) / distance
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def friction_force(
     speed: float, bristle: float, level: float, f: Friction, damping: float, max_rate: float
 ) -> tuple[float, float]:
@@ -78,7 +78,7 @@ def friction_force(
     return force, rate
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     """Torque [Nm] of the mechanical stops, which push and never pull."""
     if angle > jaw.stop_upper:
@@ -88,13 +88,13 @@ def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     return 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
     """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
     return force * c.jaw.load_arm * math.cos(angle - line_angle)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def accelerations(
     drive_pull: float,
     reset_pull: float,
@@ -146,7 +146,7 @@ def accelerations(
     return jaw_acceleration, slider_acceleration, drive_tension, reset_tension
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def plant_rates(
     state: Array,
     wheel: Array,
@@ -210,7 +210,7 @@ def plant_rates(
     return drive_tension, reset_tension, stretch + c.jaw_radius * angle + offset
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstants) -> float:
     """Acceleration [rad/s2] of the motor's position loop, within its limits."""
     wanted = c.motor_frequency * (
@@ -222,7 +222,7 @@ def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstant
     return limited
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> None:
     """One Runge-Kutta step of the motor (angle, speed) with goals at start, middle and end."""
     angle, speed = motor[0], motor[1]
@@ -239,7 +239,7 @@ def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> No
     motor[1] = min(max(motor[1], -c.motor.max_speed), c.motor.max_speed)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> None:
     """Fill `wheel` (3,): cable wound on an eccentric wheel [m], its speed and acceleration; (3)."""
     angle = motor[0] * c.wheel_per_motor
@@ -253,7 +253,7 @@ def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> 
     wheel[2] = radius * acceleration - sine * speed * speed
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     """Linear interpolation of `samples`, `quarter` after integration step number `n`.
 
@@ -266,7 +266,7 @@ def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     return float(samples[index] + part * (samples[index + 1] - samples[index]))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance_plant(
     state: Array,
     k: Array,
@@ -292,7 +292,7 @@ def advance_plant(
         state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(
     state: Array,
     motor: Array,
