@@ -110,7 +110,7 @@ def test_small_loops():
 
 
 def test_without_a_place_for_the_cache_it_is_compiled_all_the_same(monkeypatch, caplog):
-    monkeypatch.setattr("numba.core.caching._CacheImpl._locator_classes", [])
+    monkeypatch.setattr("numba.core.caching.CacheImpl._locator_classes", [])
     _say_uncached.cache_clear()
     try:
         tripled, negated = compiled(lambda x: 3 * x), inlined(lambda x: -x)
