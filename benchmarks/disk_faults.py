@@ -43,12 +43,6 @@ PRELOADED = (
     "recordings.parquet",
     "runtime.corrector",
 )
-    "cli.commands",
-    "evaluation.report.plot",
-    "export",
-    "recordings.parquet",
-    "runtime.corrector",
-)
 STUDY = ("--preset", "small", "--jobs", "1", "--set", "methods=lsm")
 
 
@@ -162,29 +156,27 @@ def is_whole(path: Path, healthy: bytes) -> bool:
     return len(data) > 0.9 * len(healthy) and data[-20:] == healthy[-20:]
 
 
+def fault_of(path: Path, healthy: bytes) -> str:
+    """Say what is wrong with a file that a command was to write over; empty where nothing is."""
+    if not path.exists():
+        return "lost"
+    if path.read_bytes() == GOOD:
+        return ""
+    try:
+        return "" if is_whole(path, healthy) else "a fragment"
+    except TruejointError as error:
+        return str(error)
+
+
 def broken(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> list[str]:
     """Say what is wrong with the files that a command left."""
-    found = []
-    for name in case.targets:
-        path = Path(name)
-        if path.is_dir():
-            continue
-        if not path.exists():
-            found.append(f"{name}: lost")
-        elif path.read_bytes() != GOOD:
-            try:
-                whole = is_whole(path, healthy[name])
-            except TruejointError as error:
-                whole = False
-                found.append(str(error))
-            if not whole:
-                found.append(f"{name}: a fragment")
+    faults = {name: fault_of(Path(name), content) for name, content in healthy.items()}
+    found = [f"{name}: {fault}" for name, fault in faults.items() if fault]
     for path in Path("out").rglob("*"):
-        if path.suffix == ".part" and path.name.startswith("."):
-            if not remnants_allowed:
-                found.append(f"{path}: left behind")
-        elif ".partial" in path.name:
+        if ".partial" in path.name:
             truejoint.read_recording(path)
+        elif path.suffix == ".part" and path.name.startswith(".") and not remnants_allowed:
+            found.append(f"{path}: left behind")
     return found
 
 

@@ -145,8 +145,11 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     if len(tables) > 1:
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
         whole = whole.reset_index("recording")
-    write = whole.to_csv if output.suffix == ".csv" else whole.to_parquet
-    write_atomically(output, partial(write, index=False), overwrite=force, error=RecordingError)
+    if output.suffix == ".parquet":
+        truejoint.recordings.write_corrected(whole, output, overwrite=force)
+        return
+    write = partial(whole.to_csv, index=False)
+    write_atomically(output, write, overwrite=force, error=RecordingError)
 
 
 def _show(found: list[dict[str, Any]], output: Path) -> None:
