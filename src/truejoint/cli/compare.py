@@ -69,11 +69,14 @@ def compare(
     if as_json:
         winners = {joint: score.estimator for joint, score in best.items()}
         scores = result.to_dict()["scores"]
-        result_json({"scores": scores, "best": winners, "objections": objections})
+        deploy = "" if objections else result.verdict.deploy
+        result_json({"scores": scores, "best": winners, "deploy": deploy, "objections": objections})
     else:
         out.print(truejoint.evaluation.score_table(result))
         for joint, score in best.items():
             out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
+        if result.verdict.advice and not objections:
+            out.print(result.verdict.advice)
         for objection in objections:
             say(f"This test cannot be believed: {objection}")
     if objections:

@@ -1,6 +1,7 @@
 from .comparison import Difference as Difference
 from .comparison import compare as compare
 from .comparison import simplest as simplest
+from .deployment import to_deploy as to_deploy
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate

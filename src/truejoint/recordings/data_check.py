@@ -36,25 +36,22 @@ class DataCheck(Summarised):
 
     findings: tuple[Finding, ...]
     coverage: tuple[JointCoverage, ...]
+    accepted: tuple[str, ...] = ()  # names of failures that the user goes on with
 
     @property
     def failed(self) -> bool:
-        """Whether a finding is of level ``"fail"``."""
+        """Whether a finding is of level ``"fail"`` and not accepted."""
         return bool(self.failures)
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Names of the findings of level ``"fail"``, each once."""
-        return tuple(dict.fromkeys(f.name for f in self.findings if f.level == "fail"))
+        """Names of the findings of level ``"fail"`` that are not accepted, each once."""
+        failed = dict.fromkeys(f.name for f in self.findings if f.level == "fail")
+        return tuple(name for name in failed if name not in self.accepted)
 
     def accept(self, names: Iterable[str]) -> DataCheck:
-        """Count failures of these `names` for no more than a warning."""
-        known = set(names)
-        findings = [
-            replace(f, level="warn") if f.level == "fail" and f.name in known else f
-            for f in self.findings
-        ]
-        return replace(self, findings=_sorted(findings))
+        """Go on though there are failures of these `names`; a verdict keeps its reservation."""
+        return replace(self, accepted=tuple(names))
 
     def summary(self) -> dict[str, str]:
         """Joints, and the findings' names by level."""
@@ -128,11 +125,7 @@ def check_data(
         *_judge_sessions(recordings),
         *(_judge_extrapolation(recordings, model) if model else ()),
     ]
-    return DataCheck(_sorted(findings), coverage)
-
-
-def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    return tuple(sorted(findings, key=lambda finding: ORDER[finding.level]))
+    return DataCheck(tuple(sorted(findings, key=lambda found: ORDER[found.level])), coverage)
 
 
 def _broken(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:
