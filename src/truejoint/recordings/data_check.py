@@ -12,7 +12,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.checks.columns import judge_columns
 from truejoint.recordings.checks.coverage import JointCoverage, joint_coverage, judge_coverage
-from truejoint.recordings.checks.finding import ORDER, Defect, Finding, one_line_each
+from truejoint.recordings.checks.finding import ORDER, Defect, Finding, Level, one_line_each
 from truejoint.recordings.checks.positions import judge_positions
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.summary import Summarised, json_values
@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # what it is called on says the rest
     from truejoint.calibration import Calibration
 
 _EVERYWHERE: Final = "all recordings"
+_STRANGE: Final = 10.0  # times as far from the middle as training rows: other motions reach 2 to 27
+_ANOTHER: Final = 100.0  # no other motion does
 
 
 @dataclass(frozen=True, repr=False)
@@ -169,7 +171,9 @@ def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
 
 def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) -> Iterable[Finding]:
     features = model.feature_set
-    rows = np.concatenate([features.compute(r, model.gap_limit) for r in recordings])
+    by_recording = [features.compute(r, model.gap_limit) for r in recordings]
+    yield from one_line_each(_strange(recordings, by_recording, model), recordings)
+    rows = np.concatenate(by_recording)
     worst: dict[str, tuple[float, str]] = {}
     ranges = zip(features.names, model.lower, model.upper, strict=True)
     for column, (name, low, high) in enumerate(ranges):
@@ -182,3 +186,29 @@ def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) ->
             what = f"{100 * share:.0f} % of the rows lie outside the range seen in training"
             advice = "the model extrapolates there; train on a wider range or expect less"
             yield Finding("fail" if share > 0.5 else "warn", "range", what, name, advice)
+
+
+def _strange(
+    recordings: Sequence[Recording], rows: Sequence[Array], model: Calibration
+) -> Iterable[tuple[Defect, Recording]]:
+    """Find recordings whose signals are far from the training's, as another instrument's are.
+
+    The Mahalanobis distance of half of a recording's `rows` (n, k), in that of a training row.
+    """
+    seen = model.training_domain
+    if seen is None:
+        return
+    usual = np.sqrt(np.count_nonzero(np.abs(seen.whitening).sum(axis=0)))
+    for recording, own in zip(recordings, rows, strict=True):
+        away = np.linalg.norm((own - seen.feature_mean) @ seen.whitening.T, axis=1)
+        times = float(np.median(away) / max(usual, 1.0))
+        if times > _STRANGE:
+            another = times > _ANOTHER
+            what = f"they lie {times:.0f} times as far from the training's middle as those in it"
+            advice = (
+                "it is of another instrument, mounting or unit: calibrate that one"
+                if another
+                else "is it of another instrument, mounting, unit or motion than the training?"
+            )
+            level: Level = "fail" if another else "warn"
+            yield Defect(level, "instrument", what, "signals", advice, size=times), recording
