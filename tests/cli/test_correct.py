@@ -175,8 +175,12 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     zigzag, random = session / "zigzag.parquet", session / "random.parquet"
     write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
     models = [session / "m.st", tmp_path / "curved.st"]
-    result = call("compare", *models, random, "--json")
+    page = tmp_path / "models.html"
+    result = call("compare", *models, random, "--json", "--report", page)
     assert result.code == 0, result.err
+    text = page.read_text(encoding="utf-8")
+    for word in ("2 models compared", ">m<", ">curved<", "residual-1", "within-2"):
+        assert word in text
     found = json.loads(result.out)
     rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}
     for joint, best in found["best"].items():
@@ -185,7 +189,7 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     assert found["deploy"] in {"raw", "offset", "linear", "m", "curved"}
     seen = call("compare", *models, zigzag)
     assert seen.code == 1
-    assert seen.err.count("cannot be believed") == 2
+    assert seen.out.count("cannot be believed") == 2
     alone = call("compare", session / "m.st", random)
     assert alone.code == 2
     assert "1 model file among" in alone.err

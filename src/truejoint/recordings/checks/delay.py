@@ -55,22 +55,24 @@ def estimate_delay(
 def delays_apart(
     recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]
 ) -> list[tuple[int, Delay]]:
-    """Find recordings, by number, late by another time than the others; none where rows are slow.
+    """Find recordings, by number, late by another time than the others.
 
     Each has a regression of its own.
     """
+    count = len(recordings[0])
+    if count < 2:
+        return []
     alone = []
-    for number in range(len(recordings[0])):
-        own = [replace(e, samples=e.samples[number : number + 1]) for e in explained]
-        alone.append(estimate_delay([[each[number]] for each in recordings], own))
+    for k in range(count):
+        own = [replace(e, samples=e.samples[k : k + 1]) for e in explained]
+        alone.append(estimate_delay([[each[k]] for each in recordings], own))
+    values = np.array([(delay.seconds, delay.uncertainty) for delay in alone])
     found = []
-    for number, own_delay in enumerate(alone):
-        others = [(d.seconds, d.uncertainty) for d in alone if d is not own_delay and not d.slow]
-        if others:
-            usual, uncertainty = np.median(others, axis=0)
-            apart = abs(own_delay.seconds - usual)
-            if apart > max(LATE, _APART * (own_delay.uncertainty + uncertainty)):
-                found.append((number, own_delay))
+    for k, delay in enumerate(alone):
+        usual, uncertainty = np.median(np.delete(values, k, axis=0), axis=0)
+        least = max(LATE, _APART * (delay.uncertainty + float(uncertainty)))
+        if abs(delay.seconds - usual) > least:
+            found.append((k, delay))
     return found
 
 

@@ -170,16 +170,17 @@ def _judge_delay(
         return
     recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
     where = ", ".join(f"truth/{e.joint}" for e in explained)
+    together = estimate_delay(recordings, explained)
     single = [
         (replace(found, where=where, size=abs(delay.seconds)), recordings[0][number])
-        for number, delay in delays_apart(recordings, explained)
+        for number, delay in ([] if together.slow else delays_apart(recordings, explained))
         for found in _late(delay)
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
         yield from one_line_each(single, every)
-        return
-    for found in _late(estimate_delay(recordings, explained)):
-        yield Finding(found.level, found.name, found.what, where, found.advice)
+    else:
+        found = (replace(found, where=where) for found in _late(together))
+        yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in found)
 
 
 def _late(delay: Delay) -> Iterable[Defect]:
