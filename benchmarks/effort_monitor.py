@@ -5,8 +5,8 @@
 Each seed is an arm of its own, calibrated on its zig-zags (direction J2-J3) and then at work for
 two hours of random motion; 200 g and 500 g are hung on it, once right after the calibration and
 once after those hours. Counts how often an effort alarm (shift or friction) rises in the healthy
-hours, and the time until one is up under the load. What a seed gave is kept in a file of its own under
-`--out` and is not simulated again while that is there: one piece takes half a minute.
+hours, and the time until one is up under the load. What a seed gave is kept in a file of its own
+under `--out` and is not simulated again while that is there: one piece takes half a minute.
 """
 
 from __future__ import annotations

@@ -24,8 +24,8 @@ RANGES_EACH_WAY: Final = 5.0  # that a joint travels at least for a baseline
 STEPS_PER_TERM: Final = 20
 MAX_JOINTS: Final = 12  # of a baseline, whose terms grow with the square
 AVERAGED_TRAVEL: Final = 2.0
-"""Ranges of a joint's travel each way over which its efforts are averaged: friction that varies along
-the way averages out, and a load shows after the first of them."""
+"""Ranges of a joint's travel each way over which its efforts are averaged: friction that varies
+along the way averages out, and a load shows after the first of them."""
 SMALLEST_SHIFT, SHIFT_MARGIN = 0.6, 5.0
 SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN = 4.0, 2.0
 """Limits are at least so many standard deviations of single efforts (most of which is ripple that
