@@ -33,6 +33,7 @@ BENCHMARKS = (
     "interval_coverage",
     "accuracy_twin",
     "faults",
+    "effort_monitor",
     "soak",
 )
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers
@@ -55,6 +56,7 @@ class CorrectionTrace:
 
 
 _FLOAT: Final = np.dtype(np.float64)
+_T: Final = at.T
 
 
 class Corrector(Summarised):
@@ -169,14 +171,15 @@ class Corrector(Summarised):
         """
         memory = self._memory
         try:
-            if type(sample) is not np.ndarray or sample.dtype is not _FLOAT:
+            # By exact type first: a look at a type costs as much as looking at ten signals.
+            if type(sample) is not ndarray or sample.dtype is not _FLOAT:
                 sample = _real(sample)
-            if not isinstance(t, (float, int)):
+            if type(t) is not float and not isinstance(t, (float, int)):
                 t = float(_real(t))
             if len(sample) != self._n_signals:
                 return self._refuse()
             self._sample[:] = sample
-            memory[at.T] = t
+            memory[_T] = t
         except Exception:  # noqa: BLE001  # what is given may be anything
             return self._refuse()
         return self._statuses[correct_sample(self._numbers, memory)]
