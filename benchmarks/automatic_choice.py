@@ -39,7 +39,7 @@ from truejoint.recordings.datasets import DATASETS, read_dataset
 WITHIN = (1.10, 1.15, 1.20)
 MARGIN = 0.1  # share of its range by which a feature is outside it
 OUTSIDE = 0.1  # share of the rows, from which on a range was never seen
-MOST_ROWS = 20_000  # that a fit in hindsight sees
+MOST_ROWS = 10_000  # that a fit in hindsight sees
 
 Share = tuple[float, float]
 

@@ -148,8 +148,11 @@ def calibrate(
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
     if testing:
-        scores = truejoint.evaluate(fitted, testing).to_dict()["scores"]
-        fitted = fitted.with_metadata(held_out=scores)
+        judged = truejoint.evaluate(fitted, testing)
+        fitted = fitted.with_metadata(held_out=judged.to_dict()["scores"])
+        if judged.domain is not None and judged.domain.inside < 1.0:
+            flags = ", ".join(judged.domain.flags)
+            say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
