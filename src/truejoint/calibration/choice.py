@@ -20,7 +20,7 @@ from truejoint.estimators.registry import LINEAR
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.models.features import FeatureSet
 
-_BETTER: Final = 0.05  # share by which the linear model must be beaten
+_BETTER: Final = 0.1  # share by which the linear model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
@@ -35,7 +35,7 @@ class Automatic:
     and judged on these: see `truejoint.calibration.folds.folds`. For each joint, the weights that
     sum to 1, are not negative, and make the least mean square of the errors on what the fits did
     not see, each fold relative to the linear model, say what its members are (Breiman, Stacked
-    regressions, Machine Learning 24, 1996). They are used where they beat the linear model: by 5 %
+    regressions, Machine Learning 24, 1996). They are used where they beat the linear model: by 10 %
     and by two standard errors of the logarithm's mean over the folds, each judged with the weights
     of the other folds. Elsewhere the linear model stays. The fits that serve the choice see six
     thousand rows; what is chosen is fitted to all. What was tried stands in the metadata under
