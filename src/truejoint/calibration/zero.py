@@ -59,13 +59,15 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
     Raises
     ------
     CalibrationError
-        If the recording does not fit the calibration, or holds no truth.
+        If the recording does not fit the calibration, or holds no truth, or no time is given.
 
     Examples
     --------
     >>> find_zero(model, test).offset.shape
     (1,)
     """
+    if not duration > 0.0:
+        raise CalibrationError(f"duration {duration!r:.60} is no time to find a zero in; give more")
     t, error, known = known_error(calibration, recording)
     used = at_start(t, duration)
     t, offset = t[used], np.median(error[used], axis=0)
