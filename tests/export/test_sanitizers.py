@@ -18,7 +18,7 @@ from .library import STRICT
 HARNESS = Path(__file__).with_name("fuzz.c")
 SANITIZE = ("-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all")
 MINUTES = float(os.environ.get("FUZZ_MINUTES", "0"))
-SAMPLES = int(20_000 + 1e6 * MINUTES)
+SAMPLES = int(20_000 + 1e5 * MINUTES)
 SOURCES = [(name, precision) for name in in_loop() for precision in ("double", "float")]
 QUICK = [("linear", "double"), ("dnn", "float"), ("lsm_compensated", "double"),
          ("ukf_friction", "float")]  # fmt: skip
