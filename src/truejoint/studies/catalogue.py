@@ -16,6 +16,9 @@ _DIRECTIONS: Final = Option(
 )
 
 
+_PRIOR: Final = "lugre, capstan, between, or mixed: what frictions are drawn from"
+
+
 def _methods(*default: str) -> Option:
     return Option("methods", default, "rows of the table, as in studies/forceps/methods.py")
 
@@ -54,8 +57,18 @@ _FORCEPS: Final = (
         "population", "Does it hold on other specimens? Every method on each",
         "yan2020, Table 2",
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
+        Option("prior", "lugre", _PRIOR),
         Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
         _UNLOADED,
+    ),
+    _study(
+        "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
+        "",
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
+        Option("prior", "mixed", _PRIOR),
+        Option("motion", "nested", "to calibrate on: nested loops, or calibration, (27)"),
+        _MASSES, _DIRECTIONS,
+        _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
