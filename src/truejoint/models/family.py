@@ -122,7 +122,8 @@ class Family:
     features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the row
     before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the calibration; a
     model that knows better overwrites it: its layout then has a scalar ``deviations``, by which the
-    row multiplies its own. Without row and `pack`, it only works offline.
+    row multiplies its own; a NaN says that the model was cut off at what it was fitted to, and
+    makes the sample OUT_OF_DOMAIN. Without row and `pack`, it only works offline.
     """
 
     name: str

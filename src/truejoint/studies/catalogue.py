@@ -25,7 +25,7 @@ _UNLOADED: Final = _methods(
     "play_reset", "play_both", "play_gated", "ukf_friction", "ukf_friction_smoothed",
 )  # fmt: skip
 _CHOICES: Final = _methods(
-    "rigid", "poly2_motor", "play_motor",
+    "rigid", "poly2_motor", "play_motor", "poly2_drive", "play_drive",
     "poly2", "ukf_compensated", "play_reset", "play_both", "play_gated", "ukf_friction",
     "lsm", "lsm_compensated", "play_cables",
 )  # fmt: skip
