@@ -85,4 +85,5 @@ FAMILY: Final = Family(
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position", "error"),
+    bears_load=lambda _params: True,
 )

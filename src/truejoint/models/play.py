@@ -221,4 +221,5 @@ FAMILY: Final = Family(
     remembers=True,
     inputs=inputs,
     targets=("position", "error"),
+    bears_load=lambda params: tuple(params["displacements"]) == ("reset",),
 )

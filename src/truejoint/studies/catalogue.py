@@ -10,6 +10,7 @@ from truejoint.studies.study import Option, Study
 _SPECIMEN: Final = Option(
     "specimen", "A", "nominal, A, B, or a TOML file of your own, which states what is not nominal"
 )
+_COUNT: Final = Option("count", 0, "so many of a population instead; 0: the specimen")
 _MASSES: Final = Option("masses_g", (30.0, 50.0, 100.0, 200.0, 250.0), "weights [g]")
 _DIRECTIONS: Final = Option(
     "directions", ("opposing", "along"), "whether weights pull against the motion or along it"
@@ -59,11 +60,12 @@ _FORCEPS: Final = (
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _MASSES, _DIRECTIONS,
+        "", _SPECIMEN, _COUNT, _MASSES, _DIRECTIONS,
     ),
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
-        "", _SPECIMEN, Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+        "", _SPECIMEN, _COUNT,
+        Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
     ),
     _study(
         "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",
