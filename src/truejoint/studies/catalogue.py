@@ -17,6 +17,13 @@ _DIRECTIONS: Final = Option(
 )
 
 
+_PRIOR: Final = "lugre, capstan, between, or mixed: what frictions are drawn from"
+_DRAWN: Final = Option("prior", "mixed", _PRIOR)
+_CALIBRATED: Final = Option(
+    "motion", "nested", "to calibrate on: nested loops, or calibration, (27)"
+)
+
+
 def _methods(*default: str) -> Option:
     return Option("methods", default, "rows of the table, as in studies/forceps/methods.py")
 
@@ -55,16 +62,26 @@ _FORCEPS: Final = (
         "population", "Does it hold on other specimens? Every method on each",
         "yan2020, Table 2",
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
+        Option("prior", "lugre", _PRIOR),
         Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
         _UNLOADED,
     ),
     _study(
+        "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
+        "",
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
+        _DRAWN,
+        _CALIBRATED,
+        _MASSES, _DIRECTIONS,
+        _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
+    ),
+    _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _COUNT, _MASSES, _DIRECTIONS,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
     ),
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
-        "", _SPECIMEN, _COUNT,
+        "", _SPECIMEN, _COUNT, _DRAWN,
         Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
     ),
     _study(
