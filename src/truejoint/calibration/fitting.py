@@ -148,7 +148,7 @@ def calibrate(
     groups = _groups(recordings, zero)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
-    model.check_recordings(recordings)
+    model = model.for_recordings(recordings)
     chosen = _chosen_joints(robot, recordings, joints)
     feature_set = _chosen_features(model, robot, recordings, features)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)

@@ -34,7 +34,8 @@ def correct(
             "--out",
             "-o",
             help="Table to write, .csv or .parquet: time, corrected position, "
-            "half-width (both in rad or m) and status of every row.",
+            "half-width (both in rad or m), what the model tells beside (of ukf_friction the load "
+            "on the jaw, Nm) and status of every row.",
         ),
     ],
     level_percent: Annotated[
@@ -121,6 +122,9 @@ def correct_rows(
     columns = {"t": t}
     for name, values in (("corrected", trace.position), ("half_width", trace.half_width)):
         columns |= {f"{name}/{joint}": values[:, k] for k, joint in enumerate(calibration.joints)}
+    for name, told in trace.beside.items():
+        joint = calibration.joints[0]
+        columns |= {f"{name}/{joint}": told[:, 0], f"{name}_half_width/{joint}": told[:, 1]}
     bits, place = np.unique(trace.status, return_inverse=True)
     status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
     return pd.DataFrame(columns).assign(status=status)

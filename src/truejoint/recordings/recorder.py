@@ -171,6 +171,7 @@ class Recorder:
             session=self.session,
             homing_id=self.homing_id or "",
             load=self.load,
+            mechanism=vars(self.arm.robot.mechanism) if self.arm.robot.mechanism else {},
             rates=rates,
             dropped=dropped,
             start=start,

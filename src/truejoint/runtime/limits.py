@@ -113,7 +113,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
+    family = find_family(data.model.family)
+    counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low
@@ -130,6 +131,9 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = believable_corrections(seen)
+    bears, far = family.bears_load, np.full(len(data.joints), np.inf)
+    if bears is not None and bears(data.model.params):
+        distance, correction_lower, correction_upper = np.inf, -far, far
     return Limits(
         shortest=shortest * seen.dt,
         longest=data.gap_limit,

@@ -10,6 +10,7 @@ from truejoint.studies.study import Option, Study
 _SPECIMEN: Final = Option(
     "specimen", "A", "nominal, A, B, or a TOML file of your own, which states what is not nominal"
 )
+_COUNT: Final = Option("count", 0, "so many of a population instead; 0: the specimen")
 _MASSES: Final = Option("masses_g", (30.0, 50.0, 100.0, 200.0, 250.0), "weights [g]")
 _DIRECTIONS: Final = Option(
     "directions", ("opposing", "along"), "whether weights pull against the motion or along it"
@@ -17,6 +18,10 @@ _DIRECTIONS: Final = Option(
 
 
 _PRIOR: Final = "lugre, capstan, between, or mixed: what frictions are drawn from"
+_DRAWN: Final = Option("prior", "mixed", _PRIOR)
+_CALIBRATED: Final = Option(
+    "motion", "nested", "to calibrate on: nested loops, or calibration, (27)"
+)
 
 
 def _methods(*default: str) -> Option:
@@ -28,7 +33,7 @@ _UNLOADED: Final = _methods(
     "play_reset", "play_both", "play_gated", "ukf_friction", "ukf_friction_smoothed",
 )  # fmt: skip
 _CHOICES: Final = _methods(
-    "rigid", "poly2_motor", "play_motor",
+    "rigid", "poly2_motor", "play_motor", "poly2_drive", "play_drive",
     "poly2", "ukf_compensated", "play_reset", "play_both", "play_gated", "ukf_friction",
     "lsm", "lsm_compensated", "play_cables",
 )  # fmt: skip
@@ -65,18 +70,19 @@ _FORCEPS: Final = (
         "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
         "",
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
-        Option("prior", "mixed", _PRIOR),
-        Option("motion", "nested", "to calibrate on: nested loops, or calibration, (27)"),
+        _DRAWN,
+        _CALIBRATED,
         _MASSES, _DIRECTIONS,
         _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _MASSES, _DIRECTIONS,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
     ),
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
-        "", _SPECIMEN, Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+        "", _SPECIMEN, _COUNT, _DRAWN,
+        Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
     ),
     _study(
         "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",
