@@ -189,9 +189,8 @@ class Recorder:
             stream.add(block.t, np.asarray(block.position), chosen & ~late)
             return
         self._past_end += int((chosen & late).sum())
-        measured = {q: getattr(block, q) for q in QUANTITIES if getattr(block, q).shape[1]}
-        stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
-        rows = np.column_stack([*measured.values(), *block.extra.values()])
+        columns = block.columns()
+        stream.names, rows = tuple(columns), np.column_stack([*columns.values()])
         stream.add(block.t, rows, chosen & ~late)
 
 
