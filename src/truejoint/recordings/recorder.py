@@ -17,7 +17,6 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
-from truejoint.robots.blocks import QUANTITIES
 
 PAST_END: Final = "state: past the longest duration"
 

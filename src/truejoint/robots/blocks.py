@@ -52,7 +52,7 @@ class StateBlock:
     extra: Mapping[str, Array] = field(default_factory=dict)
 
     def columns(self) -> dict[str, Array]:
-        """What was measured, (n,) each, by its column in a recording: ``measured/<joint>``, ..."""
+        """Give what was measured, (n,) each, by its column in a recording: ``measured/<joint>``."""
         known = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q).shape[1]}
         by_name = {f"{q}/{c}": v[:, k] for q, v in known.items() for k, c in enumerate(self.name)}
         return {**by_name, **self.extra}

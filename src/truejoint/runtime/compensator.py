@@ -26,7 +26,7 @@ from truejoint.runtime.status import Status
 GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
-"""Share of the speed at which the corrector takes a position for a spike that set-points keep to."""
+"""Of the speed from which the corrector sees a spike, the share that set-points keep to."""
 
 
 class Compensator:
@@ -61,6 +61,8 @@ class Compensator:
     ----------
     setpoint : ndarray, shape (n_joints,)
         For the corrector's joints [rad or m]; copy what you want to keep.
+    gain : float
+        May be changed between steps.
     lost : ndarray, shape (n_joints,)
         True less measured position, as it is made up for [rad or m].
     is_limited : ndarray of bool, shape (n_joints,)
@@ -76,8 +78,8 @@ class Compensator:
 
     Examples
     --------
-    >>> compensator = Compensator(Corrector(model), truejoint.get_robot("forceps"), rate=250.0, lag=0.02)
-    >>> compensator.setpoint
+    >>> robot = truejoint.get_robot("forceps")
+    >>> Compensator(Corrector(model), robot, rate=250.0, lag=0.02).setpoint
     array([0.])
     """
 
@@ -107,7 +109,7 @@ class Compensator:
         self._lower, self._upper = robot.lower[joints], robot.upper[joints]
         top = np.array([robot.joints[i].max_speed for i in joints])
         self._step = np.minimum(top, SPEED_SHARE * corrector.spike_speed) / self.rate
-        self._lead, self._gain = lag * self.rate, gain
+        self._lead, self.gain = lag * self.rate, gain
         self._share = 1.0 / (1.0 + time_constant * self.rate)
         self._measured = [corrector.signals.index(f"measured/{name}") for name in corrector.joints]
         self.setpoint, self.lost, self._wanted = np.zeros((3, len(joints)))
@@ -134,7 +136,7 @@ class Compensator:
         if self.status & self._doubted == 0 and np.isfinite(correction).all():
             measured = np.asarray(sample, dtype=np.float64)[self._measured]
             self.lost += self._share * (correction - self.lost)
-            ahead += self._gain * (self._wanted - measured - correction)
+            ahead += self.gain * (self._wanted - measured - correction)
         asked = ahead - self.lost
         kept = np.clip(asked, self.setpoint - self._step, self.setpoint + self._step)
         np.clip(kept, self._lower, self._upper, out=self.setpoint)
@@ -164,15 +166,16 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
 
 
 def check_rate(rate: float, lag: float, gain: float) -> None:
-    """Raise CommandRefused where a loop at `rate` [Hz] is too slow for its `gain` and a `lag` [s]."""
+    """Raise CommandRefused where `rate` [Hz] is too slow for a loop's `gain` and a `lag` [s]."""
     if not 0.0 < rate <= SERVO_RATE:
         raise CommandRefused(f"compensator: {rate} Hz; give a rate from 0 to {SERVO_RATE:g} Hz")
     margin = loop_margin(rate, lag, gain)
     if margin < GAIN_MARGIN:
         raise CommandRefused(
             f"compensator: {rate:g} Hz is too slow for a gain of {gain:g} on a plant that lags by "
-            f"{1e3 * lag:.0f} ms: it would swing at {margin:.1f} times the gain, {GAIN_MARGIN:g} is "
-            f"wanted; run it faster, or lower the gain to {gain * margin / GAIN_MARGIN:.2f}"
+            f"{1e3 * lag:.0f} ms: it would swing at {margin:.1f} times the gain, not at "
+            f"{GAIN_MARGIN:g} times; run it faster, or lower the gain to "
+            f"{gain * margin / GAIN_MARGIN:.2f}"
         )
 
 
@@ -260,11 +263,8 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
             corrected = compensator.corrector.position.copy()
             told.append((t, goal, after.copy(), corrected, int(compensator.status)))
             between = np.tile(pose, (per_step, 1))
-            between[:, joints] = before + np.linspace(0.0, 1.0, per_step + 1)[1:, None] * (
-                after - before
-            )
+            between[:, joints] = np.linspace(before, after, per_step + 1)[1:]
             arm.servo_jp_stream(between)
     finally:
         arm.unsubscribe(keep)
-    t, goals, sent, corrected, status = (np.array(part) for part in zip(*told, strict=True))
-    return TrackedMotion(t, goals, sent, corrected, status)
+    return TrackedMotion(*(np.array(part) for part in zip(*told, strict=True)))

@@ -33,7 +33,13 @@ _FEW: Final = _methods("ukf_compensated", "play_reset", "play_gated", "ukf_frict
 
 
 def _study(name: str, title: str, source: str, *options: Option) -> Study:
-    return Study(f"forceps-{name}", title, source, f"truejoint.studies.forceps.{name}", options)
+    return Study(
+        f"forceps-{name}",
+        title,
+        source,
+        f"truejoint.studies.forceps.{name.replace('-', '_')}",
+        options,
+    )
 
 
 _FORCEPS: Final = (
@@ -64,6 +70,16 @@ _FORCEPS: Final = (
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
         "", _SPECIMEN, Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+    ),
+    _study(
+        "closed-loop", "How closely does the jaw follow, with an estimate in the loop?",
+        "", _SPECIMEN, _methods("ukf_compensated", "play_gated"),
+        Option("mass_g", 100.0, "weight on the jaw [g]"),
+        Option("swings_hz", (0.2, 0.5, 1.0, 2.0), "rates at which it swings [Hz]"),
+        Option("rate_hz", 250.0, "of the loop [Hz]"), Option("gain", 1.5, "of the loop"),
+        Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
+        Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
     ),
     _study(
         "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",

@@ -139,6 +139,23 @@ def test_homing_is_mended(tmp_path):
     assert drawn(result, tmp_path)
 
 
+def test_the_jaw_follows_in_a_closed_loop(tmp_path):
+    options = {
+        "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 5, "count": 1,
+        "prior": "capstan",
+    }  # fmt: skip
+    result = run_study("forceps-closed-loop", options)
+    for number in range(4):  # no load, steady both ways, swinging
+        open_loop, closed = (result.parts[f"{number}-{k}"].numbers for k in ("open", "play_gated"))
+        assert closed["rms"] < np.radians(0.25) < 4 * closed["rms"] + open_loop["rms"]
+        assert closed["rms"] < 0.2 * open_loop["rms"]
+        assert closed["corrected"] > 0.99
+    assert result.parts["specimen-00000"].numbers["stable"][0]
+    assert drawn(result, tmp_path)
+    with pytest.raises(TruejointError, match="80 Hz is too slow"):
+        run_study("forceps-closed-loop", {**options, "rate_hz": 80})
+
+
 def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
     """A designer's question: a stiffer cable must help whoever has no sensor on it."""
     rms = {}
