@@ -92,7 +92,7 @@ def root(
 def main() -> None:
     """Run the command line; an error that the caller can mend is one line and exit code 2."""
     try:
-        sys.exit(app(prog_name="truejoint", standalone_mode=False))
+        sys.exit(app(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False))
     except _UsageError as error:
         what = " ".join(error.format_message().split())
         _fail(f"{what} See `{error.ctx.command_path} --help`." if what else "")  # help was shown
@@ -100,6 +100,12 @@ def main() -> None:
         _fail(str(error))
     except OSError as error:
         _fail(f"{error.filename or 'file'}: {error.strerror or error}; check path and permissions")
+
+
+def _spelt_out(arguments: list[str]) -> list[str]:
+    """Arguments with ``forceps sweep`` as ``study forceps-sweep``, and so for its other studies."""
+    short = arguments[:1] == ["forceps"]
+    return ["study", "-".join(arguments[:2]), *arguments[2:]] if short else arguments
 
 
 def _fail(message: str) -> None:

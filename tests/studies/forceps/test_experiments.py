@@ -14,6 +14,7 @@ from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS
 from truejoint.studies.forceps.motions import built, plain_specimen, record
 from truejoint.studies.forceps.population import share
+from truejoint.studies.forceps.sweep import front
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
 PNG = b"\x89PNG\r\n"
@@ -141,7 +142,8 @@ def test_homing_is_mended(tmp_path):
 
 def test_the_jaw_follows_in_a_closed_loop(tmp_path):
     options = {
-        "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 5, "count": 1,
+        "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 3, "count": 1,
+        "rate_hz": 125, "gain": 1,
         "prior": "capstan",
     }  # fmt: skip
     result = run_study("forceps-closed-loop", options)
@@ -152,8 +154,35 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
         assert closed["corrected"] > 0.99
     assert result.parts["specimen-00000"].numbers["stable"][0]
     assert drawn(result, tmp_path)
-    with pytest.raises(TruejointError, match="80 Hz is too slow"):
-        run_study("forceps-closed-loop", {**options, "rate_hz": 80})
+    with pytest.raises(TruejointError, match="50 Hz is too slow"):
+        run_study("forceps-closed-loop", {**options, "rate_hz": 50})
+
+
+def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
+    options = {
+        "layouts": "motor,x2,motor+x2", "resolutions_um": "1,20", "prices": "4,1",
+        "stiffnesses_kNm": "6,32", "homings_um": "0,10", "count": 1,
+    }  # fmt: skip
+    result = run_study("forceps-sweep", options)
+    soft, stiff = (part.numbers for part in result.parts.values())
+    assert stiff["motor/1/0"]["loaded"] < 0.5 * soft["motor/1/0"]["loaded"]
+    assert soft["x2/1/0"]["unloaded"] < soft["x2/20/0"]["unloaded"]
+    assert soft["x2/1/0"]["unloaded"] < soft["x2/1/10"]["unloaded"]
+    assert soft["x2/1/0"]["loaded"] < 0.1 * soft["motor/1/0"]["loaded"]
+    assert "motor/20/0" not in soft  # nothing that a cable's encoder changes
+    best, every = result.summary.tables
+    assert [float(row[0]) for row in best.rows] == sorted({float(row[0]) for row in best.rows})
+    assert len(every.rows) == 1 + 2 * 2 * 2
+    assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
+    assert drawn(result, tmp_path)
+    for wrong, why in (("layouts", "no layout x9"), ("prices", "one for each")):
+        with pytest.raises(StudyError, match=why):
+            run_study("forceps-sweep", {**options, wrong: "x9" if wrong == "layouts" else "1"})
+
+
+def test_a_front_drops_what_a_cheaper_design_beats():
+    price = {"a": 1.0, "b": 2.0, "c": 2.0, "d": 3.0}
+    assert front(price, {"a": 0.5, "b": 0.4, "c": 0.3, "d": 0.3}) == ["a", "c"]
 
 
 def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
