@@ -161,11 +161,10 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
 def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
     options = {
         "layouts": "motor,x2,motor+x2", "resolutions_um": "1,20", "prices": "4,1",
-        "stiffnesses_kNm": "6,32", "homings_um": "0,10", "count": 1,
+        "stiffnesses_kNm": "6", "homings_um": "0,10", "count": 1,
     }  # fmt: skip
     result = run_study("forceps-sweep", options)
-    soft, stiff = (part.numbers for part in result.parts.values())
-    assert stiff["motor/1/0"]["loaded"] < 0.5 * soft["motor/1/0"]["loaded"]
+    (soft,) = (part.numbers for part in result.parts.values())
     assert soft["x2/1/0"]["unloaded"] < soft["x2/20/0"]["unloaded"]
     assert soft["x2/1/0"]["unloaded"] < soft["x2/1/10"]["unloaded"]
     assert soft["x2/1/0"]["loaded"] < 0.1 * soft["motor/1/0"]["loaded"]

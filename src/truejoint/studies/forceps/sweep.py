@@ -206,7 +206,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     notes = (
         "RMS error in degrees against the reference encoder, median (worst) of "
         f"{settings['count']} specimens of seed {settings.seed}, prior {settings['prior']}, each "
-        f"homed anew: on (28), and still under {settings['mass_g']:g} g, the worse of both directions.",
+        f"homed anew: on (28), and still under {settings['mass_g']:g} g, the worse of both "
+        "directions.",
         f"Cheapest design that keeps {settings['target_deg']:g} deg on every specimen, loaded and "
         f"unloaded: {answer}. Prices are assumed; --set prices=... takes yours.",
     )
@@ -216,9 +217,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     ]
     header = ("price", "design", "unloaded", f"under {settings['mass_g']:g} g")
     tables = (
-        Table(
-            "Designs that no cheaper one beats, loaded and unloaded", header, tuple(chosen), notes
-        ),
+        Table("Designs that no cheaper one beats", header, tuple(chosen), notes),
         _grid(settings, errors),
     )
     return Summary(tables, {"forceps-sweep": _figure(settings, errors, price, best)})
@@ -312,7 +311,7 @@ def _figure(
         x, y = [price[d] for d in every], [math.degrees(_typical(errors[d])) for d in every]
         costs.append(Curve(x, y, layout, _COLOURS[layout], "o"))
     y = [math.degrees(_typical(errors[d])) for d in best]
-    costs.append(Curve([price[d] for d in best], y, "no cheaper one beats it", "k", "k--o"))
+    costs.append(Curve([price[d] for d in best], y, "no cheaper one beats it", "k", "--o"))
     mass = f"under {settings['mass_g']:g} g"
     rms_name = "median RMS error [deg]"
     panels = (
