@@ -50,6 +50,7 @@ _FORCEPS: Final = (
     _study(
         "loaded", "What do 30 to 250 g on the jaw do to it?",
         "yan2020, Table 3, figure 9", _SPECIMEN, _MASSES, _DIRECTIONS, _FEW,
+        Option("draws", 8, "of the hand that hangs each weight", small=2),
     ),
     _study(
         "strategies", "Which sensor buys which accuracy: none on the cables, one, or both?",
