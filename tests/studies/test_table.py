@@ -3,7 +3,6 @@ from __future__ import annotations
 from truejoint.estimators.registry import estimator_names
 from truejoint.studies.table import _rows, reported
 
-
 PRINTED = {
     ("2", "trajectory 28", "lsm"): (1.45, -1.08, 0.57),
     ("2", "trajectory 28", "lsm_compensated"): (0.84, -0.79, 0.26),
