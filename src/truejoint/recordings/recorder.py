@@ -18,7 +18,6 @@ from truejoint.files import check_target, free_name, uninterrupted
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
-from truejoint.robots.blocks import QUANTITIES
 
 PAST_END: Final = "state: past the longest duration"
 
@@ -216,9 +215,8 @@ class Recorder:
             stream.add(block.t, np.asarray(block.position), chosen & ~late)
             return
         self._past_end += int((chosen & late).sum())
-        measured = {q: getattr(block, q) for q in QUANTITIES if getattr(block, q).shape[1]}
-        stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
-        rows = np.column_stack([*measured.values(), *block.extra.values()])
+        columns = block.columns()
+        stream.names, rows = tuple(columns), np.column_stack([*columns.values()])
         stream.add(block.t, rows, chosen & ~late)
 
 

@@ -162,6 +162,12 @@ class Corrector(Summarised):
         self._apply_homing()
         self.warm_up()
 
+    @property
+    def spike_speed(self) -> Array:
+        """Speed (n_joints,) [rad/s or m/s] above which a measured position is taken for a spike."""
+        reach = self._packed.view("reach")[self._packed.view("measured")]
+        return np.asarray(reach / self._memory[at.TRAINING_DT])
+
     def summary(self) -> dict[str, str]:
         """Give what goes in and out, and where it stands, by label."""
         return {
