@@ -30,7 +30,7 @@ class FakeArm:
         self.homing_id = ""
         self.listeners: list[Callable[..., None]] = []
 
-    def subscribe(self, callback: Callable[..., None]) -> None:
+    def subscribe(self, callback: Callable[..., None], every: float = 0.0) -> None:
         self.listeners.append(callback)
 
     def unsubscribe(self, callback: Callable[..., None]) -> None:

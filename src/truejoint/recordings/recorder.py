@@ -19,6 +19,7 @@ from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
 
+_PIECE: Final = 1.0  # [s] that are worked on at a time
 PAST_END: Final = "state: past the longest duration"
 
 
@@ -84,7 +85,7 @@ class Recorder:
     Examples
     --------
     >>> with Recorder(arm, state_rate=10.0) as recorder:
-    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0])
+    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0]).wait()
     >>> recorder.recording().joints_of("truth")
     ('shoulder', 'elbow', 'insertion')
     """
@@ -117,7 +118,7 @@ class Recorder:
 
     def __enter__(self) -> Self:
         self._clear()
-        self.arm.subscribe(self._receive)
+        self.arm.subscribe(self._receive, every=_PIECE)
         return self
 
     def __exit__(
