@@ -51,6 +51,12 @@ class StateBlock:
     motor_velocity: Array
     extra: Mapping[str, Array] = field(default_factory=dict)
 
+    def columns(self) -> dict[str, Array]:
+        """Give what was measured, (n,) each, by its column in a recording: ``measured/<joint>``."""
+        known = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q).shape[1]}
+        by_name = {f"{q}/{c}": v[:, k] for q, v in known.items() for k, c in enumerate(self.name)}
+        return {**by_name, **self.extra}
+
     @staticmethod
     def joined(blocks: Sequence[StateBlock]) -> StateBlock:
         """Put blocks of the same channels, one or more, one after the other."""

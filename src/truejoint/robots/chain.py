@@ -8,11 +8,11 @@ from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.errors import RobotError
 
 _RIGID_TOLERANCE: Final = 1e-6
@@ -134,7 +134,7 @@ def rigid(pose: ArrayLike) -> Array:
     return target
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
     """Move `frame` (3, 4) in place from one axis to the next: Rx(alpha) Tx(a) Rz(theta) Tz(d).
 
@@ -156,7 +156,7 @@ def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
         frame[i, 3] += a * x + d * along
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     value = 0.0
     for j in range(joint.size):
@@ -166,7 +166,7 @@ def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _link_frames(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
 ) -> None:
@@ -183,7 +183,7 @@ def _link_frames(
         frames[n, :, 3, 3] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _jacobian(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
 ) -> None:

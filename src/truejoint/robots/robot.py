@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
+from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
@@ -37,7 +38,7 @@ _MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
 _CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
 _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
-                "gear", "kinematics", "workspace", "grasper")  # fmt: skip
+                "gear", "kinematics", "workspace", "mechanism", "grasper")  # fmt: skip
 _FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
 _WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
@@ -249,6 +250,8 @@ class Robot(Summarised):
         None where unknown; the workspace is where a calibration moves.
     effort : {"joint", "motor"}
         Where the effort that the robot reports acts: on the joint itself, or at the motor.
+    mechanism : ForcepsMechanism, optional
+        Of a jaw that a motor's cable opens and a spring's shuts; None where it is not stated.
     grasper : tuple of str
         Joints that are jaws, whose positions add up to the opening; empty where there are none.
 
@@ -274,6 +277,7 @@ class Robot(Summarised):
     kinematics: Kinematics | None = None
     effort: Effort = "joint"
     workspace: Workspace | None = None
+    mechanism: ForcepsMechanism | None = None
     grasper: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -329,6 +333,9 @@ class Robot(Summarised):
             names = tuple(joint.name for joint in made)
             matrix = values.get("transmission")
             kinematics, workspace = values.get("kinematics"), values.get("workspace")
+            mechanism = values.get("mechanism")
+            if not isinstance(mechanism, Mapping | None):
+                raise RobotError(f"mechanism is {mechanism!r:.40}; want a table")
             return cls(
                 _name(values["name"], "name"),
                 made,
@@ -339,6 +346,7 @@ class Robot(Summarised):
                 None if kinematics is None else _kinematics(kinematics, made, folder),
                 values.get("effort", "joint"),
                 None if workspace is None else _workspace(workspace, joints),
+                None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
                 _names(values.get("grasper", ()), "grasper"),
             )
         except RobotError as error:
@@ -356,6 +364,8 @@ class Robot(Summarised):
             values["transmission"] = self.transmission.matrix.tolist()
             if self.transmission.gear:
                 values["gear"] = list(self.transmission.gear)
+        if self.mechanism is not None:
+            values["mechanism"] = dict(vars(self.mechanism))
         space = self.workspace
         if space is not None:
             rows = {key: getattr(space, key) for key in _WORKSPACE_KEYS}

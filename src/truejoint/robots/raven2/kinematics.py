@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.errors import RobotError
 from truejoint.robots.chain import Axis, SerialChain, advance, rigid
 
@@ -134,7 +134,7 @@ def _wrapped(angle: Array) -> Array:
     return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _solve(pose: Array, table: Array, out: Array) -> int:
     """Fill `out` (8, 6) with the axis values that reach `pose`; rows stay NaN where none does.
 
@@ -177,7 +177,7 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
     return status
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _finish(
     theta2: float,
     v_x: float,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
+from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -60,8 +61,9 @@ class ForcepsTwin:
         seed: int = 0,
         load: float = 0.0,
     ) -> None:
-        self.robot: Final[Robot] = get_robot("forceps", arm)
         self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
+        known = get_robot("forceps", arm)
+        self.robot: Final[Robot] = replace(known, mechanism=self.parameters.mechanism)
         self.seed: Final = checked_seed(seed)
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None
