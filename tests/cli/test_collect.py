@@ -34,13 +34,13 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
     whole = (tmp_path / "jaw.parquet").read_bytes()
     run, blocks = SimulatedBackend.servo_jp, []
 
-    def stop_at_the_third(self, position):
+    def stop_on_the_way(self, position):
         blocks.append(position)
-        if len(blocks) == 3:
+        if len(blocks) == 300:
             raise KeyboardInterrupt
         run(self, position)
 
-    monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_at_the_third)
+    monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_on_the_way)
     stopped = call(*arguments)
     assert stopped.code != 0
     assert "jaw.partial.parquet" in stopped.err

@@ -59,6 +59,12 @@ class _Console:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._made, name)
 
+    def __enter__(self) -> Any:
+        return self._made.__enter__()
+
+    def __exit__(self, *raised: Any) -> None:
+        self._made.__exit__(*raised)
+
     @cached_property
     def _made(self) -> Console:
         from rich.console import Console  # noqa: PLC0415
