@@ -25,7 +25,7 @@ _KITTY_EVENTS: Final[Mapping[str, Event]] = {"1": "press", "2": "repeat", "3": "
 # Joint keys are those of uw-biorobotics/raven2_CRTK_Python_controller
 # (python_controller/utils_r2_keyboard_controller.py): a row up, the row below down.
 _JOINT_KEYS: Final = tuple(zip("12345678", "qwertyui", strict=True))
-_TOOL_KEYS: Final = ("ad", "sz", "xc", "fv", "gb", "hn")
+_TOOL_KEYS: Final = tuple(zip("asxfgh", "dzcvbn", strict=True))
 _TOOL_AXES: Final = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
 FASTER, SLOWER, HOLD, LEAVE = "+", "-", " ", "9"
 _LEAVING: Final = (LEAVE, "\x1b", "\x03", "\x04")
@@ -79,11 +79,11 @@ def key_map(robot: Robot) -> dict[str, Key]:
         row[robot.index(robot.grasper)] = 1.0
         keys += [_key("o", "open", row), _key("p", "shut", -row)]
     if robot.kinematics is not None:
-        for k, (axis, pair) in enumerate(zip(_TOOL_AXES, _TOOL_KEYS, strict=True)):
+        for k, (axis, (up, down)) in enumerate(zip(_TOOL_AXES, _TOOL_KEYS, strict=True)):
             along = np.eye(6)[k]
             keys += [
-                Key(pair[0], f"tool {axis} +", twist=tuple(along.tolist())),
-                Key(pair[1], f"tool {axis} -", twist=tuple((-along).tolist())),
+                Key(up, f"tool {axis} +", twist=tuple(along.tolist())),
+                Key(down, f"tool {axis} -", twist=tuple((-along).tolist())),
             ]
     return {key.name: key for key in keys}
 
@@ -152,7 +152,7 @@ class Teleoperation:
     _held: dict[str, float] = field(default_factory=dict)  # until when [s]
 
     def __post_init__(self) -> None:
-        self.keys: Final = key_map(self.jog.arm.robot)
+        self.keys = key_map(self.jog.arm.robot)
 
     @property
     def held(self) -> tuple[str, ...]:
