@@ -168,7 +168,7 @@ def fault_of(path: Path, healthy: bytes) -> str:
         return str(error)
 
 
-def broken(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> list[str]:
+def broken(healthy: dict[str, bytes], remnants_allowed: bool) -> list[str]:
     """Say what is wrong with the files that a command left."""
     faults = {name: fault_of(Path(name), content) for name, content in healthy.items()}
     found = [f"{name}: {fault}" for name, fault in faults.items() if fault]
@@ -193,7 +193,7 @@ def judged(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> int
     """How many of its files are broken, said on standard error; in a process of its own."""
 
     def call() -> int:
-        found = broken(case, healthy, remnants_allowed)
+        found = broken(healthy, remnants_allowed)
         for line in found:
             print(f"{case.name}: {line}", file=sys.stderr)
         return len(found)
@@ -283,7 +283,7 @@ def measure(options: argparse.Namespace) -> Counter[str]:
     Path("out").mkdir()
     Path("run.csv").write_text("stamp_ms,elbow_pos_deg\n0,5\n1,6\n")
     for words in (
-        ("trajectory", "zigzag", "--sparsity", "1/2", "-o", "z.csv"),
+        ("trajectory", "zigzag", "--direction", "J1", "--sparsity", "1", "-o", "z.csv"),
         ("collect", "z.csv", "-o", "."),
         ("calibrate", "z.parquet", "-e", "linear", "-o", "m.st"),
     ):

@@ -145,7 +145,8 @@ def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
     header, table, unhashed = _read(source, _TEXTS)
     if unhashed or header.get("kind") != _CORRECTED:
         raise RecordingError(f"{source}: is no table of corrected positions that states its hash")
-    return table.to_pandas()
+    corrected: pd.DataFrame = table.to_pandas()
+    return corrected
 
 
 def is_corrected(path: Path) -> bool:
