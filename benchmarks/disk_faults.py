@@ -117,15 +117,17 @@ def fork(call: Callable[[], int | None]) -> Run:
             os.write(told, b"w")
 
     sys.addaudithook(tell)
+    code = CRASHED
     try:
-        code = call() or 0
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    except BaseException:  # noqa: BLE001  # what reaches this is a fault
-        traceback.print_exc()
-        code = CRASHED
-    sys.stderr.flush()
-    os._exit(code)
+        try:
+            code = call() or 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        except Exception:  # noqa: BLE001  # what reaches this is a fault
+            traceback.print_exc()
+        sys.stderr.flush()
+    finally:  # a late Ctrl-C must not carry on with what the parent does
+        os._exit(code)
 
 
 def command(words: tuple[str, ...], said: Path, limit: int | None = None) -> Callable[[], None]:

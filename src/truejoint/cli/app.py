@@ -6,6 +6,7 @@ Exit codes: 0 good, 1 a check failed, 2 the call was wrong, 70 truejoint is, 130
 from __future__ import annotations
 
 # Little is imported here: until `main` runs, Ctrl-C ends Python in Python's own words.
+import atexit
 import os
 import signal
 import sys
@@ -71,8 +72,9 @@ class _Stop:
         self._set(self._interrupt)
 
     def restore(self) -> None:
-        """Do as before."""
+        """Do as before, and nothing once the interpreter clears up: all is written by then."""
         self._set(self._before)
+        atexit.register(self._set, signal.SIG_IGN)
 
     def _set(self, handler: Any) -> None:
         # Not where it is ignored, as in the background, or where another program runs this one.
