@@ -36,13 +36,14 @@ def main() -> None:
             traceback.print_exc()
         code, message = _outcome(error)
     finally:
-        stopped.restore()
+        stopped.ignores()  # all is written by now, but for this line
     if stopped.asked or code == INTERRUPTED:
         code, message = INTERRUPTED, "stopped"
     if message:
         from truejoint.cli.console import err, one_line  # noqa: PLC0415
 
         err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
+    stopped.restore()
     sys.exit(code)
 
 
@@ -71,10 +72,14 @@ class _Stop:
         """From now on, Ctrl-C raises KeyboardInterrupt."""
         self._set(self._interrupt)
 
+    def ignores(self) -> None:
+        """From now on, Ctrl-C does nothing."""
+        self._set(signal.SIG_IGN)
+
     def restore(self) -> None:
-        """Do as before, and nothing once the interpreter clears up: all is written by then."""
+        """Do as before, but nothing again once the interpreter clears up."""
+        atexit.register(self.ignores)
         self._set(self._before)
-        atexit.register(self._set, signal.SIG_IGN)
 
     def _set(self, handler: Any) -> None:
         # Not where it is ignored, as in the background, or where another program runs this one.
@@ -111,10 +116,7 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             _silence()
             return FAILED, ""
         case OSError():
-            return (
-                FAILED,
-                f"{error.filename or 'file'}: {reason(error)}; check path and permissions",
-            )
+            return FAILED, f"{error.filename or 'file'}: {reason(error)}"
     kind = type(error).__name__
     return FAULTY, (
         f"{kind}: {error}. This is a fault of truejoint, not of yours: please report it with the "

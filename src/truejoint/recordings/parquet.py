@@ -155,7 +155,7 @@ def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
 
 def is_corrected(path: Path) -> bool:
     """Whether a file says that it is a table of corrected positions."""
-    with suppress(pa.ArrowException, OSError):
+    with suppress(pa.ArrowException, OSError, ValueError):
         text = (pq.read_schema(path).metadata or {}).get(METADATA_KEY, b"")
         return f'"kind": "{_CORRECTED}"'.encode() in text
     return False
@@ -199,6 +199,10 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             _check_size(source, file, texts)
             header = _header(source, file.schema_arrow)
             table = file.read(use_threads=False)
+        columns = {
+            name: table[name].to_pylist() if name in texts else table[name].to_numpy()
+            for name in table.column_names
+        }
     except MemoryError:
         raise RecordingError(
             f"{source}: takes more memory than there is; close other programs, or read it where "
@@ -209,10 +213,6 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
-    columns = {
-        name: table[name].to_pylist() if name in texts else table[name].to_numpy()
-        for name in table.column_names
-    }
     digest = header.pop("sha256", None)
     unhashed = digest is None and header["version"] == 1
     if not unhashed and not is_as_written(digest, *_content(header, columns, texts)):
