@@ -78,7 +78,7 @@ CASES = (
     ),
     Case(("export", "m.st", "--to", "onnx", "-o", "out", "--prefix", "m"), ("out/m.onnx",)),
     Case(
-        ("join", "z.parquet", "z.parquet", "--offset-s", "0", "-o", "out/j.parquet"),
+        ("join", "z.parquet", "truth.csv", "--offset-s", "0", "-o", "out/j.parquet"),
         ("out/j.parquet",),
     ),
     Case(("columns", "run.csv", "--robot", "raven2", "-o", "out/m.toml"), ("out/m.toml",)),
@@ -92,6 +92,8 @@ class Run:
 
     pid: int
     opened: int  # a pipe that gets a byte when the first file is opened for writing
+    printed: int  # a pipe that gets what the command prints
+    said: str = ""
 
     def wait_for_writing(self) -> None:
         """Wait until it writes, or has ended."""
@@ -99,6 +101,8 @@ class Run:
 
     def end(self) -> int:
         """Exit code, negative for a signal."""
+        with open(self.printed, errors="replace") as printed:
+            self.said = printed.read()
         _, status = os.waitpid(self.pid, 0)
         os.close(self.opened)
         return os.waitstatus_to_exitcode(status)
@@ -106,11 +110,14 @@ class Run:
 
 def fork(call: Callable[[], int | None]) -> Run:
     """Run `call` in a process; its value is the exit code."""
-    opened, told = os.pipe()
+    (opened, told), (printed, prints) = os.pipe(), os.pipe()
     pid = os.fork()
     if pid:
         os.close(told)
-        return Run(pid, opened)
+        os.close(prints)
+        return Run(pid, opened, printed)
+    for stream in (1, 2):
+        os.dup2(prints, stream)
 
     def tell(event: str, arguments: tuple[object, ...]) -> None:
         if event == "open" and str(arguments[0]).endswith(".part"):
@@ -130,12 +137,10 @@ def fork(call: Callable[[], int | None]) -> Run:
         os._exit(code)
 
 
-def command(words: tuple[str, ...], said: Path, limit: int | None = None) -> Callable[[], None]:
+def command(words: tuple[str, ...], limit: int | None = None) -> Callable[[], None]:
     """Make a call of the command line that may write `limit` bytes into a file."""
 
     def call() -> None:
-        for stream in (1, 2):
-            os.dup2(os.open(said, os.O_CREAT | os.O_WRONLY | os.O_APPEND), stream)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         if limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
@@ -192,38 +197,40 @@ def prepared(case: Case) -> None:
 
 
 def judged(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> int:
-    """How many of its files are broken, said on standard error; in a process of its own."""
+    """Tell how many of its files are broken, and what they are; in a process of its own."""
 
     def call() -> int:
         found = broken(healthy, remnants_allowed)
         for line in found:
-            print(f"{case.name}: {line}", file=sys.stderr)
+            print(f"{case.name}: {line}")
+        sys.stdout.flush()
         return len(found)
 
-    return fork(call).end()
+    run = fork(call)
+    count = run.end()
+    print(run.said, end="", file=sys.stderr)
+    return count
 
 
 def trials(case: Case, counts: dict[str, int], rng: random.Random, tally: Counter[str]) -> None:
     """Disturb one command as often as `counts` says, and count what came of it."""
     prepared(case)
-    said = Path("said.txt").absolute()
     words = (*case.words, "--force")
     began = time.monotonic()
-    run = fork(command(words, said))
+    run = fork(command(words))
     run.wait_for_writing()
     writing = time.monotonic()
     code = run.end()
     whole, write = time.monotonic() - began, time.monotonic() - writing
     if code not in (0, 1):
-        raise SystemExit(f"{case.name}: exit code {code}\n{said.read_text()}")
+        raise SystemExit(f"{case.name}: exit code {code}\n{run.said}")
     healthy = {n: Path(n).read_bytes() for n in case.targets if Path(n).is_file()}
     sizes = [p.stat().st_size for p in Path("out").rglob("*") if p.is_file()]
     for kind, count in counts.items():
         for _ in range(count):
             prepared(case)
-            said.unlink(missing_ok=True)
             limit = rng.randrange(max(sizes)) if kind == "disk full" else None
-            run = fork(command(words, said, limit))
+            run = fork(command(words, limit))
             if kind == "kill -9":
                 run.wait_for_writing()
                 time.sleep(rng.uniform(0, write))
@@ -235,21 +242,19 @@ def trials(case: Case, counts: dict[str, int], rng: random.Random, tally: Counte
             tally[f"{kind}: runs"] += 1
             tally[f"{kind}: ended before it was done"] += code not in (0, 1)
             tally[f"{kind}: files lost or broken"] += judged(case, healthy, kind == "kill -9")
-            text = said.read_text() if said.exists() else ""
             known = {"kill -9": (-9, 0, 1), "Ctrl-C": (INTERRUPTED, 0, 1), "disk full": (2, 0, 1)}
-            if code not in known[kind] or "Traceback" in text:
+            if code not in known[kind] or "Traceback" in run.said:
                 tally[f"{kind}: another exit code, or a traceback"] += 1
-                print(f"{case.name}: {kind}: exit code {code}: {text[-600:]}", file=sys.stderr)
+                print(f"{case.name}: {kind}: exit code {code}: {run.said[-600:]}", file=sys.stderr)
 
 
 def races(case: Case, count: int, tally: Counter[str]) -> None:
     """Start pairs of a command at once, without ``--force``."""
-    said = Path("said.txt").absolute()
     for _ in range(count):
         prepared(case)
         for name in case.targets:
             Path(name).unlink(missing_ok=True)
-        codes = sorted(run.end() for run in [fork(command(case.words, said)) for _ in range(2)])
+        codes = sorted(run.end() for run in [fork(command(case.words)) for _ in range(2)])
         tally["two at once: runs"] += 1
         tally["two at once: both believe to have written"] += codes[1] in (0, 1)
 
@@ -277,11 +282,18 @@ def flips(count: int, rng: random.Random, tally: Counter[str]) -> None:
                 tally[f"bits of {name}: refused"] += 1
 
 
+def shorten() -> None:
+    """Keep as many rows of the recording as it takes, and its truth in a file of its own."""
+    short = truejoint.read_recording("z.parquet").rows(slice(600))
+    truejoint.write_parquet(short, "z.parquet", overwrite=True)
+    truth = ["t", *(name for name in short.table.columns if name.startswith("truth/"))]
+    short.table[truth].dropna().to_csv("truth.csv", index=False)
+
+
 def measure(options: argparse.Namespace) -> Counter[str]:
     """Run all trials in the current folder."""
     rng = random.Random(options.seed)  # noqa: S311  # no secret
     tally: Counter[str] = Counter()
-    said = Path("said.txt").absolute()
     Path("out").mkdir()
     Path("run.csv").write_text("stamp_ms,elbow_pos_deg\n0,5\n1,6\n")
     for words in (
@@ -289,8 +301,11 @@ def measure(options: argparse.Namespace) -> Counter[str]:
         ("collect", "z.csv", "-o", "."),
         ("calibrate", "z.parquet", "-e", "linear", "-o", "m.st"),
     ):
-        if fork(command(words, said)).end():
-            raise SystemExit(said.read_text())
+        run = fork(command(words))
+        if run.end():
+            raise SystemExit(run.said)
+        if words[0] == "collect":
+            fork(shorten).end()
     wanted = {"kill -9": options.kills, "Ctrl-C": options.interrupts, "disk full": options.full}
     for place, case in enumerate(CASES):
         share = {kind: len(range(place, n, len(CASES))) for kind, n in wanted.items()}

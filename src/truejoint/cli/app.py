@@ -42,7 +42,8 @@ def main() -> None:
     if message:
         from truejoint.cli.console import err, one_line  # noqa: PLC0415
 
-        err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
+        with suppress(OSError):  # nobody reads it, or it goes to a full disk
+            err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
     stopped.restore()
     sys.exit(code)
 
