@@ -101,7 +101,7 @@ class Run:
 
     def end(self) -> int:
         """Exit code, negative for a signal."""
-        with open(self.printed, errors="replace") as printed:
+        with os.fdopen(self.printed, errors="replace") as printed:
             self.said = printed.read()
         _, status = os.waitpid(self.pid, 0)
         os.close(self.opened)
