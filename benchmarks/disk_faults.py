@@ -116,8 +116,9 @@ def fork(call: Callable[[], int | None]) -> Run:
         os.close(told)
         os.close(prints)
         return Run(pid, opened, printed)
-    for stream in (1, 2):
-        os.dup2(prints, stream)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        os.dup2(prints, number)
+        setattr(sys, name, os.fdopen(number, "w", closefd=False))
 
     def tell(event: str, arguments: tuple[object, ...]) -> None:
         if event == "open" and str(arguments[0]).endswith(".part"):

@@ -25,8 +25,9 @@ def main() -> None:
     debug = DEBUG in sys.argv
     sys.argv = [word for word in sys.argv if word != DEBUG]
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that cannot show a character gets its number, as in forced ASCII.
-        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+        with suppress(AttributeError, OSError):  # what stands in for a terminal's
+            # A terminal that cannot show a character gets its number, as in forced ASCII.
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
         code = _run(stopped)
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # the last resort
