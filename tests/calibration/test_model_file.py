@@ -221,6 +221,17 @@ def test_mutated_bytes_give_an_error_or_the_same_model(
     assert same(calibration, read, build(30, 6))
 
 
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [(["rad"], "units"), ("rad", "units"), ({"measured/elbow": ""}, "units"),
+     ({"measured/elbow": "x" * 41}, "units"), ({"measured/elbow": "\n"}, "units"),
+     ({"measured/elbow": 1}, "units")],
+)  # fmt: skip
+def test_units_that_are_none_are_refused(tmp_path, saved, units, said):
+    description, arrays = from_bytes(saved)
+    refused(tmp_path, to_bytes({**description, "units": units}, arrays), said)
+
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers(-(10**20), 10**20) | st.text(max_size=8)
     | st.floats(allow_nan=False, allow_infinity=False),

@@ -74,6 +74,28 @@ def test_rows_of_another_homing_stay_as_measured_and_fail(
     assert np.isinf(found["half_width/elbow"]).all()
 
 
+def test_a_recording_that_begins_with_truth_is_re_zeroed(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(session / "random.parquet")
+    table = recording.table
+    table["truth/elbow"] += 0.02
+    tomorrow = replace(recording.provenance, homing_id="tomorrow")
+    moved = replace(recording, table=table, provenance=tomorrow)
+    write_parquet(moved, tmp_path / "moved.parquet")
+    arguments = ["correct", session / "m.st", tmp_path / "moved.parquet", "-o"]
+    result = call(*arguments, tmp_path / "a.csv", "--rezero-s", "10", *ANYHOW)
+    assert result.code == 0, result.err
+    found = pd.read_csv(tmp_path / "a.csv")
+    assert not found["status"].str.contains("HOMED_AGAIN").any()
+    ok = found["status"] == "OK"
+    left = (found["corrected/elbow"] - moved.column("truth/elbow"))[ok]
+    assert abs(left.median()) < 0.01
+    refused = call(*arguments, tmp_path / "b.csv", "--rezero-s", "-1", *ANYHOW)
+    assert refused.code == 2
+    assert "give more than 0 s" in refused.err
+
+
 def test_an_estimator_of_whole_recordings_corrects_without_judging(
     call: Call, session: Path, tmp_path: Path
 ) -> None:
@@ -161,16 +183,21 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     zigzag, random = session / "zigzag.parquet", session / "random.parquet"
     write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
     models = [session / "m.st", tmp_path / "curved.st"]
-    result = call("compare", *models, random, "--json")
+    page = tmp_path / "models.html"
+    result = call("compare", *models, random, "--json", "--report", page)
     assert result.code == 0, result.err
+    text = page.read_text(encoding="utf-8")
+    for word in ("2 models compared", ">m<", ">curved<", "residual-1", "within-2"):
+        assert word in text
     found = json.loads(result.out)
     rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}
     for joint, best in found["best"].items():
         assert rmse[best, joint] == min(rmse["m", joint], rmse["curved", joint])
     assert rmse["curved", "elbow"] == rmse["poly2", "elbow"]
+    assert found["deploy"] in {"raw", "offset", "linear", "m", "curved"}
     seen = call("compare", *models, zigzag)
     assert seen.code == 1
-    assert seen.err.count("cannot be believed") == 2
+    assert seen.out.count("cannot be believed") == 2
     alone = call("compare", session / "m.st", random)
     assert alone.code == 2
     assert "1 model file among" in alone.err

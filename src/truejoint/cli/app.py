@@ -54,9 +54,15 @@ def _run(stopped: _Stop) -> int:
     from truejoint.cli.commands import app  # noqa: PLC0415  # once Ctrl-C is looked after
 
     stopped.interrupts()
-    code = app(prog_name="truejoint", standalone_mode=False)
+    code = app(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False)
     sys.stdout.flush()  # a full disk shall be told here, not by the interpreter
     return int(code or 0)
+
+
+def _spelt_out(arguments: list[str]) -> list[str]:
+    """Arguments with ``forceps sweep`` as ``study forceps-sweep``, and so for its other studies."""
+    short = arguments[:1] == ["forceps"]
+    return ["study", "-".join(arguments[:2]), *arguments[2:]] if short else arguments
 
 
 class _Stop:

@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -80,14 +81,32 @@ class _Console:
 
 out, err = cast("Console", _Console(stderr=False)), cast("Console", _Console(stderr=True))
 
-ProgressCallback = Callable[[float], None]
+
+@dataclass
+class Progress:
+    """Callback that takes the fraction done, 0 to 1, of long work."""
+
+    show: Callable[[float, str], None]
+    doing: str
+    fraction: float = 0.0
+
+    def __call__(self, fraction: float) -> None:
+        """Show the fraction done."""
+        self.fraction = fraction
+        self.show(fraction, self.doing)
+
+    def say(self, doing: str) -> None:
+        """Show what is being done now."""
+        self.doing = doing
+        self(self.fraction)
+
 
 # A log file has no bar that moves: say there how far a long step is, this often [s].
 _LOG_PERIOD = 10.0
 
 
 @contextmanager
-def progress(description: str) -> Iterator[ProgressCallback]:
+def progress(description: str) -> Iterator[Progress]:
     """Show one step of long work; yields a callback that takes the fraction done, 0 to 1.
 
     A terminal gets a bar with the time left; a file or pipe gets a line at the start, one
@@ -95,28 +114,32 @@ def progress(description: str) -> Iterator[ProgressCallback]:
     """
     began, description = time.monotonic(), one_line(description)
     if err.is_terminal:
-        from rich.progress import Progress, TextColumn  # noqa: PLC0415  # not for help
+        from rich import progress as rich  # noqa: PLC0415  # not for help
 
-        columns = Progress.get_default_columns()[1:]
-        what = TextColumn("{task.description}", markup=False)
-        with Progress(what, *columns, console=err) as bar:
+        columns = rich.Progress.get_default_columns()[1:]
+        what = rich.TextColumn("{task.description}", markup=False)
+        with rich.Progress(what, *columns, console=err) as bar:
             task = bar.add_task(description, total=1.0)
-            yield lambda fraction: bar.update(task, completed=fraction)
+            yield Progress(
+                lambda fraction, doing: bar.update(task, completed=fraction, description=doing),
+                description,
+            )
             bar.update(task, completed=1.0)
         return
     err.print(f"{description} ...")
     said = began
 
-    def report(fraction: float) -> None:
+    def report(fraction: float, doing: str) -> None:
         nonlocal said
         now = time.monotonic()
         if now - said < _LOG_PERIOD or not 0 < fraction < 1:
             return
         said = now
         left = (now - began) * (1 - fraction) / fraction
-        err.print(f"  {fraction:.0%}, about {left:.0f} s left")
+        after = f": {doing}" if doing != description else ""
+        err.print(f"  {fraction:.0%}, about {left:.0f} s left{after}")
 
-    yield report
+    yield Progress(report, description)
     err.print(f"  done in {time.monotonic() - began:.1f} s")
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
@@ -260,8 +260,9 @@ def parse_part(text: str) -> tuple[float, float]:
     )
 
 
-def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``; `units` are SI."""
+def parse_tolerances(texts: Sequence[str], model: truejoint.Calibration) -> dict[str, float]:
+    """Largest accepted RMSE [rad or m] by joint of a model, of texts like ``shoulder=0.2``."""
+    units = {joint: model.units[f"measured/{joint}"] for joint in model.joints}
     tolerances = {}
     for text in texts:
         joint, _, number = text.partition("=")

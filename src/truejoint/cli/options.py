@@ -105,3 +105,20 @@ Split = Annotated[
         autocompletion=complete.splits,
     ),
 ]
+Tolerance = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tolerance",
+        metavar="JOINT=VALUE",
+        help="Largest RMSE that you accept, in deg or mm, for instance elbow=0.2. Without "
+        "one, a joint must beat raw position, fixed offset and any simpler model.",
+        autocompletion=complete.tolerances,
+    ),
+]
+JudgedAfter = Annotated[
+    float,
+    typer.Option(
+        "--rezero-s",
+        help="Re-zero on so much truth at the start of each recording, and judge the rest [s].",
+    ),
+]

@@ -93,6 +93,23 @@ def make_random(
     _tell(trajectory, target, plot, as_json, output=output, force=force)
 
 
+@app.command(
+    "nested", epilog="Example: `truejoint trajectory nested --robot forceps -o nested.csv`"
+)
+def make_nested(
+    output: Output,
+    seconds: Annotated[float, typer.Option(help="How long it lasts [s].")] = 65.0,
+    robot: RobotName = "forceps",
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make loops of three sizes, one inside the other, to calibrate a robot of one joint."""
+    target = truejoint.get_robot(robot)
+    trajectory = truejoint.motion.nested_motion(target, seconds)
+    _tell(trajectory, target, plot, as_json, output=output, force=force)
+
+
 @app.command("show", epilog="Example: `truejoint trajectory show zigzag.csv --plot zigzag.html`")
 def show(
     path: Annotated[Path, typer.Argument(help="Trajectory file.")],

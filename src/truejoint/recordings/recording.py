@@ -50,6 +50,9 @@ class Provenance:
         Which homing the positions refer to; positions of two homings differ by an offset.
     load : float
         Mass hung on the tool [kg]; NaN when not known.
+    mechanism : mapping
+        What is known of a cable-driven jaw by the names of `ForcepsMechanism`, in SI units; where
+        it is empty, that of the robot counts.
     rates : mapping
         Nominal rate [Hz] of each stream, for instance ``{"state": 30.0, "truth": 100.0}``.
     dropped : mapping
@@ -75,6 +78,7 @@ class Provenance:
     session: str = ""
     homing_id: str = ""
     load: float = math.nan
+    mechanism: Mapping[str, float] = field(default_factory=dict)
     rates: Mapping[str, float] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
     start: float = math.nan
@@ -91,7 +95,7 @@ class Provenance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values = {**vars(self), "rates": dict(self.rates), "dropped": dict(self.dropped)}
+        values = {k: dict(v) if isinstance(v, Mapping) else v for k, v in vars(self).items()}
         return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
 
     @classmethod
