@@ -160,7 +160,7 @@ class Fails:
     def __init__(self, error: BaseException) -> None:
         self.error = error
 
-    def __call__(self, **_: object) -> None:
+    def __call__(self, *_: object, **__: object) -> None:
         raise self.error
 
 
@@ -190,7 +190,7 @@ def test_the_last_resort_is_one_line(
 def test_an_interrupt_that_is_swallowed_is_remembered(
     call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def swallows(**_: object) -> None:
+    def swallows(*_: object, **__: object) -> None:
         try:
             os.kill(os.getpid(), signal.SIGINT)
         except KeyboardInterrupt:

@@ -121,8 +121,8 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                     batch, described = reader.read_next_batch_with_custom_metadata()
                 except StopIteration:
                     break
-                except (pa.ArrowException, OSError):
-                    break
+                except (pa.ArrowException, OSError, MemoryError):
+                    break  # a length that is none takes more memory than there is
                 name, block = _block(source, batch, described)
                 total += block[2].size
                 if total > MAX_VALUES:
