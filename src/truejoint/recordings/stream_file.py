@@ -28,6 +28,7 @@ TRUTH: Final = "truth"
 _END: Final = "end"  # whose one block stands last in a file that was closed
 _KEY: Final = b"truejoint"
 _VERSION: Final = 1
+_DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  # says Arrow
 _SCHEMA: Final = pa.schema([("t", pa.float64()), ("values", pa.list_(pa.float64()))])
 
 
@@ -121,7 +122,7 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                     batch, described = reader.read_next_batch_with_custom_metadata()
                 except StopIteration:
                     break
-                except (pa.ArrowException, OSError, MemoryError):
+                except _DAMAGE:
                     break  # a length that is none takes more memory than there is
                 name, block = _block(source, batch, described)
                 total += block[2].size
@@ -130,8 +131,8 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                 whole = name == _END
                 if not whole:
                     blocks.setdefault(name, []).append(block)
-    except (pa.ArrowException, OSError) as error:
-        text = str(error).splitlines()[0][:100]
+    except _DAMAGE as error:
+        text = (str(error) or "a length that is none").splitlines()[0][:100]
         raise RecordingError(f"{source}: is no stream of a recorder ({text})") from None
     end = "" if whole else "cut short while it was recorded"
     return header, {name: _joined(source, name, parts) for name, parts in blocks.items()}, end
