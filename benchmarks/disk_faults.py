@@ -3,7 +3,7 @@
     python -m benchmarks.disk_faults [--kills 200] [--interrupts 50] [--full 50] [--flips 10000]
 
 Each command that writes runs again and again with ``--force`` over files that stand for good ones
-(in processes forked from one that has everything imported), and is killed (SIGKILL) at a random
+(in processes forked from one that has just run it), and is killed (SIGKILL) at a random
 time after it opened its first file for writing; or interrupted (SIGINT) at a random time of its
 whole run; or allowed files of a random size only, as on a disk that is full. Afterwards each file
 must be the one from before or a whole new one. Then pairs of the same command start at once without
@@ -13,6 +13,7 @@ must be the one from before or a whole new one. Then pairs of the same command s
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import random
 import resource
@@ -24,8 +25,8 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +37,6 @@ from truejoint.errors import TruejointError
 
 GOOD = b"the good file from before\n"
 CRASHED = 99
-PRELOADED = (
-    "cli.commands",
-    "evaluation.report.plot",
-    "export",
-    "recordings.parquet",
-    "runtime.corrector",
-)
 STUDY = ("--preset", "small", "--jobs", "1", "--set", "methods=lsm")
 
 
@@ -213,8 +207,17 @@ def judged(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> int
     return count
 
 
+def warm(case: Case) -> None:
+    """Run a command in this process, so that those forked from it need not load its kernels."""
+    prepared(case)
+    sys.argv = ["truejoint", *case.words, "--force"]
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), suppress(SystemExit):
+        main()
+
+
 def trials(case: Case, counts: dict[str, int], rng: random.Random, tally: Counter[str]) -> None:
     """Disturb one command as often as `counts` says, and count what came of it."""
+    warm(case)
     prepared(case)
     words = (*case.words, "--force")
     began = time.monotonic()
@@ -311,6 +314,7 @@ def measure(options: argparse.Namespace) -> Counter[str]:
     for place, case in enumerate(CASES):
         share = {kind: len(range(place, n, len(CASES))) for kind, n in wanted.items()}
         trials(case, share, rng, tally)
+        print(f"{case.name}: done", file=sys.stderr)
     for case in (CASES[0], CASES[2], CASES[3], CASES[5]):
         races(case, options.pairs, tally)
     flips(options.flips, rng, tally)
@@ -330,8 +334,6 @@ def parsed() -> argparse.Namespace:
 def run() -> None:
     """Print how often which fault left what."""
     options = parsed()
-    for name in PRELOADED:  # so that no run waits for it
-        import_module(f"truejoint.{name}")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # until a run takes it
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
