@@ -33,11 +33,11 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
     arguments = ("collect", motion, "--robot", "forceps", "-o", tmp_path, "--force")
     assert call(*arguments).code == 0
     whole = (tmp_path / "jaw.parquet").read_bytes()
-    run, blocks = SimulatedBackend.servo_jp, []
+    run, samples = SimulatedBackend.servo_jp, []
 
     def stop_on_the_way(self, position):
-        blocks.append(position)
-        if len(blocks) == 300:
+        samples.extend(position)
+        if len(samples) > 3000:
             raise KeyboardInterrupt
         run(self, position)
 

@@ -23,7 +23,8 @@ import typer
 from tests.synthetic import build_recording
 
 import truejoint
-from truejoint.cli.app import app, main
+from truejoint.cli.app import main
+from truejoint.cli.commands import app
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
 

@@ -185,4 +185,4 @@ def result_json(values: Mapping[str, Any]) -> None:
 
 def command_line() -> str:
     """Give the command line as it was typed, to go into what it makes."""
-    return shlex.join(["truejoint", *sys.argv[1:]])
+    return printable(shlex.join(["truejoint", *sys.argv[1:]]))
