@@ -68,10 +68,7 @@ def compare(
     )()
     with progress(f"Judging {len(models)} models"):
         result = truejoint.evaluate({title: [m] for title, m in models.items()}, tested, **how)
-        alone = {
-            title: truejoint.evaluate({title: [model]}, tested, **how)
-            for title, model in models.items()
-        }
+        alone = {title: truejoint.evaluate(m, tested, **how) for title, m in models.items()}
     objections = [
         f"{title}: {objection}"
         for title, evaluation in alone.items()
