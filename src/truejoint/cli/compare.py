@@ -12,9 +12,10 @@ from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.data import CHECK_FAILED
 from truejoint.cli.evaluate import STYLES
-from truejoint.cli.inputs import Files, check_writable, parse_tolerances, takes_files
+from truejoint.cli.inputs import Files, parse_tolerances, takes_files
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
+from truejoint.files import check_target
 from truejoint.units import with_unit
 
 
@@ -50,7 +51,7 @@ def compare(
     if report is not None:
         from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
 
-        check_writable(check_name(report), force, "--report")
+        check_target(check_name(report), overwrite=force)
     from truejoint.evaluation.results import BASELINES  # noqa: PLC0415  # not for help
 
     stems = [Path(path).stem for path in paths]

@@ -12,9 +12,9 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_writable, takes_files
+from truejoint.cli.inputs import Files, takes_files
 from truejoint.errors import RecordingError
-from truejoint.files import write_atomically
+from truejoint.files import check_target, write_atomically
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +34,8 @@ def correct(
             "--out",
             "-o",
             help="Table to write, .csv or .parquet: time, corrected position, "
-            "half-width (both in rad or m) and status of every row.",
+            "half-width (both in rad or m), what the model tells beside (of ukf_friction the load "
+            "on the jaw, Nm) and status of every row.",
         ),
     ],
     level_percent: Annotated[
@@ -62,7 +63,7 @@ def correct(
     """
     if output.suffix not in {".csv", ".parquet"}:
         raise RecordingError(f"{output}: call it .csv or .parquet")
-    check_writable(output, force)
+    check_target(output, overwrite=force)
     accepted = check_names(accept)
     calibration = truejoint.read_calibration(model)
     loaded = files.find(recordings, part=part, model=calibration)()
@@ -121,6 +122,9 @@ def correct_rows(
     columns = {"t": t}
     for name, values in (("corrected", trace.position), ("half_width", trace.half_width)):
         columns |= {f"{name}/{joint}": values[:, k] for k, joint in enumerate(calibration.joints)}
+    for name, told in trace.beside.items():
+        joint = calibration.joints[0]
+        columns |= {f"{name}/{joint}": told[:, 0], f"{name}_half_width/{joint}": told[:, 1]}
     bits, place = np.unique(trace.status, return_inverse=True)
     status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
     return pd.DataFrame(columns).assign(status=status)
@@ -154,8 +158,11 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     if len(tables) > 1:
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
         whole = whole.reset_index("recording")
-    write = whole.to_csv if output.suffix == ".csv" else whole.to_parquet
-    write_atomically(output, partial(write, index=False), overwrite=force, error=RecordingError)
+    if output.suffix == ".parquet":
+        truejoint.recordings.write_corrected(whole, output, overwrite=force)
+        return
+    write = partial(whole.to_csv, index=False)
+    write_atomically(output, write, overwrite=force, error=RecordingError)
 
 
 def _show(found: list[dict[str, Any]], output: Path) -> None:

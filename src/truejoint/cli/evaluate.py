@@ -12,14 +12,9 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import (
-    Files,
-    check_free,
-    check_writable,
-    parse_tolerances,
-    takes_files,
-)
-from truejoint.errors import CalibrationError
+from truejoint.cli.inputs import Files, parse_tolerances, takes_files
+from truejoint.errors import CalibrationError, RecordingError
+from truejoint.files import check_folder, check_target
 
 STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
@@ -61,9 +56,11 @@ def evaluate(
     if report is not None:
         from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
 
-        check_writable(check_name(report), force, "--report")
+        check_target(check_name(report), overwrite=force)
     if tables is not None:
-        check_free(tables, force, "--tables")
+        if tables.exists() and not force:
+            raise RecordingError(f"{tables}: exists already; name a new folder, or --force")
+        check_folder(tables)
     accepted_names = check_names(accept)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     first = models[0]

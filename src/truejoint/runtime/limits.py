@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -82,14 +82,15 @@ class Limits:
     travel: Array  # infinite where there is no partner, or a signal or its partner never changed
     moves: Integers
     is_position_signal: Integers  # 1 for measured positions
-    parity: Array  # (n_equations, n_signals)
+    parity: Array  # (n_equations, n_terms), weight of the signals `parity_terms`; 0 of any at last
+    parity_terms: Integers  # (n_equations, n_terms)
     parity_intercept: Array  # (n_equations,)
     parity_lower: Array
     parity_upper: Array
     patience: float
     domain_mean: Array  # (k,)
     whitening: Array  # lower triangle (n_white, n_white)
-    feature_lower: Array  # (k,), infinite for features that never changed
+    feature_lower: Array  # (k,)
     feature_upper: Array
     correction_lower: Array  # (n_joints,)
     correction_upper: Array
@@ -112,7 +113,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
+    family = find_family(data.model.family)
+    counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low
@@ -126,10 +128,12 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     held = _held(data, is_position & ~moves, high - low)
-    used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = believable_corrections(seen)
+    bears, far = family.bears_load, np.full(len(data.joints), np.inf)
+    if bears is not None and bears(data.model.params):
+        distance, correction_lower, correction_upper = np.inf, -far, far
     return Limits(
         shortest=shortest * seen.dt,
         longest=data.gap_limit,
@@ -150,8 +154,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         domain_mean=seen.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
         whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
-        feature_lower=np.where(used, feature_lower, -np.inf),
-        feature_upper=np.where(used, feature_upper, np.inf),
+        feature_lower=feature_lower,
+        feature_upper=feature_upper,
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )
@@ -171,8 +175,8 @@ def _held(data: CalibrationData[EstimatorData], standing: Mask, span: Array) -> 
     return found
 
 
-def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[str, Array]:
-    """Parity equations with their bounds; one that always holds where there are none."""
+def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[str, Any]:
+    """Parity equations with their bounds; one that says nothing where there are none."""
     equations = data.parity
     if equations is None:
         one, far = np.zeros(1), np.full(1, np.inf)
@@ -186,8 +190,13 @@ def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[
         margin = np.where(late, SETPOINT_MARGIN, PARITY_MARGIN)
         half = margin * (equations.upper - middle) + floor
         lower, upper = middle - half, middle + half
-    names = ("parity", "parity_intercept", "parity_lower", "parity_upper")
-    return dict(zip(names, (matrix, intercept, lower, upper), strict=True))
+    used = matrix != 0.0
+    n_terms = max(int(used.sum(axis=1).max()), 1)
+    terms = np.argsort(~used, axis=1, kind="stable")[:, :n_terms]
+    return {
+        "parity": np.take_along_axis(matrix, terms, axis=1), "parity_terms": terms,
+        "parity_intercept": intercept, "parity_lower": lower, "parity_upper": upper,
+    }  # fmt: skip
 
 
 def believable_corrections(seen: TrainingDomain) -> tuple[Array, Array]:

@@ -79,7 +79,8 @@ def write_page(path: str | Path, render: Callable[[], str], *, overwrite: bool) 
     """Write the page that `render` gives, whole or not at all; checks the path before it does."""
     target = check_name(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
-    write = partial(Path.write_text, data=render(), encoding="utf-8")
+    # Half a character, of somebody's name, becomes its number.
+    write = partial(Path.write_text, data=render(), encoding="utf-8", errors="backslashreplace")
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
     return target
 
