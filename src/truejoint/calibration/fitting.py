@@ -252,7 +252,7 @@ def _choose(
     target = target or TARGETS[0]
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     for model in (one for one in models if target in one.family.targets):
-        model.check_recordings(recordings)
+        model = model.for_recordings(recordings)  # noqa: PLW2901
         own = features if model.family.inputs is None else None
         by_features.setdefault(_chosen_features(model, robot, recordings, own), []).append(model)
     if wanted.default_features and features is not None and len(recordings) >= FEW:
