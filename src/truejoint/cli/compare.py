@@ -11,7 +11,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.data import CHECK_FAILED
-from truejoint.cli.evaluate import STYLES
+from truejoint.cli.evaluate import show_verdict
 from truejoint.cli.inputs import Files, parse_tolerances, takes_files
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
@@ -100,7 +100,7 @@ def compare(
         for joint, score in best.items():
             out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
         for title, one in alone.items():
-            out.print(f"{title}: {one.verdict.text}", style=STYLES[one.verdict.level])
+            show_verdict(one.verdict, f"{title}: ")
         if result.verdict.advice and not objections:
             out.print(result.verdict.advice)
     if objections:

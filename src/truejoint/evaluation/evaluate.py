@@ -144,7 +144,7 @@ def evaluate(
         tolerance=tolerance or {},
         comparisons=comparisons,
         deploy=to_deploy(traces, PLAIN | simple),
-        objections=tuple(objections_to(metadata, recordings, domain)),
+        objections=tuple(dict.fromkeys(objections_to(metadata, recordings, domain))),
         doubts=tuple(doubts_about(metadata, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
