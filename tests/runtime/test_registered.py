@@ -118,7 +118,7 @@ def test_a_filter_recovers_from_a_burst_and_says_so_meanwhile(name):
     burst, clean = slice(1100, 1150), calibration.correct(good)[:, 0]
     table = good.table[list(calibration.loop_signals)].to_numpy()
     later = good.t > good.t[burst.stop] + RECOVERY
-    for size in (1e20, 30.0):
+    for size in (1e20, 1e3):
         samples = table.copy()
         noise = np.random.default_rng(0).normal(size=(50, table.shape[1]))
         samples[burst] += size * noise * np.ptp(table, axis=0)
