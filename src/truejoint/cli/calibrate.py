@@ -26,6 +26,7 @@ from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
 
 _CROSS: Final = "cross"  # in place of recordings for an interval
+_NONE: Final = "none"  # in place of redundant columns
 
 
 @takes_files
@@ -73,6 +74,16 @@ def calibrate(
     target: Annotated[
         Literal["error", "position"] | None,
         typer.Option(help="What the model predicts: error (the default) or position."),
+    ] = None,
+    redundant: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--redundant",
+            metavar="COLUMN",
+            help="Column, such as 'motor/elbow', by which the loop checks measured positions; give "
+            "it once for each, or 'none'. Default: every motor, driver and setpoint that tells.",
+            autocompletion=complete.features,
+        ),
     ] = None,
     fit_rate_hz: Annotated[
         float | None,
@@ -140,6 +151,7 @@ def calibrate(
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
+    how["redundant"] = [] if redundant == [_NONE] else redundant
     if is_cross:
         how["rezero"] = interval_rezero_s
     fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
@@ -177,8 +189,8 @@ def fit(
     constant = [name for name in fitted.metadata["unused_features"] if not name.endswith(without)]
     if constant:
         say(
-            f"left out: {', '.join(constant)} never change in the training rows; the model does "
-            "not know what they do"
+            f"left out: {', '.join(constant)} never change in the training rows; the loop will "
+            "refuse samples in which they do"
         )
     return fitted.with_metadata(command=command_line())
 
