@@ -240,14 +240,16 @@ def summary(found: Sequence[dict[str, Any]], fault: str, joints: Sequence[str], 
     slowest = after[int(np.ceil(0.95 * n)) - 1]
     if np.isfinite(slowest):
         said.append(f"95 % within {slowest:.2f} s" if slowest > 0.0 else "95 % at once")
-    said.append(f"{(after <= 0.2).sum()}/{n} within 0.2 s")
+    soon = (after <= 0.2).sum()
+    if soon and slowest > 0.0:
+        said.append(f"{soon}/{n} within 0.2 s")
     in_time = [one.in_time for one in runs if np.isfinite(one.in_time)]
     if in_time:
         said.append(f"in time {sum(in_time):.0f}/{len(in_time)}")
     again, latched = sum(one.was_ok_again for one in runs), sum(one.latched for one in runs)
     if again:
         said.append(f"OK again {again}")
-    said.append(f"kept in mind {latched}/{n}")
+    said.append(f"kept {latched}/{n}")
     return "; ".join(said)
 
 
