@@ -16,6 +16,7 @@ from pathlib import Path
 # The quick ones first.
 BENCHMARKS = (
     "twin_speed",
+    "stopping",
     "forceps_speed",
     "filter_speed",
     "corrector_speed",

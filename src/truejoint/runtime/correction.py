@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 from typing import Final
 
 from truejoint.array_types import Array, Integers
@@ -376,7 +376,7 @@ def predict(numbers: Integers, memory: Array, dt: float) -> None:
 
 @compiled
 def judge_correction(numbers: Integers, memory: Array) -> int:
-    """Status bit of a correction larger than any error in training."""
+    """Status bits of a correction larger than any error in training, or of a model cut off."""
     status = 0
     for j in range(numbers[at.N_JOINTS]):
         correction = memory[numbers[at.PREDICTED] + j]
@@ -385,7 +385,9 @@ def judge_correction(numbers: Integers, memory: Array) -> int:
         memory[numbers[at.CORRECTION] + j] = correction
         lower = memory[numbers[at.CORRECTION_LOWER] + j]
         if not (correction >= lower and correction <= memory[numbers[at.CORRECTION_UPPER] + j]):
-            status = _IMPLAUSIBLE
+            status |= _IMPLAUSIBLE
+        if isnan(memory[numbers[at.PREDICTED_WIDTH] + j]):
+            status |= _OUT_OF_DOMAIN
     return status
 
 

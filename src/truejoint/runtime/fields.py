@@ -115,10 +115,12 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         base, growth = data.interval.half_width(level), data.interval.growth
     family = find_family(data.model.family)
     model = family.memory(data.model, k, n_joints)
-    states = family.states_deviation
+    states, deviations = family.states_deviation, NormalDist().inv_cdf(0.5 + 0.5 * level)
     if data.interval is None and states is not None and states(data.model.params):
         own = model.layout.fields["deviations"].index
-        model.memory[own] = NormalDist().inv_cdf(0.5 + 0.5 * level)
+        model.memory[own] = deviations
+    if family.beside:
+        model.memory[model.layout.fields["beside_deviations"].index] = deviations
     n_white = len(limits.whitening)
     shift = np.pad(data.signal_shift, (0, n_signals - len(data.signals)))
     # Parity is that of the signals as they come, whatever is added to them for the model.
