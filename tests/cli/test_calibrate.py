@@ -10,7 +10,9 @@ from tests.synthetic import build_recording
 
 from truejoint.calibration import read_calibration
 from truejoint.estimators import get_estimator
-from truejoint.recordings import write_parquet
+from truejoint.recordings import Recording, write_parquet
+
+JOINTS = ("shoulder", "elbow")
 
 
 @pytest.fixture
@@ -45,6 +47,22 @@ def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions,
     assert done.code == 0, done.err
     assert json.loads(done.out)["metadata"]["interval_sessions"][0]["session"] == "s0"
     assert read_calibration(path).interval.rezero == 1.0
+
+
+def test_columns_that_check_are_chosen(call: Call, tmp_path):
+    made = build_recording(900, 0)
+    motor = {f"motor/{joint}": 8.0 * made.column(f"measured/{joint}") for joint in JOINTS}
+    units = {**made.units, **dict.fromkeys(motor, "rad")}
+    path = tmp_path / "s.parquet"
+    write_parquet(Recording(made.table.assign(**motor), units, made.provenance), path)
+    model = tmp_path / "m.safetensors"
+    for asked, used in {"motor/elbow": ["motor/elbow"], "none": []}.items():
+        done = call("calibrate", path, "-e", "linear", "--redundant", asked, "-o", model, "--force")
+        assert done.code == 0, done.err
+        assert list(read_calibration(model).redundant) == used
+    done = call("calibrate", path, "--redundant", "effort/elbow", "-o", model, "--force")
+    assert (done.code, done.out) == (2, "")
+    assert "'effort/elbow' cannot check a measured position" in done.err
 
 
 def test_a_setting_needs_an_estimator(call: Call, sessions, tmp_path):
