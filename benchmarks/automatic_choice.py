@@ -74,7 +74,7 @@ class Split:
 
 @cache
 def read(dataset: str, files: str) -> list[Recording]:
-    """Recordings of a data set, at most at `MOST_HZ`: more rows would only take longer."""
+    """Read a data set, at most at `MOST_HZ`: more rows would only take longer."""
     every = [
         (one, max(1, round(len(one) / one.duration / MOST_HZ)))
         for one in read_dataset(dataset, files)
