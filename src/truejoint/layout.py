@@ -19,7 +19,7 @@ declared by           reached by
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, NoReturn
 
 import numpy as np
@@ -208,6 +208,12 @@ class Memory:
         start, shape = int(self.numbers[index]), self.shapes[name]
         source: Any = self.memory if kind == "array" else self.numbers
         return source[start : start + int(np.prod(shape))].reshape(shape)
+
+    def part_view(self, part: str, name: str) -> Any:
+        """Array of floats of a part as an array that shares this memory."""
+        inner, start = self.parts[part], int(self.numbers[self.layout.fields[part].index + 1])
+        own = self.memory[start : start + len(inner.memory)]
+        return replace(inner, memory=own).view(name)
 
     __reduce__ = refuse_copy
 

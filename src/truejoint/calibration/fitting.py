@@ -148,7 +148,7 @@ def calibrate(
     groups = _groups(recordings, zero)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
-    model.check_recordings(recordings)
+    model = model.for_recordings(recordings)
     chosen = _chosen_joints(robot, recordings, joints)
     feature_set = _chosen_features(model, robot, recordings, features)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
@@ -252,7 +252,7 @@ def _choose(
     target = target or TARGETS[0]
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     for model in (one for one in models if target in one.family.targets):
-        model.check_recordings(recordings)
+        model = model.for_recordings(recordings)  # noqa: PLW2901
         own = features if model.family.inputs is None else None
         by_features.setdefault(_chosen_features(model, robot, recordings, own), []).append(model)
     if wanted.default_features and features is not None and len(recordings) >= FEW:
@@ -528,8 +528,8 @@ def _stride(fit_rate: float | None, dt: float) -> int:
     """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
     if fit_rate is None:
         return 1
-    if not (math.isfinite(fit_rate) and fit_rate > 0):
-        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz")
+    if not 1e-9 <= fit_rate < math.inf:
+        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz, 1e-9 at least")
     return max(1, round(1.0 / (fit_rate * dt)))
 
 

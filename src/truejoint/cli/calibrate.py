@@ -21,7 +21,7 @@ from truejoint.cli.console import (
     say,
 )
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_model_free, only_dataset, takes_files
+from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes_files
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
@@ -113,7 +113,7 @@ def calibrate(
     files: Files,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
-    check_model_free(output, force)
+    check_model_target(output, force)
     accepted = check_names(accept)
     dataset = only_dataset(recordings)
     is_cross = interval == [_CROSS]

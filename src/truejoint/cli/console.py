@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 import time
@@ -10,19 +11,46 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 if TYPE_CHECKING:  # a shell that completes a word waits for what is imported
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
+
+# Control characters but tab and line end, marks that turn the direction of text, half characters.
+_UNSAFE: Final = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 # A file or pipe has no width of its own; tables are not to be folded there.
 _LOG_WIDTH = 132
 
 
-class _Console:
-    """Console that prints names of files and data as they are: brackets in them are no markup.
+def printable(text: str) -> str:
+    r"""Text of anyone's as it may be printed: what could steer a terminal becomes an escape.
 
-    It is made when something is first printed.
+    Examples
+    --------
+    >>> printable("run\x1b[31m.csv")
+    'run\\x1b[31m.csv'
+    """
+    return _UNSAFE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def one_line(text: str) -> str:
+    """Text as one line that is not too long."""
+    return shortened(" ".join(text.splitlines()))
+
+
+def shortened(text: str, most: int = 1000) -> str:
+    """Beginning and end of a text of more than `most` characters."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
+
+
+class _Console:
+    """Console through which all text passes on its way to a person, `printable`.
+
+    Brackets and colons in it are no markup. It is made when something is first printed.
     """
 
     def __init__(self, *, stderr: bool) -> None:
@@ -35,9 +63,20 @@ class _Console:
     def _made(self) -> Console:
         from rich.console import Console  # noqa: PLC0415
 
+        class SafeConsole(Console):
+            """Console whose every piece of text is `printable`."""
+
+            def render(
+                self, renderable: RenderableType, options: ConsoleOptions | None = None
+            ) -> Iterator[Segment]:
+                for part in super().render(renderable, options):
+                    yield part if part.control else part._replace(text=printable(part.text))
+
         terminal = (sys.stderr if self._stderr else sys.stdout).isatty()
         width = None if terminal else _LOG_WIDTH
-        return Console(stderr=self._stderr, width=width, markup=False, highlight=False)
+        return SafeConsole(
+            stderr=self._stderr, width=width, markup=False, emoji=False, highlight=False
+        )
 
 
 out, err = cast("Console", _Console(stderr=False)), cast("Console", _Console(stderr=True))
@@ -73,7 +112,7 @@ def progress(description: str) -> Iterator[Progress]:
     A terminal gets a bar with the time left; a file or pipe gets a line at the start, one
     every ten seconds and one at the end.
     """
-    began = time.monotonic()
+    began, description = time.monotonic(), one_line(description)
     if err.is_terminal:
         from rich import progress as rich  # noqa: PLC0415  # not for help
 
@@ -110,11 +149,11 @@ def print_table(
     """Print a table: texts in the first column, numbers in the others."""
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title and one_line(title), title_justify="left")
     for name in header:
         table.add_column(name, justify="left" if name == header[0] else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(one_line, row))
     out.print(table)
 
 
@@ -123,14 +162,14 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     from rich.table import Table  # noqa: PLC0415
 
     table = Table(show_header=False, title=title, title_justify="left")
-    for row in facts:
-        table.add_row(*row)
+    for name, text in facts:
+        table.add_row(one_line(name), shortened(text, 10_000))
     out.print(table)
 
 
 def say(message: str) -> None:
     """Tell the person what is going on; never part of the result."""
-    err.print(message)
+    err.print(one_line(message))
 
 
 def result_json(values: Mapping[str, Any]) -> None:

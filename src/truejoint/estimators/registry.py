@@ -45,6 +45,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf": _Line("yan2020", "JawFilter", {}),
     "ukf_compensated": _Line("yan2020", "JawFilter", {"compensation": "output"}),
     "play_motor": _Line("play", "Play", {"displacements": ("motor",)}),
+    "play_drive": _Line("play", "Play", {"displacements": ("drive",)}),
     "play_reset": _Line("play", "Play", {"displacements": ("reset",)}),
     "play_both": _Line("play", "Play", {"displacements": ("reset", "motor")}),
     "play_cables": _Line("play", "Play", {"displacements": ("reset", "drive")}),
