@@ -115,8 +115,6 @@ def harder() -> Iterator[Split]:
     for stop in (1, 3):
         yield Split(grasper, f"roll, stop {stop}", roll, f"*/{stop}??")
     yield Split(grasper, "roll, load 2", roll, "*/??2")
-    yield Split(grasper, "pitch 3, load 3", "Tool_4_Maryland_L_Pitch_3/*", "*/??3")
-    yield Split(grasper, "pitch 4, first index", "Tool_4_Maryland_L_Pitch_4/*", "*/1??")
     for motion in ("peg_transfer", "random"):
         yield Split("dvrk_psm_berkeley", f"on {motion}", "*", motion)
         yield Split(
@@ -134,7 +132,6 @@ def development() -> Iterator[Split]:
     for motion in ("random", "peg_transfer"):
         yield Split("dvrk_psm_berkeley", f"{motion}, middle", motion, "", (0.0, 0.5), (0.5, 0.7))
     yield Split("davinci_grasper_umn", "loads 26", f"{tool}[0124]?", f"{tool}?[26]")
-    yield Split("davinci_grasper_umn", "pitch 2", "Tool_4_Maryland_L_Pitch_2/*", "*/?1?")
     yield Split("bros_dual_encoder", "within the first", "part1", "", (0.0, 0.6), (0.65, 1.0))
     yield Split("kuka_kr300_dual_encoder", "within the first", "FF_A", "", (0.0, 0.6), (0.65, 1.0))
     yield Split("kflex_tendon_sheath", "first half", "[0-9]*", "", (0.0, 0.3), (0.3, 0.5))
