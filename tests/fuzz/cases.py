@@ -23,9 +23,14 @@ import typer
 from tests.synthetic import build_recording
 
 import truejoint
-from truejoint.cli.app import app, main
+from truejoint.cli.app import main
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
+
+try:
+    from truejoint.cli.commands import app
+except ModuleNotFoundError:
+    from truejoint.cli.app import app  # type: ignore[attr-defined,no-redef]
 
 NUMBERS = (
     "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",
@@ -219,7 +224,7 @@ def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
 
     def case() -> None:
         code, said = run(*words)
-        assert code in {0, 1, 2}, f"exit code {code}: {said[-500:]}"
+        assert code in {0, 1, 2}, f"exit code {code}: {run(*words, '--debug')[1][-1500:]}"
         assert "Traceback" not in said, said[-500:]
 
     return f"truejoint {words!r}", case
