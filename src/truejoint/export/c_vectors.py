@@ -171,7 +171,7 @@ class _Motion:
     def __init__(self, data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> None:
         training_domain = data.training_domain
         assert training_domain is not None  # noqa: S101  # `limits_of` has refused it
-        self.limits = limits
+        self.limits, self.parity = limits, data.parity
         self.lower, self.upper = training_domain.signal_lower, training_domain.signal_upper
         self.middle = (self.lower + self.upper) / 2
         for feature, mean in zip(data.feature_set.features, limits.domain_mean, strict=True):
@@ -198,11 +198,13 @@ class _Motion:
 
     def agreeing(self, sample: Array) -> Array:
         """Sample with what is redundant to the measured positions changed so that it fits them."""
-        limits = self.limits
-        redundant = limits.parity.any(axis=0) & (limits.is_position_signal == 0)
-        wrong = limits.parity @ sample + limits.parity_intercept
+        if self.parity is None:
+            return sample
+        matrix = self.parity.matrix
+        redundant = matrix.any(axis=0) & (self.limits.is_position_signal == 0)
+        wrong = matrix @ sample + self.parity.intercept
         fitting = sample.copy()
-        fitting[redundant] -= np.linalg.lstsq(limits.parity[:, redundant], wrong, rcond=None)[0]
+        fitting[redundant] -= np.linalg.lstsq(matrix[:, redundant], wrong, rcond=None)[0]
         return fitting
 
     def run(self, n: int) -> list[Vector]:

@@ -199,12 +199,12 @@ def _precision_context(
 def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
     states = find_family(data.model.family).states_deviation
-    by_filter = states is not None and states(data.model.params)
+    by_itself = states is not None and states(data.model.params)
     return {
         "stated_by": "for such motions as the interval was made of"
         if data.interval is not None
-        else "as the filter itself reckons"
-        if by_filter
+        else "as the model itself reckons"
+        if by_itself
         else "",
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),

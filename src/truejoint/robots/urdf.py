@@ -12,8 +12,8 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import RobotError
 from truejoint.extras import require
+from truejoint.files import read_small
 from truejoint.robots.chain import Axis, SerialChain
-from truejoint.toml_file import read_small
 
 MAX_BYTES: Final = 1 << 24
 _KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}

@@ -27,6 +27,13 @@ class Bounds:
     whole: bool = False
 
 
+@dataclass(frozen=True)
+class Choice:
+    """Names that a text must be one of."""
+
+    names: tuple[str, ...]
+
+
 def shipped_sections(name: str) -> Sections:
     """Sections of the TOML file `name` that comes with the package."""
     return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
@@ -144,7 +151,14 @@ def _shown(key: str) -> str:
     return key if key.isidentifier() and len(key) <= 60 else f"{key!r:.60}"
 
 
-def _checked(value: Any, bounds: Bounds | None, where: str) -> bool | float | tuple[float, ...]:
+def _checked(
+    value: Any, bounds: Bounds | Choice | None, where: str
+) -> bool | str | float | tuple[float, ...]:
+    if isinstance(bounds, Choice):
+        if value not in bounds.names:
+            known = ", ".join(bounds.names)
+            raise TruejointError(f"{where} is {value!r:.80}; choose one of {known}")
+        return str(value)
     if bounds is None:
         if not isinstance(value, bool):
             raise TruejointError(f"{where} must be true or false, not {value!r:.80}")

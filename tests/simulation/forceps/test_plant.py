@@ -9,11 +9,16 @@ from scipy.integrate import quad, solve_ivp
 from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, eigenfrequencies
 from truejoint.simulation.forceps.plant import (
+    N_ELEMENTS,
+    N_HISTORY,
+    WHEEL,
     advance,
     advance_motor,
     advance_plant,
     bouc_wen_rate,
     friction_force,
+    guide_travel,
+    maxwell_slip,
     motor_acceleration,
     plant_rates,
     settled,
@@ -24,7 +29,9 @@ from truejoint.simulation.forceps.specimens import population, specimen
 from . import reference_plant as reference
 
 NOMINAL = specimen()
+OTHER_FRICTION = population(4, seed=5, prior="capstan")
 INSTRUMENTS = [NOMINAL, specimen("A"), specimen("B"), *population(2, seed=5)]
+STEADY = {f"{contact}_friction.stribeck_ratio": 1.0 for contact in ("jaw", "slider")}
 FREE = NOMINAL.with_values(
     {
         "jaw_friction.constant": 0.0,
@@ -43,8 +50,9 @@ FREE = NOMINAL.with_values(
 )
 
 
-def rates_of(parameters, state, wheel, force=0.0, line_angle=0.0):
+def rates_of(parameters, state, wheel, force=0.0, line_angle=0.0, history=None, keep=False):
     rates = np.empty(8)
+    history = np.zeros(N_HISTORY) if history is None else history
     tensions = plant_rates(
         np.asarray(state, dtype=float),
         np.asarray(wheel, dtype=float),
@@ -52,6 +60,8 @@ def rates_of(parameters, state, wheel, force=0.0, line_angle=0.0):
         line_angle,
         plant_constants(parameters),
         1 / DT,
+        history,
+        keep,
         rates,
     )
     return rates, np.array(tensions[:2])
@@ -93,12 +103,123 @@ def test_the_right_hand_side_is_that_of_the_equations(parameters):
         np.testing.assert_allclose(rates[[0, 2, 4, 5, 7]], wanted[[0, 2, 4, 5, 7]], rtol=1e-9)
 
 
+@pytest.mark.parametrize("parameters", OTHER_FRICTION)
+def test_the_right_hand_side_of_the_other_friction_is_that_of_its_laws(parameters):
+    rng, sliding = np.random.default_rng(2), 0
+    p, r = parameters, parameters.mechanism.jaw_radius
+    for _ in range(50):
+        angle, end = rng.uniform(-0.9, 0.9), rng.uniform(-1e-5, 1e-5)
+        slider = 0.97 * r * angle + end
+        state = [angle, rng.uniform(-0.6, 0.6), slider, rng.uniform(-4e-3, 4e-3), 0, 0]
+        state = np.array([*state, *rng.uniform(-1, 1, 2)])
+        wheel = np.array([r * angle + rng.uniform(-2e-5, 6e-5), *rng.uniform(-5e-3, 5e-3, 2)])
+        history = np.zeros(N_HISTORY)
+        history[:2] = 0.5 * (r * angle + wheel[0]), 0.5 * (r * angle + slider)
+        for _ in range(3):  # until the guides let go of all that they do not hold
+            moved = history.copy()
+            rates_of(parameters, state, wheel, history=moved, keep=True)
+            history[:2] = moved[:2]
+        history[:2] += rng.uniform(-2e-7, 2e-7, 2)
+        history[4:8] = angle + 2 * p.jaw_friction.presliding * rng.uniform(-1, 1, 4)
+        history[8:12] = slider + 2 * p.slider_friction.presliding * rng.uniform(-1, 1, 4)
+        wanted, tensions = reference.rates(parameters, state, wheel, 0.0, history)
+        kept = history.copy()
+        rates, got = rates_of(parameters, state, wheel, history=history)
+        np.testing.assert_array_equal(history, kept)
+        np.testing.assert_allclose(got, tensions, rtol=1e-6)
+        np.testing.assert_allclose(rates, wanted, rtol=1e-5, atol=1e-5 * np.abs(wanted).max())
+        rates_of(parameters, state, wheel, history=history, keep=True)
+        sliding += history[0] != kept[0]
+    assert 5 < sliding < 45
+
+
+@given(
+    before=st.floats(0.0, 50.0),
+    behind=st.floats(0.0, 50.0),
+    ratio=st.floats(1.0, 1.7),
+    stiffness=st.tuples(st.floats(1e3, 1e5), st.floats(1e3, 1e5)),
+)
+def test_a_cable_slides_over_a_guide_until_the_capstan_equation_holds(
+    before, behind, ratio, stiffness
+):
+    slid = guide_travel(before, behind, ratio, *stiffness)
+    after = before - stiffness[0] * slid, behind + stiffness[1] * slid
+    high, low = max(before, behind), min(before, behind)
+    if high <= ratio * low:
+        assert slid == 0.0
+    else:
+        assert max(after) == pytest.approx(ratio * min(after), rel=1e-9, abs=1e-9)
+        assert (slid > 0) == (before > behind)
+
+
+@settings(max_examples=50)
+@given(turns=st.lists(st.floats(-1.0, 1.0), min_size=2, max_size=30))
+def test_maxwell_slip_comes_back_to_where_a_smaller_loop_began(turns):
+    f = NOMINAL.slider_friction
+    stuck, position = np.zeros(N_ELEMENTS), 0.0
+
+    def go(to):
+        return maxwell_slip(to, 0.0, 0.2, f, 0.0, stuck, 0, True)
+
+    for turn in turns:
+        position = turn * 5 * f.presliding
+        force = go(position)
+        assert abs(force) <= 0.2 * f.stribeck_ratio * (1 + 1e-12)
+    go(position + 3 * f.presliding)
+    at_turn = go(position + 3.3 * f.presliding)
+    go(position + 2.9 * f.presliding)  # an inner loop, closed again
+    assert go(position + 3.3 * f.presliding) == pytest.approx(at_turn, abs=1e-12)
+
+
+def test_maxwell_slip_begins_as_stiff_as_a_bristle():
+    f, stuck = NOMINAL.slider_friction, np.zeros(N_ELEMENTS)
+    small = 1e-3 * f.presliding
+    assert maxwell_slip(small, 0.0, 0.2, f, 0.0, stuck, 0, False) == pytest.approx(0.2e-3)
+    assert maxwell_slip(9.0, 1.0, 0.2, f, 7.0, stuck, 0, False) == pytest.approx(0.2 + f.viscous)
+
+
+@given(motion=st.lists(st.floats(-20.0, 20.0), min_size=1, max_size=50))
+def test_the_wheel_follows_behind_the_gears_backlash(motion):
+    parameters = NOMINAL.with_values(
+        {"assembly.gear_backlash": 0.04, "assembly.wheel_eccentricity": 0.0}
+    )
+    constants, history, wheel, wanted = plant_constants(parameters), np.zeros(13), np.empty(3), 0.0
+    for motor in motion:
+        wheel_motion(np.array([motor, 0.0]), motor, constants, history, True, wheel)
+        wanted = min(max(wanted, motor / 35.0 - 0.02), motor / 35.0 + 0.02)
+        assert history[WHEEL] == pytest.approx(wanted, abs=1e-12)
+        assert wheel[0] == pytest.approx(9.75e-3 * wanted, abs=1e-12)
+
+
+def test_a_guide_takes_its_share_of_the_tension_in_both_directions():
+    parameters = FREE.with_values({"reset_cable.guide_friction": 0.05})
+    t = np.arange(6_001) / 1000
+    jaw = np.radians(30.0) * np.sin(2 * np.pi * t / 4)
+    log = run(parameters, parameters.mechanism.motor_from_jaw(jaw), log_every=100)
+    t, behind = t[::10], 8.0 + 656.6 * log[:, 2]  # what the spring pulls with, nothing else drags
+    for middle, ratio in ((2.0, math.exp(-0.05)), (4.0, math.exp(0.05))):
+        rows = abs(t - middle) < 0.5
+        np.testing.assert_allclose(log[rows, 6] / behind[rows], ratio, rtol=3e-3)
+
+
+def test_a_cable_creeps_by_its_share_in_its_time():
+    held = {"reset_cable.creep_share": 0.1, "reset_cable.creep_time": 0.5}
+    goal = np.full(1_501, NOMINAL.mechanism.motor_from_jaw(math.radians(40.0)))
+    plain, crept = (run(FREE.with_values(v), goal, log_every=10) for v in ({}, held))
+    stretch = [4e-3 * log[:, 3] - log[:, 2] for log in (plain, crept)]
+    elastic = (crept[:, 6] - 8.0) / 14e3
+    share = (stretch[1] - elastic) / elastic
+    np.testing.assert_allclose(stretch[0][-50:], (plain[-50:, 6] - 8.0) / 14e3, atol=1e-9)
+    late = share[[800, 1300]]  # 0.5 s apart, long after the motor
+    assert late[1] == pytest.approx(0.1 - (0.1 - late[0]) * math.exp(-1.0), rel=0.02)
+
+
 @pytest.mark.parametrize("parameters", INSTRUMENTS[:3])
 def test_the_wheel_moves_as_on_paper(parameters):
     constants = plant_constants(parameters)
     motor, goal = np.array([7.0, -20.0]), 6.5
     got = np.empty(3)
-    wheel_motion(motor, goal, constants, got)
+    wheel_motion(motor, goal, constants, np.zeros(N_HISTORY), True, got)
     acceleration = motor_acceleration(*motor, goal, constants)
     np.testing.assert_allclose(got, reference.wheel(parameters, *motor, acceleration), rtol=1e-12)
 
@@ -237,8 +358,9 @@ def test_energy_is_lost_to_friction_and_damping_only(damped):
     trial, k = np.empty(8), np.empty((4, 8))
     wheels, forces = np.zeros((3, 3)), np.zeros(3)
     energy = [stored_energy(parameters, state)]
+    state = np.r_[state, np.zeros(N_HISTORY)]
     for n in range(600):
-        plant_rates(state, wheels[0], 0.0, 0.0, constants, 1 / DT, k[0])
+        plant_rates(state, wheels[0], 0.0, 0.0, constants, 1 / DT, state[8:], True, k[0])
         advance_plant(state, k, trial, wheels, forces, 0.0, DT, constants)
         if n % 10 == 9:
             energy.append(stored_energy(parameters, state))
@@ -273,9 +395,16 @@ def test_a_load_along_the_motion_slackens_the_drive_cable_and_the_stop_holds_the
     assert parameters.jaw.stop_upper < log[-1, 3] < parameters.jaw.stop_upper + pushed
 
 
-@pytest.mark.parametrize(("name", "limit"), [("nominal", 1e-5), ("A", 1e-4), ("B", 1e-4)])
-def test_halving_the_step_changes_nothing_that_matters(name, limit):
-    parameters = specimen(name)
+@pytest.mark.parametrize(
+    ("parameters", "limit"),
+    [
+        (NOMINAL, 1e-5),
+        (specimen("A"), 1e-4),
+        (specimen("B"), 1e-4),
+        *((p.with_values(STEADY), 3e-3) for p in OTHER_FRICTION[:2]),
+    ],
+)
+def test_halving_the_step_changes_nothing_that_matters(parameters, limit):
     goal = motor_goal(parameters, 5.0)
     coarse = run(parameters, goal, log_every=50, settle=0.2)
     fine = run(parameters, goal, step=DT / 2, log_every=100, settle=0.2)

@@ -61,6 +61,27 @@ def test_the_same_seed_draws_the_same_population_and_more_of_it():
     assert len(set(map(repr, POPULATION))) == 150
 
 
+@pytest.mark.parametrize("name", ["capstan", "between", "mixed"])
+def test_other_priors_draw_other_frictions_of_the_same_instruments(name):
+    drawn = population(40, seed=11, prior=name)
+    assert population(3, seed=11, prior=name) == drawn[:3]
+    laws = {p.contact.law for p in drawn}
+    assert laws == ({"maxwell_slip"} if name == "capstan" else {"lugre", "maxwell_slip"})
+    assert [p.assembly.pretension for p in drawn] == [
+        p.assembly.pretension for p in POPULATION[:40]
+    ]
+    plain = [p == own for p, own in zip(drawn, POPULATION, strict=False)]
+    assert (0.1 < np.mean(plain) < 0.6) if name == "mixed" else not any(plain)
+    guides = np.array([p.reset_cable.guide_friction for p in drawn])[~np.array(plain)]
+    assert 0.0 < guides.min() < guides.max() <= 0.06
+    assert max(abs(p.mechanism.wheel_radius / 9.75e-3 - 1.0) for p in drawn) < 0.201
+
+
+def test_an_unknown_prior_is_refused():
+    with pytest.raises(TruejointError, match="lugre, capstan, between, mixed"):
+        population(1, prior="dahl")
+
+
 @pytest.mark.parametrize("count", [0, -1, 100_001])
 def test_a_population_has_a_size(count):
     with pytest.raises(TruejointError, match=str(count)):
@@ -114,8 +135,7 @@ def test_logarithmic_draws_have_their_median_at_the_geometric_mean():
 
 
 def test_every_mode_of_the_population_is_slow_enough_for_the_step():
-    found = np.array(
-        [[eigenfrequencies(p, stuck=stuck) for stuck in (False, True)] for p in POPULATION]
-    )
+    every = [*POPULATION, *population(50, seed=11, prior="mixed")]
+    found = np.array([[eigenfrequencies(p, stuck=stuck) for stuck in (False, True)] for p in every])
     assert 25.0 < found[:, 0].min() < found[:, 0].max() < 300.0
     assert found[:, 1].max() < 1500.0

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from truejoint.simulation.forceps.parameters import (
+    MAXWELL_SLIP,
     Assembly,
     Cable,
     ForcepsParameters,
@@ -28,6 +29,10 @@ class CableConstants(NamedTuple):
     growth: float  # [1/m] of the elastic force ``elastic * (exp(growth * stretch) - 1)``
     hysteretic: float  # [N] of a Bouc-Wen element that has yielded
     hysteresis_distance: float  # [m]
+    guide_ratio: float  # of the tensions before and behind a guide that the cable slides over
+    before_guide: float  # share of the cable
+    creep: float  # [m/N]
+    creep_rate: float  # [1/s]
 
 
 class PlantConstants(NamedTuple):
@@ -43,6 +48,7 @@ class PlantConstants(NamedTuple):
     jaw: Jaw
     motor: MotorLoop
     motor_frequency: float  # [rad/s]
+    is_maxwell_slip: bool  # law of both contacts; else LuGre
     gear_compliance: float  # [m/N] of the gear's torsion, seen at the drive cable
     wheel_per_motor: float  # [rad/rad]
     wheel_radius: float
@@ -66,6 +72,7 @@ def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
         jaw=p.jaw,
         motor=p.motor_loop,
         motor_frequency=2.0 * math.pi * p.motor_loop.bandwidth,
+        is_maxwell_slip=p.contact.law == MAXWELL_SLIP,
         gear_compliance=mechanism.wheel_radius**2 / p.assembly.gear_stiffness,
         wheel_per_motor=1.0 / mechanism.gear_ratio,
         wheel_radius=mechanism.wheel_radius,
@@ -87,6 +94,10 @@ def _cable(cable: Cable, pretension: float) -> CableConstants:
         growth=stiffening * cable.stiffness / pretension,
         hysteretic=(1.0 - cable.elastic_share) * cable.stiffness * cable.hysteresis_distance,
         hysteresis_distance=cable.hysteresis_distance,
+        guide_ratio=math.exp(cable.guide_friction),
+        before_guide=cable.guide_position,
+        creep=cable.creep_share / cable.stiffness,
+        creep_rate=1.0 / cable.creep_time,
     )
 
 

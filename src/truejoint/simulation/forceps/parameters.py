@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from truejoint.errors import TruejointError
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
-from truejoint.simulation.parameter_file import Bounds, Parameters
+from truejoint.simulation.parameter_file import Bounds, Choice, Parameters
 
 DT: Final = 1e-4  # [s] of the integrator
+MAXWELL_SLIP: Final = "maxwell_slip"
 
 
 class _MechanismSection(NamedTuple):
@@ -27,10 +28,14 @@ class _MechanismSection(NamedTuple):
 
 
 class Assembly(NamedTuple):
-    """Pretension ``F_pre`` [N], gear torsion [Nm/rad] and run-out of the winding wheel [m, rad]."""
+    """Pretension ``F_pre`` [N], gear, and run-out of the winding wheel [m, rad].
+
+    The gear has a torsion [Nm/rad] and a backlash [rad], both at its output.
+    """
 
     pretension: Annotated[float, Bounds(0.5, 100.0)]
     gear_stiffness: Annotated[float, Bounds(1.0, 1e5)]
+    gear_backlash: Annotated[float, Bounds(0.0, 0.05)]
     wheel_eccentricity: Annotated[float, Bounds(0.0, 1e-3)]
     wheel_phase: Annotated[float, Bounds(-math.pi, math.pi)]
 
@@ -40,6 +45,9 @@ class Cable(NamedTuple):
 
     `stiffening` is the relative growth of the stiffness per relative growth of the tension;
     `elastic_share` and `hysteresis_distance` [m] are alpha and D of a Bouc-Wen element.
+    `guide_friction` is ``mu phi`` of the capstan equation at a guide, `guide_position` the share of
+    the cable before it, from the motor on. `creep_share` of the elastic stretch comes later, within
+    `creep_time` [s].
     """
 
     stiffness: Annotated[float, Bounds(500.0, 1e5)]
@@ -48,6 +56,10 @@ class Cable(NamedTuple):
     stiffening: Annotated[float, Bounds(0.0, 0.7)]
     elastic_share: Annotated[float, Bounds(0.7, 1.0)]
     hysteresis_distance: Annotated[float, Bounds(5e-6, 1e-3)]
+    guide_friction: Annotated[float, Bounds(0.0, 0.5)]
+    guide_position: Annotated[float, Bounds(0.1, 0.9)]
+    creep_share: Annotated[float, Bounds(0.0, 0.3)]
+    creep_time: Annotated[float, Bounds(0.1, 1e4)]
 
 
 class Jaw(NamedTuple):
@@ -67,6 +79,12 @@ class Slider(NamedTuple):
     """Slide block on the reset cable; `mass` is ``m_g2`` [kg]."""
 
     mass: Annotated[float, Bounds(5e-3, 1.0)]
+
+
+class Contact(NamedTuple):
+    """Friction law of both contacts, jaw and slider, where they hardly move."""
+
+    law: Annotated[str, Choice(("lugre", MAXWELL_SLIP))]
 
 
 class JawFriction(NamedTuple):
@@ -153,6 +171,7 @@ class ForcepsParameters(Parameters):
     drive_cable: Cable
     reset_cable: Cable
     jaw: Jaw
+    contact: Contact
     jaw_friction: JawFriction
     slider: Slider
     slider_friction: SliderFriction
@@ -192,13 +211,18 @@ def friction_at_pretension(parameters: ForcepsParameters) -> tuple[float, float]
 def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[np.float64]:
     """Undamped eigenfrequencies (2,) [Hz] of jaw and slider about the initial position.
 
-    Those of (12) in yan2020, or `stuck`: friction holds both, and bristles stiffen the cables.
+    Those of (12) in yan2020, or `stuck`: friction holds both, and bristles stiffen the cables, of
+    which a guide that holds them leaves only the piece behind it to stretch.
     """
-    r = parameters.mechanism.jaw_radius
-    reset = parameters.reset_cable.stiffness
-    jaw_stiffness = (parameters.drive_cable.stiffness + reset) * r**2
-    slider_stiffness = reset + parameters.mechanism.spring_stiffness
-    stiffness = np.array([[jaw_stiffness, -reset * r], [-reset * r, slider_stiffness]])
+    r, spring = parameters.mechanism.jaw_radius, parameters.mechanism.spring_stiffness
+    drive, reset = parameters.drive_cable, parameters.reset_cable
+    at_jaw, at_slider, between = drive.stiffness + reset.stiffness, reset.stiffness, reset.stiffness
+    if stuck and drive.guide_friction > 0.0:
+        at_jaw += drive.stiffness / (1.0 - drive.guide_position) - drive.stiffness
+    if stuck and reset.guide_friction > 0.0:
+        at_jaw += reset.stiffness / reset.guide_position - reset.stiffness
+        at_slider, between = reset.stiffness / (1.0 - reset.guide_position), 0.0
+    stiffness = np.array([[at_jaw * r**2, -between * r], [-between * r, at_slider + spring]])
     if stuck:
         jaw, slider = friction_at_pretension(parameters)
         stiffness[0, 0] += jaw / parameters.jaw_friction.presliding

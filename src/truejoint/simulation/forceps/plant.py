@@ -2,8 +2,11 @@
 
 State, in this order: jaw angle [rad] and its speed, displacement ``x2`` of the reset cable's end
 [m] and its speed, bristle deflections of jaw [rad] and slider [m], and the Bouc-Wen states [1] of
-drive and reset cable. The motor loop runs beside it: nothing acts back on the motor, but the gear
-behind it twists.
+drive and reset cable. Behind these stands what only jumps from step to step, since it depends on
+the way and not on time: by how much each cable has travelled over its guide [m], how far it has
+crept [m], where the Maxwell elements of jaw [rad] and slider [m] last stuck, and the wheel [rad]
+behind the gear's backlash. The motor loop runs beside it: nothing acts back on the motor, but the
+gear behind it twists.
 """
 
 from __future__ import annotations
@@ -11,18 +14,24 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled, jit
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import CableConstants, PlantConstants
 from truejoint.simulation.forceps.parameters import Friction, Jaw
 
-N_STATES = 8
+N_STATES = 8  # that Runge and Kutta integrate
+N_ELEMENTS = 4  # of Maxwell slip at each contact
+TRAVEL, CREEP, JAW_STUCK = 0, 2, 4  # places in the history behind the states
+SLIDER_STUCK = JAW_STUCK + N_ELEMENTS
+WHEEL = SLIDER_STUCK + N_ELEMENTS
+N_HISTORY = WHEEL + 1
+_FIRST_SHARE = 1.0 / sum(1.0 / (i + 1) for i in range(N_ELEMENTS))
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[float, float]:
     """Tension above the pretension [N] of a cable at rest, and its slope [N/m].
 
@@ -34,7 +43,7 @@ def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[
     return force, cable.elastic * cable.growth * growth
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def drive_stretch(
     distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
 ) -> tuple[float, float, float]:
@@ -53,13 +62,167 @@ def drive_stretch(
     return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
+def guide_travel(
+    before: float, behind: float, ratio: float, stiffness_before: float, stiffness_behind: float
+) -> float:
+    """By how much a cable slides over a guide, towards what lies before it [m].
+
+    Tensions [N] before and behind stand at most in `ratio`, exp(mu phi) of the capstan equation;
+    stiffnesses [N/m] are those of the two pieces. Closed form, so that no stiffness is too high.
+    """
+    if before > ratio * behind:
+        return (before - ratio * behind) / (stiffness_before + ratio * stiffness_behind)
+    if behind > ratio * before:
+        return (ratio * before - behind) / (stiffness_behind + ratio * stiffness_before)
+    return 0.0
+
+
+@jit(inline="always")
+def slide(
+    before: float, slope: float, stretch_behind: float, yielded: float, cable: CableConstants,
+    pretension: float,
+) -> tuple[float, float, float]:  # fmt: skip
+    """Tensions [N] before and behind a cable's guide, and by how much it slides over it [m].
+
+    `before` is the tension of the piece before the guide where nothing slides, and `slope` [N/m] by
+    how much sliding lowers it; the piece behind is strained as if the whole were by
+    `stretch_behind` [m].
+    """
+    behind, stiffness = cable_force(stretch_behind, yielded, cable)
+    behind = max(behind + pretension, 0.0)
+    stiffness = stiffness / (1.0 - cable.before_guide) if behind > 0.0 else 0.0
+    slid = guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
+    return max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0), slid
+
+
+@jit(inline="always")
+def drive_cable(
+    wheel: float,
+    turned: float,
+    bent: float,
+    yielded: float,
+    c: PlantConstants,
+    dt: float,
+    history: Array,
+    keep: bool,
+) -> tuple[float, float, float]:
+    """``x1`` [m] of the drive cable, its tension at the jaw [N] and share of motion as below.
+
+    `wheel` [m] is what a rigid gear winds up, `turned` + `bent` what the jaw's pulley lets go; gear
+    and share are those of `drive_stretch`, before a guide if there is one.
+    """
+    cable, pretension, crept = c.drive, c.assembly.pretension, history[CREEP]
+    if cable.guide_ratio > 1.0:
+        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[TRAVEL]
+        stretch, before, share = drive_stretch(
+            (wheel - held) / first - crept, yielded, cable, c.gear_compliance / first, pretension
+        )
+        slope = share * cable_force(stretch, yielded, cable)[1] / first if before > 0.0 else 0.0
+        behind = (held - turned - bent) / last - crept
+        before, pull, slid = slide(before, slope, behind, yielded, cable, pretension)
+        x1 = held + first * (stretch + crept) + (1.0 - share) * slid
+        share /= share + first * (1.0 - share)  # of the whole cable
+        if keep:
+            history[TRAVEL] += slid
+    else:
+        stretch, pull, share = drive_stretch(
+            wheel - turned - bent - crept, yielded, cable, c.gear_compliance, pretension
+        )
+        x1, before = stretch + crept + turned + bent, pull
+    if keep:
+        history[CREEP] += creep(before - pretension, crept, cable, dt)
+    return x1, pull, share
+
+
+@jit(inline="always")
+def reset_cable(
+    start: float,
+    end: float,
+    yielded: float,
+    c: PlantConstants,
+    dt: float,
+    history: Array,
+    keep: bool,
+) -> tuple[float, float]:
+    """Tension of the reset cable at the jaw [N], and what of it its guide keeps from the slider.
+
+    `start` and `end` [m] are what the jaw's pulley winds up and ``x2``; both cables run from the
+    motor on, so that the jaw stands before this one's guide.
+    """
+    cable, pretension, crept = c.reset, c.assembly.pretension, history[CREEP + 1]
+    if cable.guide_ratio > 1.0:
+        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[TRAVEL + 1]
+        before, slope = cable_force((start - held) / first - crept, yielded, cable)
+        before = max(before + pretension, 0.0)
+        slope = slope / first if before > 0.0 else 0.0
+        behind = (held - end) / last - crept
+        pull, behind, slid = slide(before, slope, behind, yielded, cable, pretension)
+        drag = pull - behind
+        if keep:
+            history[TRAVEL + 1] += slid
+    else:
+        pull, drag = pretension + cable_force(start - end - crept, yielded, cable)[0], 0.0
+    if keep:
+        history[CREEP + 1] += creep(pull - pretension, crept, cable, dt)
+    return pull, drag
+
+
+@jit(inline="always")
+def creep(force: float, crept: float, cable: CableConstants, dt: float) -> float:
+    """By how much a cable creeps [m] in a step: a Kelvin-Voigt element behind its spring."""
+    return cable.creep_rate * dt * (cable.creep * force - crept)
+
+
+@jit(inline="always")
 def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
     """Rate [1/s] of a Bouc-Wen state with n = 1 and beta = gamma = 1/2; it stays in [-1, 1]."""
     return (speed - 0.5 * (abs(speed) * yielded + speed * abs(yielded))) / distance
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
+def stribeck_peak(speed: float, f: Friction) -> float:
+    """Friction at a speed over Coulomb friction, but for its viscous part."""
+    ratio = speed / f.stribeck_velocity
+    if abs(ratio) < 6.0:
+        return 1.0 + (f.stribeck_ratio - 1.0) * math.exp(-ratio * ratio)
+    return 1.0
+
+
+@jit(inline="always")
+def maxwell_slip(
+    position: float,
+    speed: float,
+    level: float,
+    f: Friction,
+    damping: float,
+    stuck: Array,
+    first: int,
+    keep: bool,
+) -> float:
+    """Friction [N or Nm] of `N_ELEMENTS` springs in parallel, each with a slip of its own.
+
+    They share the Coulomb `level` evenly and slip at distances like 1 : 2 : 3 : 4, such that
+    together they begin as stiff as a bristle of LuGre. ``stuck[first:]`` is where each would be
+    without force, which `keep` moves; `damping` is that of a bristle, by what still sticks.
+    """
+    peak = stribeck_peak(speed, f)
+    pull, sticking = 0.0, 0.0
+    for i in range(N_ELEMENTS):
+        share = _FIRST_SHARE / (i + 1)  # of the stiffness
+        distance = f.presliding / (N_ELEMENTS * share)
+        strain = (position - stuck[first + i]) / distance
+        if abs(strain) < peak:
+            sticking += share
+        else:
+            strain = math.copysign(peak, strain)
+        if keep:
+            stuck[first + i] = position - strain * distance
+        pull += strain
+    return level / N_ELEMENTS * pull + (damping * sticking + f.viscous) * speed
+
+
+@jit(inline="always")
 def friction_force(
     speed: float, bristle: float, level: float, f: Friction, damping: float, max_rate: float
 ) -> tuple[float, float]:
@@ -68,17 +231,13 @@ def friction_force(
     `damping` [N s/m or Nm s/rad] is that of the bristle. It relaxes at most at `max_rate` [1/s],
     which only binds in a fast run-away where the fixed step could not follow it.
     """
-    ratio = speed / f.stribeck_velocity
-    peak = 1.0
-    if abs(ratio) < 6.0:
-        peak += (f.stribeck_ratio - 1.0) * math.exp(-ratio * ratio)
-    limit = f.presliding * peak
+    limit = f.presliding * stribeck_peak(speed, f)
     rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
     force = level / f.presliding * bristle + damping * rate + f.viscous * speed
     return force, rate
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     """Torque [Nm] of the mechanical stops, which push and never pull."""
     if angle > jaw.stop_upper:
@@ -88,13 +247,13 @@ def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     return 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
     """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
     return force * c.jaw.load_arm * math.cos(angle - line_angle)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def accelerations(
     drive_pull: float,
     reset_pull: float,
@@ -146,7 +305,7 @@ def accelerations(
     return jaw_acceleration, slider_acceleration, drive_tension, reset_tension
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def plant_rates(
     state: Array,
     wheel: Array,
@@ -154,13 +313,17 @@ def plant_rates(
     line_angle: float,
     c: PlantConstants,
     max_rate: float,
+    history: Array,
+    keep: bool,
     rates: Array,
 ) -> tuple[float, float, float]:
     """Right-hand side of the plant: fills `rates` (8,), returns both tensions [N] and ``x1`` [m].
 
-    `state` (8,) is in the order that the module states, `wheel` (3,) the displacement [m] of the
-    drive cable on a rigid gear, its speed and its acceleration; the `force` [N] at the jaw's tip is
-    perpendicular at the jaw angle `line_angle` [rad]; `max_rate` [1/s] as in `friction_force`.
+    `state` (8,) and `history` (13,) are in the order that the module states, `wheel` (3,) the
+    displacement [m] of the drive cable on a rigid gear, its speed and its acceleration; the `force`
+    [N] at the jaw's tip is perpendicular at the jaw angle `line_angle` [rad]; `max_rate` [1/s], one
+    a step, as in `friction_force`. `keep` where this is the state that a step ends in: then the
+    history goes on to it.
     """
     angle, speed, slider, slider_speed = state[0], state[1], state[2], state[3]
     # (7), with an eccentric pulley: y1 = r theta + D, y2 = r theta - D, and D' lengthens an arm.
@@ -172,14 +335,11 @@ def plant_rates(
     bend = -centre * speed * speed  # what of the second derivative of D is no angular acceleration
 
     # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
-    distance = wheel[0] - c.jaw_radius * angle - offset
-    stretch, drive_pull, share = drive_stretch(
-        distance, state[6], c.drive, c.gear_compliance, c.assembly.pretension
-    )
+    turned, dt = c.jaw_radius * angle, 1.0 / max_rate
+    x1, drive_pull, share = drive_cable(wheel[0], turned, offset, state[6], c, dt, history, keep)
     drive_rate = share * (wheel[1] - arm_drive * speed)
-    reset_stretch = c.jaw_radius * angle - offset - slider
     reset_rate = arm_reset * speed - slider_speed
-    reset_pull = c.assembly.pretension + cable_force(reset_stretch, state[7], c.reset)[0]
+    reset_pull, guide_drag = reset_cable(turned - offset, slider, state[7], c, dt, history, keep)
     if drive_pull > 0.0:
         drive_pull = max(drive_pull + c.drive.damping * drive_rate, 0.0)
     if reset_pull > 0.0:
@@ -189,16 +349,26 @@ def plant_rates(
     level = c.jaw_friction.constant + c.jaw_friction.tension_share * c.jaw_radius * (
         drive_pull + reset_pull
     )
-    jaw_drag, rates[4] = friction_force(
-        speed, state[4], level, c.jaw_friction, c.jaw_damping, max_rate
-    )
-    level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
-    drag, rates[5] = friction_force(
-        slider_speed, state[5], level, c.slider_friction, c.slider_damping, max_rate
-    )
+    slider_level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
+    if c.is_maxwell_slip:
+        rates[4], rates[5] = 0.0, 0.0
+        jaw_drag = maxwell_slip(
+            angle, speed, level, c.jaw_friction, c.jaw_damping, history, JAW_STUCK, keep
+        )
+        drag = maxwell_slip(
+            slider, slider_speed, slider_level, c.slider_friction, c.slider_damping,
+            history, SLIDER_STUCK, keep,
+        )  # fmt: skip
+    else:
+        jaw_drag, rates[4] = friction_force(
+            speed, state[4], level, c.jaw_friction, c.jaw_damping, max_rate
+        )
+        drag, rates[5] = friction_force(
+            slider_speed, state[5], slider_level, c.slider_friction, c.slider_damping, max_rate
+        )
     free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
     free_torque += stop_torque(angle, speed, c.jaw)
-    free_force = -c.spring_stiffness * slider - drag - c.assembly.pretension
+    free_force = -c.spring_stiffness * slider - drag - c.assembly.pretension - guide_drag
 
     rates[1], rates[3], drive_tension, reset_tension = accelerations(
         drive_pull, reset_pull, share, wheel[2], bend, slope, free_torque, free_force, c
@@ -207,10 +377,10 @@ def plant_rates(
     rates[2] = slider_speed
     rates[6] = bouc_wen_rate(drive_rate, state[6], c.drive.hysteresis_distance)
     rates[7] = bouc_wen_rate(reset_rate, state[7], c.reset.hysteresis_distance)
-    return drive_tension, reset_tension, stretch + c.jaw_radius * angle + offset
+    return drive_tension, reset_tension, x1
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstants) -> float:
     """Acceleration [rad/s2] of the motor's position loop, within its limits."""
     wanted = c.motor_frequency * (
@@ -222,7 +392,7 @@ def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstant
     return limited
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> None:
     """One Runge-Kutta step of the motor (angle, speed) with goals at start, middle and end."""
     angle, speed = motor[0], motor[1]
@@ -239,12 +409,25 @@ def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> No
     motor[1] = min(max(motor[1], -c.motor.max_speed), c.motor.max_speed)
 
 
-@njit(cache=True, error_model="numpy")
-def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> None:
-    """Fill `wheel` (3,): cable wound on an eccentric wheel [m], its speed and acceleration; (3)."""
+@compiled
+def wheel_motion(
+    motor: Array, goal: float, c: PlantConstants, history: Array, keep: bool, wheel: Array
+) -> None:
+    """Fill `wheel` (3,): cable wound on an eccentric wheel [m], its speed and acceleration; (3).
+
+    Within the gear's backlash the wheel rests where the `history` (13,) has it, which `keep` moves.
+    """
     angle = motor[0] * c.wheel_per_motor
     speed = motor[1] * c.wheel_per_motor
     acceleration = motor_acceleration(motor[0], motor[1], goal, c) * c.wheel_per_motor
+    half = 0.5 * c.assembly.gear_backlash
+    if half > 0.0:
+        if abs(angle - history[WHEEL]) <= half:
+            angle, speed, acceleration = history[WHEEL], 0.0, 0.0
+        else:
+            angle -= math.copysign(half, angle - history[WHEEL])
+        if keep:
+            history[WHEEL] = angle
     eccentricity, phase = c.assembly.wheel_eccentricity, c.assembly.wheel_phase
     sine = eccentricity * math.sin(angle + phase)
     radius = c.wheel_radius + eccentricity * math.cos(angle + phase)
@@ -253,7 +436,7 @@ def wheel_motion(motor: Array, goal: float, c: PlantConstants, wheel: Array) -> 
     wheel[2] = radius * acceleration - sine * speed * speed
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     """Linear interpolation of `samples`, `quarter` after integration step number `n`.
 
@@ -266,7 +449,7 @@ def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     return float(samples[index] + part * (samples[index + 1] - samples[index]))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance_plant(
     state: Array,
     k: Array,
@@ -279,20 +462,24 @@ def advance_plant(
 ) -> None:
     """Rest of a Runge-Kutta step of fourth order whose first rates stand in ``k[0]``.
 
-    Advances `state` (8,); `k` (4, 8) are the stages' rates, `trial` (8,) is work space, `wheels`
-    (3, 3) and `forces` (3,) the drive cable and the force at the tip at start, middle and end.
+    Advances `state` (21,), but for its history; `k` (4, 8) are the stages' rates, `trial` (8,) is
+    work space, `wheels` (3, 3) and `forces` (3,) the drive cable and the force at the tip at start,
+    middle and end.
     """
+    history = state[N_STATES:]
     for stage in range(1, 4):
         part = 1.0 if stage == 3 else 0.5
         at = 2 if stage == 3 else 1
         for i in range(N_STATES):
             trial[i] = state[i] + part * dt * k[stage - 1, i]
-        plant_rates(trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, k[stage])
+        plant_rates(
+            trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, history, False, k[stage]
+        )
     for i in range(N_STATES):
         state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(
     state: Array,
     motor: Array,
@@ -305,7 +492,7 @@ def advance(
 ) -> Array:
     """Run the forceps on by fixed Runge-Kutta steps of fourth order.
 
-    Advances `state` (8,) and `motor` (2,), its angle and speed. `goal` (n,) is the motor angle
+    Advances `state` (21,) and `motor` (2,), its angle and speed. `goal` (n,) is the motor angle
     wanted [rad] every `SETPOINT_DT`, from now on and linear in between, `force` (n,) [N] at the
     jaw's tip on the same grid, positive where it opens the jaw, to which it is perpendicular at
     `line_angle` [rad]. There are `per_sample` steps in one `SETPOINT_DT`, `log_every` between rows.
@@ -318,14 +505,15 @@ def advance(
     log = np.empty((n_steps // log_every + 1, N_LOGGED))
     trial, k = np.empty(N_STATES), np.empty((4, N_STATES))
     wheels, forces, goals = np.empty((3, 3)), np.empty(3), np.empty(5)
+    history = state[N_STATES:]
     for n in range(n_steps + 1):
         for i in range(5):
             goals[i] = _between(goal, n, 0.25 * i, per_sample)
         for i in range(3):
             forces[i] = _between(force, n, 0.5 * i, per_sample)
-        wheel_motion(motor, goals[0], c, wheels[0])
+        wheel_motion(motor, goals[0], c, history, True, wheels[0])
         drive_tension, reset_tension, x1 = plant_rates(
-            state, wheels[0], forces[0], line_angle, c, 1.0 / dt, k[0]
+            state, wheels[0], forces[0], line_angle, c, 1.0 / dt, history, n < n_steps, k[0]
         )
         if n % log_every == 0:
             row = log[n // log_every]
@@ -336,14 +524,14 @@ def advance(
             break
         for half in range(2):  # the plant needs the motor in the middle of the step, too
             advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * dt, c)
-            wheel_motion(motor, goals[2 * half + 2], c, wheels[half + 1])
+            wheel_motion(motor, goals[2 * half + 2], c, history, False, wheels[half + 1])
         advance_plant(state, k, trial, wheels, forces, line_angle, dt, c)
     return log
 
 
 def settled(c: PlantConstants, per_sample: int, duration: float) -> tuple[Array, Array]:
-    """State (8,) and motor (2,) at zero after `duration` [s], pretension and friction settled."""
-    state, motor = np.zeros(N_STATES), np.zeros(2)
+    """State (21,) and motor (2,) at zero after `duration` [s], pretension and friction settled."""
+    state, motor = np.zeros(N_STATES + N_HISTORY), np.zeros(2)
     still = np.zeros(round(duration / SETPOINT_DT) + 1)
     advance(state, motor, still, still, 0.0, c, per_sample, per_sample)
     return state, motor

@@ -7,16 +7,19 @@ many of them.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from truejoint.errors import TruejointError
+from truejoint.array_types import Array
+from truejoint.errors import TruejointError, unknown
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.parameter_file import shipped_sections
 
 SPECIMENS: Final = tuple(ForcepsParameters.SPECIMENS)
+PRIORS: Final = ("lugre", "capstan", "between", "mixed")
 MAX_POPULATION: Final = 100_000
 
 
@@ -42,32 +45,76 @@ def specimen(name: str = "nominal") -> ForcepsParameters:
 
 
 @cache
-def prior() -> dict[str, Spread]:
+def prior(law: str = "lugre") -> dict[str, Spread]:
     """Ranges that a population is drawn from, by parameter, in the order of the draws.
 
-    A name without a dot is a property that several parameters are made of.
+    A name without a dot is a property that several parameters are made of. ``"capstan"`` has what
+    differs under that law, and is laid over ``"lugre"``.
     """
-    return {name: Spread(**v) for name, v in shipped_sections("forceps/prior.toml").items()}
+    file = {"lugre": "prior.toml", "capstan": "capstan_prior.toml"}[law]
+    return {name: Spread(**v) for name, v in shipped_sections(f"forceps/{file}").items()}
 
 
-def population(count: int, seed: int = 0) -> list[ForcepsParameters]:
-    """`count` virtual forceps drawn from `prior`.
+def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsParameters]:
+    """`count` virtual forceps drawn from a prior.
 
     The same seed gives the same instruments, and a larger population begins with the smaller one.
-    Raises TruejointError unless 1 <= count <= 100000.
+
+    Parameters
+    ----------
+    count : int
+        1 to 100000.
+    seed : int
+        Of all draws.
+    prior : str
+        ``"lugre"``: the friction law of the paper's twin, mechanism of Table 1. ``"capstan"``:
+        capstan friction at the cables' guides, Maxwell slip at the contacts, creep, backlash,
+        some stick-slip, radii and spring off by up to a fifth. ``"between"``: anywhere between the
+        two, with either law at the contacts. ``"mixed"``: one of the three, evenly.
+
+    Raises
+    ------
+    TruejointError
+        If the count is out of range, or the prior unknown.
     """
     if not 1 <= count <= MAX_POPULATION:
         raise TruejointError(f"a population of {count}; it must be 1 to {MAX_POPULATION}")
-    return [_drawn(stream) for stream in np.random.SeedSequence(seed).spawn(count)]
+    if prior not in PRIORS:
+        raise TruejointError(unknown("prior", prior, PRIORS))
+    return [_drawn(stream, prior) for stream in np.random.SeedSequence(seed).spawn(count)]
 
 
-def _drawn(stream: np.random.SeedSequence) -> ForcepsParameters:
+def _drawn(stream: np.random.SeedSequence, prior_name: str) -> ForcepsParameters:
     rng = np.random.default_rng(stream)
-    v = {name: spread.draw(rng) for name, spread in prior().items()}
-    second_tolerance = prior()["cable_tolerance"].draw(rng)
+    own = prior()
+    v = {name: spread.draw(rng) for name, spread in own.items()}
+    second_tolerance = own["cable_tolerance"].draw(rng)
     phases = rng.uniform(-math.pi, math.pi, 4)
-    nominal = ForcepsParameters.read()
-    r = nominal.mechanism.jaw_radius
+    if prior_name == "mixed":
+        prior_name = str(rng.choice(PRIORS[:-1]))
+    if prior_name == "lugre":
+        return _assembled(v, second_tolerance, phases)
+    second = {name: spread.draw(rng) for name, spread in prior("capstan").items()}
+    share, law = 1.0, "maxwell_slip"
+    if prior_name == "between":
+        share, law = rng.uniform(), str(rng.choice(["lugre", "maxwell_slip"]))
+    nominal = _nominal().to_dict()
+    for name, value in second.items():
+        section, _, key = name.partition(".")
+        first = v[name] if name in v else nominal[section][key]
+        v[name] = (1.0 - share) * first + share * value
+    return _assembled(v, second_tolerance, phases).with_values({"contact.law": law})
+
+
+@cache
+def _nominal() -> ForcepsParameters:
+    return specimen()
+
+
+def _assembled(v: Mapping[str, float], second_tolerance: float, phases: Array) -> ForcepsParameters:
+    """Instrument of drawn properties."""
+    nominal = _nominal()
+    r = v.get("mechanism.jaw_radius", nominal.mechanism.jaw_radius)
     jaw_level, jaw_share = v["jaw_friction"], v["jaw_friction_from_tension"]
     slider_level, slider_share = v["slider_friction"], v["slider_friction_from_tension"]
     values = {name: value for name, value in v.items() if "." in name} | {
