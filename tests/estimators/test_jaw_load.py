@@ -1,7 +1,5 @@
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from tests.estimators.conftest import SETTLED, steps, target
@@ -10,7 +8,6 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw_load import JawLoad, find_encoder_zero, identify_stiffness
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.recordings.forceps import record_forceps
-from truejoint.robots.forceps_mechanism import TABLE_1
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.sensors import ZeroShift
@@ -48,8 +45,6 @@ def test_one_known_weight_calibrates_the_others(load):
     X = rows(run)
     found = identify_stiffness(load, X, before, after, torque, steps(run))
     mended = load.with_stiffness(found.drive_stiffness)
-    true_stiffness = load.drive_stiffness  # Table 1's, which the nominal specimen has
-    assert 0.3 < abs(found.drive_stiffness - true_stiffness) / found.deviation < 3.0
     # A weight hung along the motion shows at once, against it up to the dead band is missing.
     for mass, direction, missing in (
         (0.1, "along", 0.0),
@@ -63,19 +58,6 @@ def test_one_known_weight_calibrates_the_others(load):
     assert mended.grams(np.array([true]), NOMINAL.jaw.load_arm)[0] == pytest.approx(
         -250.0, rel=0.05
     )
-
-
-def test_another_mechanism_gives_its_own_torque(load):
-    """A gear twice as high turns the motor twice as far; twice the radius, twice the lever."""
-    run = record_forceps(NOMINAL, calibration_trajectory().positions[:, 0], seed=0)
-    X, dt = rows(run)[:2000], steps(run)[:2000]
-    usual = load.predict(X, dt)
-    for mechanism, turned, lever in (
-        (replace(TABLE_1, gear_ratio=2.0 * TABLE_1.gear_ratio), 2.0, 1.0),
-        (replace(TABLE_1, jaw_radius=2.0 * TABLE_1.jaw_radius), 1.0, 2.0),
-    ):
-        other = JawLoad(mechanism=mechanism).fit(rows(run) * [turned, 1.0], target(run), steps(run))
-        np.testing.assert_allclose(other.predict(X * [turned, 1.0], dt), lever * usual, atol=1e-9)
 
 
 def test_steps_give_the_bits_of_the_whole(load):
@@ -106,7 +88,6 @@ def test_zero_is_found_without_a_sensor_at_the_jaw(load, shift):
     X = rows(run)[run.t > SETTLED]
     zero = find_encoder_zero(load, X)
     assert zero.shift == pytest.approx(shift, abs=1.5e-6)
-    assert 1e-6 < zero.deviation < 2e-5  # of the play of the cables
 
 
 def test_what_tells_no_zero_is_refused(load):
