@@ -24,13 +24,9 @@ from tests.synthetic import build_recording
 
 import truejoint
 from truejoint.cli.app import main
+from truejoint.cli.commands import app
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
-
-try:
-    from truejoint.cli.commands import app
-except ModuleNotFoundError:
-    from truejoint.cli.app import app  # type: ignore[attr-defined,no-redef]
 
 NUMBERS = (
     "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",
