@@ -220,7 +220,7 @@ def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
 
     def case() -> None:
         code, said = run(*words)
-        assert code in {0, 1, 2}, f"exit code {code}: {said[-500:]}"
+        assert code in {0, 1, 2}, f"exit code {code}: {run(*words, '--debug')[1][-1500:]}"
         assert "Traceback" not in said, said[-500:]
 
     return f"truejoint {words!r}", case
