@@ -11,7 +11,7 @@ from truejoint.compiled import compiled
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models import play
 from truejoint.models.family import POSITIVE, Family, Params, Shape, only_joint
-from truejoint.models.jaw import MOTOR, RESET
+from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET
 
 LAYOUT: Final = Layout()
 GATE: Final = LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
@@ -96,12 +96,16 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 FAMILY: Final = Family(
     "gated_play",
-    rules=dict.fromkeys(("gate", "smallest_gate", "gear_ratio", "wheel_radius"), POSITIVE),
+    rules={
+        **dict.fromkeys(("gate", "smallest_gate"), POSITIVE),
+        **{name: MECHANISM_RULES[name] for name in ("gear_ratio", "wheel_radius")},
+    },
     shapes=_shapes,
     pack=_pack,
     row=gated_play_row,
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position", "error"),
+    bears_load=lambda _params: True,
     states_deviation=lambda _params: True,
 )

@@ -35,15 +35,22 @@ class Method:
     estimator: str = ""  # where that is not the method's key
 
     @property
+    def cables(self) -> tuple[str, ...]:
+        """Cables on which a sensor must sit: ``x1`` on the drive cable, ``x2`` on the reset one."""
+        return tuple(x for name, x in ((DRIVE, "x1"), (RESET, "x2")) if name in self.inputs)
+
+    @property
     def strategy(self) -> int:
         """Of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both, as (29) and (30) need."""
-        return 1 + sum(name in self.inputs for name in (DRIVE, RESET))
+        return 1 + len(self.cables)
 
 
 METHODS: Final[Mapping[str, Method]] = {
     "rigid": Method("rigid cables, offset", (MOTOR,), estimator="offset"),
     "poly2_motor": Method("quadratic in motor angle", (MOTOR,), estimator="poly2"),
     "play_motor": Method("plays on motor angle", (MOTOR,)),
+    "play_drive": Method("plays on x1", (DRIVE,)),
+    "poly2_drive": Method("quadratic in motor angle, x1", (MOTOR, DRIVE), estimator="poly2"),
     "lsm": Method("least squares (29)", (DRIVE, RESET), "tab:red"),
     "lsm_intercept": Method("(29) with intercept", (DRIVE, RESET)),
     "lsm_compensated": Method(

@@ -18,7 +18,9 @@ from truejoint.recordings.forceps import record_forceps
 from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.specimens import specimen as shipped
+from truejoint.studies.study import Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
@@ -40,6 +42,18 @@ def plain_specimen(name: str) -> Plain:
 def title_of(name: str) -> str:
     """Name of a specimen, or of its file."""
     return Path(name).stem if name.endswith(".toml") else name
+
+
+def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
+    """Specimens that a study is made on, each with a name and a seed of its own.
+
+    The one named by the option ``specimen``, or as many of a population as ``count`` says.
+    """
+    if not settings["count"]:
+        name = settings["specimen"]
+        return [(f"specimen-{title_of(name)}", plain_specimen(name), settings.seed)]
+    plants = population(settings["count"], settings.seed, settings["prior"])
+    return [(f"specimen-{n:05d}", plant.to_dict(), n) for n, plant in enumerate(plants)]
 
 
 def built(forceps: Plain) -> ForcepsParameters:
