@@ -22,8 +22,8 @@ def test_it_holds_loops_of_three_sizes_in_every_third():
     size, middle = np.abs(np.diff(turns)), (turns[1:] + turns[:-1]) / 2
     for low, high in ((-50, -15), (-15, 15), (15, 50)):
         inside = size[(low < middle) & (middle < high)]
-        assert ((5 < inside) & (inside < 12)).any()
-        assert ((20 < inside) & (inside < 30)).any()
+        assert ((inside > 5) & (inside < 12)).any()
+        assert ((inside > 20) & (inside < 30)).any()
     assert (size > 99).sum() == 3
 
 

@@ -8,7 +8,7 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
 from truejoint.estimators.friction_filter import FrictionFilter
 from truejoint.estimators.jaw_load import identify_stiffness
@@ -34,9 +34,9 @@ _CASES: Final = ("unloaded", "along", "opposing")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    hung = list(cases(settings).values())
+    hung, motion = list(cases(settings).values()), settings["motion"]
     return [
-        Part(name, weigh, {"forceps": plant, "seed": seed, "hung": hung})
+        Part(name, weigh, {"forceps": plant, "seed": seed, "motion": motion, "hung": hung})
         for name, plant, seed in drawn_specimens(settings)
     ]
 
@@ -48,9 +48,11 @@ def signals(recording: Recording) -> tuple[Array, Array]:
     return rows, time_steps(recording.t, np.inf)
 
 
-def unloaded_filter(forceps: ForcepsParameters, seed: int) -> FrictionFilter:
-    """Fit the filter of a specimen to (27) without a load; its stiffness is assumed."""
-    recording = settled(record(forceps, "calibration", seed=2 * seed))
+def unloaded_filter(
+    forceps: ForcepsParameters, seed: int, motion: str = "calibration"
+) -> FrictionFilter:
+    """Fit the filter of a specimen to a motion without a load; its stiffness is assumed."""
+    recording = settled(record(forceps, motion, seed=2 * seed))
     return cast("FrictionFilter", calibrate(recording, FrictionFilter()).model)
 
 
@@ -71,10 +73,10 @@ def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
     return (forceps.assembly.pretension + spring) * mechanism.jaw_radius
 
 
-def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartResult:
+def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> PartResult:
     """Find the stiffness of a specimen by two known weights, and estimate others on it."""
     plant = built(forceps)
-    assumed, known = unloaded_filter(plant, seed), []
+    assumed, known = unloaded_filter(plant, seed, motion), []
     for n, way in enumerate(("along", "opposing")):
         test = load_test(CALIBRATION_WEIGHT, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
@@ -83,7 +85,8 @@ def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartR
     X, dt, torque = (np.concatenate(columns) for columns in zip(*known, strict=True))
     found = identify_stiffness(assumed, X, torque, dt)
     identified = assumed.with_stiffness(found)
-    weighed, slack, judged = [], [], {}
+    weighed, slack = [], []
+    judged: dict[str, list[dict[str, float]]] = {}
     for case in hung:
         test = load_test(case["mass"], case["direction"])
         run = record(plant, test, seed=case["hand"])
@@ -111,7 +114,7 @@ def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartR
     )
 
 
-def _judged(model: FrictionFilter, run: Recording, rows: Array) -> dict[str, float]:
+def _judged(model: FrictionFilter, run: Recording, rows: Mask) -> dict[str, float]:
     """Load and angle of some rows of a run, and how they stand to what is stated of them."""
     states = model.states(*signals(run))
     load = states.load - run.column("truth_load/jaw")
@@ -154,10 +157,11 @@ def _weights(name: str, found: Mapping[str, Any]) -> Table:
         rows.append((load, *cells, f"{100 * case['load_inside']:.0f} %"))
     friction = [_text(found, 2.0 * found[key]) for key in ("friction", "true_friction")]
     notes = [
-        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified "
-        f"with {1e3 * CALIBRATION_WEIGHT:.0f} g each way: K_d = {found['drive_stiffness'] / 1e3:.1f}"
-        f" +- {found['deviation'] / 1e3:.1f} kN/m, growing by {found['growth']:.0f} N/m per N; cable "
-        f"and gear have {found['true_stiffness'] / 1e3:.1f}.",
+        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified"
+        f" with {1e3 * CALIBRATION_WEIGHT:.0f} g each way: "
+        f"K_d = {found['drive_stiffness'] / 1e3:.1f} +- {found['deviation'] / 1e3:.1f} kN/m, "
+        f"growing by {found['growth']:.0f} N/m per N; cable and gear have "
+        f"{found['true_stiffness'] / 1e3:.1f}.",
         f"Dead band: up to {friction[0]} against the last motion may not show, since the jaw's "
         f"friction holds them; in truth {friction[1]}.",
     ]
@@ -173,7 +177,7 @@ def _text(found: Mapping[str, Any], torque: float) -> str:
 
 
 def errors_in_grams(found: Mapping[str, Any], way: str) -> float:
-    """RMS [g] over the weights of one direction of what the mean estimate is off by; NaN if none."""
+    """RMS [g] of what the mean estimate is off by, over the weights one way; NaN without any."""
     off = [c["identified"] - c["torque"] for c in found["weighed"] if c["direction"] == way]
     return _grams(found, math.sqrt(float(np.mean(np.square(off))))) if off else math.nan
 
@@ -215,8 +219,8 @@ def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Tab
         f"{', '.join(f'{mass:g}' for mass in settings['masses_g'])} g; still under each. The floor "
         "is of an estimate that sees all but what the jaw's friction may hide, evenly from nothing "
         f"to twice its size; opposing is no worse in {100 * below:.0f} %.",
-        f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. Left out, "
-        f"since the drive cable is slack under it: {slack} weights.",
+        f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. "
+        f"Left out, since the drive cable is slack under it: {slack} weights.",
     )
     header = ("", "median", "95 %", "worst", "stated")
     return Table("External load over the specimens", header, tuple(rows), notes)
