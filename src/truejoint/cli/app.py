@@ -22,6 +22,7 @@ from truejoint.cli import (
     demo,
     evaluate,
     export,
+    forceps,
     join,
     show,
     study,
@@ -60,6 +61,10 @@ for command, example in (
 for group, example in (
     (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
     (datasets, "datasets fetch dvrk_psm_berkeley"),
+    (
+        forceps,
+        "forceps stiffness jaw.safetensors 200g_*.parquet --arm-mm 13.5 -o jaw_loads.safetensors",
+    ),
 ):
     app.add_typer(
         group.app,

@@ -12,8 +12,8 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
+from truejoint.units import GRAVITY
 
-GRAVITY: Final = 9.81  # [m/s2]
 MAX_MASS: Final = 2.0  # [kg]
 MAX_END: Final = 3600.0  # [s]
 _WOBBLE_TONES: Final = 6

@@ -15,7 +15,6 @@ from truejoint.estimators.jaw_load import identify_stiffness
 from truejoint.evaluation.digits import fixed
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
-from truejoint.simulation.forceps.load import GRAVITY
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
@@ -23,6 +22,7 @@ from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
+from truejoint.units import GRAVITY
 
 CALIBRATION_WEIGHT: Final = 0.2
 """Known weight that identifies the stiffness, hung once each way [kg]."""
