@@ -133,5 +133,9 @@ def test_what_tells_no_zero_is_refused(model, hung):
     run, still, _ = hung["along"]
     with pytest.raises(CalibrationError, match="of the calibration's range"):
         find_encoder_zero(model, rows(run)[still])
+    with pytest.raises(CalibrationError, match="turns round 0 times"):
+        find_encoder_zero(model, rows(run))
+    phase = np.linspace(0.0, 12.0, 1000)
+    far = np.column_stack([10.0 * np.sin(phase), 3e-3 * np.sin(phase) + 1e-2])
     with pytest.raises(CalibrationError, match=r"0\.3 mm"):
-        find_encoder_zero(model, rows(run) + np.array([0.0, 1e-2]))
+        find_encoder_zero(model, far)

@@ -128,6 +128,11 @@ def encoder_rezeroed(
             "the calibration has zeros of its own already; give the one that calibrate wrote"
         )
     found = find_encoder_zero(model, *_signals(by, recording))
+    if recording.provenance.load > 0.0:
+        raise CalibrationError(
+            f"{source_of(recording)}: a load of {1e3 * recording.provenance.load:g} g on the jaw; "
+            "its zero is that of a motion without one"
+        )
     # A zero of the jaw that moves x2 by as much as it was found to be off.
     moves = np.zeros((len(calibration.signals), len(calibration.joints)))
     moves[calibration.signals.index(RESET)] = model.jaw_radius
