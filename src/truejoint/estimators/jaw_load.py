@@ -64,7 +64,7 @@ def identify_stiffness(
     >>> rows = np.concatenate([X, at_rest, loaded])
     >>> torque = np.where(np.arange(6000) > 5500, 0.016, np.nan)
     >>> round(identify_stiffness(model, rows, torque).drive_stiffness / 1e3, 1)
-    14.5
+    15.4
     """
     rows, known = np.ascontiguousarray(X, dtype=np.float64), np.asarray(torque, dtype=np.float64)
     times = model.time_steps(dt, len(rows))

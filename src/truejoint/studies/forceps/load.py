@@ -12,6 +12,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
 from truejoint.estimators.friction_filter import FrictionFilter
 from truejoint.estimators.jaw_load import identify_stiffness
+from truejoint.estimators.yan2020 import JawFilter
 from truejoint.evaluation.digits import fixed
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
@@ -99,6 +100,7 @@ def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, An
         tried = assumed.states(*signals(run)).load[still]
         weighed.append({**case, **own, "assumed": float(tried.mean())})
     run = settled(record(plant, "verification", seed=2 * seed + 1))
+    paper = _paper_filter(plant, seed, motion, run)
     judged["unloaded"] = [_judged(identified, run, np.isfinite(run.column("truth/jaw")))]
     return PartResult(
         {
@@ -110,8 +112,27 @@ def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, An
             "weighed": weighed,
             "slack": slack,
             "judged": judged,
+            "paper": paper,
         }
     )
+
+
+def _paper_filter(
+    plant: ForcepsParameters, seed: int, motion: str, run: Recording
+) -> dict[str, float]:
+    """How the covariance of yan2020's filter stands to its errors (NEES) and innovations (NIS)."""
+    recording = settled(record(plant, motion, seed=2 * seed))
+    model = cast("JawFilter", calibrate(recording, JawFilter("output")).model)
+    X, dt = signals(run)
+    known = np.isfinite(run.column("truth/jaw"))
+    states = model.states(X, dt)
+    error = (model.evaluate(X, dt)[:, 0] - run.column("truth/jaw"))[known]
+    ratio = error / np.sqrt(states.P[known, 0, 0])
+    return {
+        "angle_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
+        "angle_nees": float(np.mean(ratio**2)),
+        "nis": float(np.nanmean(states.nis[known])) / 2.0,  # of two measurements
+    }
 
 
 def _judged(model: FrictionFilter, run: Recording, rows: Mask) -> dict[str, float]:
@@ -211,6 +232,12 @@ def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Tab
                 nees = float(np.mean([j[f"{kind}_nees"] for j in own]))
                 label = f"stated 90 % of the {kind}, {case}"
                 rows.append((label, "", "", "", f"{inside:.0f} % inside, NEES {nees:.2f}"))
+    paper = {key: np.array([n["paper"][key] for n in numbers]) for key in numbers[0]["paper"]}
+    text = (
+        f"{100 * paper['angle_inside'].mean():.0f} % inside, NEES {paper['angle_nees'].mean():.1f}, "
+        f"NIS per measurement {np.median(paper['nis']):.1f} (median)"
+    )
+    rows.append(("the same of the paper's filter (26), unloaded", "", "", "", text))
     floors = measures["its floor by friction [g]"]
     below = float(np.mean(measures["load opposing, RMS [g]"] <= floors))
     slack = sum(len(n["slack"]) for n in numbers)
