@@ -234,7 +234,8 @@ def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Tab
                 rows.append((label, "", "", "", f"{inside:.0f} % inside, NEES {nees:.2f}"))
     paper = {key: np.array([n["paper"][key] for n in numbers]) for key in numbers[0]["paper"]}
     text = (
-        f"{100 * paper['angle_inside'].mean():.0f} % inside, NEES {paper['angle_nees'].mean():.1f}, "
+        f"{100 * paper['angle_inside'].mean():.0f} % inside, "
+        f"NEES {paper['angle_nees'].mean():.1f}, "
         f"NIS per measurement {np.median(paper['nis']):.1f} (median)"
     )
     rows.append(("the same of the paper's filter (26), unloaded", "", "", "", text))
