@@ -16,7 +16,7 @@ from tests.cli.conftest import Call
 from typer.main import get_command
 
 from truejoint import read_calibration, read_recording, write_parquet
-from truejoint.cli.app import app
+from truejoint.cli.commands import app
 from truejoint.motion import read_trajectory
 from truejoint.robots import catalogue
 

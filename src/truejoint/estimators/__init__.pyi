@@ -1,4 +1,5 @@
 from .base import JointRegressor as JointRegressor
+from .combination import Combination as Combination
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
 from .friction_filter import FrictionSmoother as FrictionSmoother

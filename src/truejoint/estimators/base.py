@@ -93,7 +93,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         self.check_shape(inputs.shape[1], self.n_outputs_)
         # One thread: blocks of a few thousand rows are too small to share. Two threads on two busy
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
-        with threadpool_limits(1, user_api="blas"):
+        with threadpool_limits(1):
             times = self.time_steps(dt, len(inputs))
             self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
         return self

@@ -14,11 +14,13 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
+from truejoint.files import check_target, free_name, uninterrupted
 from truejoint.recordings.parquet import write_parquet
-from truejoint.recordings.recording import Provenance, Recording, nominal_rates
-from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
-from truejoint.robots.blocks import QUANTITIES
+from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.stream_file import STATE, SUFFIX, TRUTH, StreamWriter, assembled
+from truejoint.recordings.synchronise import Stream
 
+_PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 PAST_END: Final = "state: past the longest duration"
 
 
@@ -56,7 +58,10 @@ class Recorder:
 
     The state is thinned out to `state_rate` as it arrives, so memory grows by about 10 kB per
     second of motion whatever the arm's own rate. If the block is left by an exception or by
-    Ctrl-C, what was recorded is kept, and written if a `path` was given.
+    Ctrl-C, what was recorded is kept; with a `path` it is written beside it, as
+    ``<name>.partial.parquet``, and no whole recording is replaced. Meanwhile it is written, twice a
+    second of the arm's clock, to ``<name>.unfinished.arrows``, which any command reads: there it is
+    if the program is killed, or where `path` cannot be written at the end.
 
     Parameters
     ----------
@@ -70,7 +75,9 @@ class Recorder:
     max_duration : float
         Rows later than this after the first are counted and not kept [s].
     path : path-like, optional
-        Parquet file to write when the block is left, whichever way; must not exist yet.
+        Parquet file to write when the block is left; where it was written is in `written`.
+    overwrite : bool
+        Whether a file at `path` may be replaced by a whole recording.
     homing_id : str, optional
         What the positions count from; by default the arm's own name of its homing.
     session, command : str
@@ -80,7 +87,7 @@ class Recorder:
     Examples
     --------
     >>> with Recorder(arm, state_rate=10.0) as recorder:
-    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0])
+    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0]).wait()
     >>> recorder.recording().joints_of("truth")
     ('shoulder', 'elbow', 'insertion')
     """
@@ -92,6 +99,7 @@ class Recorder:
     gap_limit: float = 0.05
     max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
+    overwrite: bool = False
     session: str = ""
     homing_id: str | None = None
     load: float = math.nan
@@ -103,15 +111,18 @@ class Recorder:
                 f"recorder: gap limit {self.gap_limit} s and longest duration {self.max_duration} "
                 "s; both must be above 0 s"
             )
-        if self.path is not None and Path(self.path).exists():
-            raise RecordingError(f"{self.path}: exists already; choose another name")
+        self.written: Path | None = None
+        self._stream: StreamWriter | None = None
+        if self.path is not None:
+            check_target(Path(self.path), overwrite=self.overwrite, error=RecordingError)
         if self.homing_id is None:
             self.homing_id = self.arm.homing_id
         self._clear()
 
     def __enter__(self) -> Self:
         self._clear()
-        self.arm.subscribe(self._receive)
+        self._stream = None if self.path is None else self._open(Path(self.path))
+        self.arm.subscribe(self._receive, every=_PIECE)
         return self
 
     def __exit__(
@@ -123,13 +134,22 @@ class Recorder:
         self.arm.unsubscribe(self._receive)
         if kind is not None:
             self._stopped = f"stopped by {kind.__name__}" + (f": {error}" if str(error) else "")
-        if self.path is not None and self.rows >= 2:
-            write_parquet(self.recording(), self.path)
+        if self._stream is not None and self.path is not None:
+            with uninterrupted():
+                self._write(Path(self.path))
+                self._stream.close()
+                if self.rows < 2:
+                    self._stream.path.unlink()
 
     @property
     def rows(self) -> int:
         """Rows of the state that are kept so far."""
         return len(self._state)
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk so far; 0 without a `path`."""
+        return self._stream.size if self._stream else 0
 
     def recording(self, source: str = "") -> Recording:
         """Make a recording of what there is so far; may be called while recording goes on.
@@ -139,42 +159,60 @@ class Recorder:
         stamps (`truejoint.recordings.synchronise`). `source` is for the provenance; by default
         ``"recorded from <robot>"``. Raises RecordingError if there are fewer than 2 rows.
         """
-        if self.rows < 2:
-            raise RecordingError(
-                f"recorder: {self.rows} rows from {self.arm.robot.title}; it reports only while "
-                "homed and moving or holding"
-            )
-        state, back = self._state.joined()
-        dropped = {PAST_END: self._past_end, f"state: {BACK}": back}
-        columns = {"t": state.t, **state.columns}
-        known = {} if math.isinf(self.state_rate) else {"state": self.state_rate}
-        rates = nominal_rates(state=state.t) | known
-        if len(self._truth) >= 2:
-            truth, back = self._truth.joined()
-            columns, unmatched = synchronise(state, truth, self.gap_limit)
-            dropped |= {f"truth: {BACK}": back} | unmatched
-            rates |= nominal_rates(truth=truth.t)
-        start = float(columns["t"][0])
-        columns["t"] = columns["t"] - start
-        provenance = Provenance(
-            robot=self.arm.robot.name,
-            arm=self.arm.robot.arm,
-            source=source or f"recorded from {self.arm.robot.title}",
+        return assembled(
+            self._state.joined(),
+            self._truth.joined(),
+            self._provenance(),
+            self.gap_limit,
+            self.state_rate,
+            self._stopped,
+            source or f"recorded from {self.arm.robot.title}",
+            {PAST_END: self._past_end},
+        )
+
+    def _provenance(self) -> Provenance:
+        robot = self.arm.robot
+        return Provenance(
+            robot=robot.name,
+            arm=robot.arm,
             session=self.session,
             homing_id=self.homing_id or "",
             load=self.load,
-            mechanism=vars(self.arm.robot.mechanism) if self.arm.robot.mechanism else {},
-            rates=rates,
-            dropped=dropped,
-            start=start,
+            mechanism=vars(robot.mechanism) if robot.mechanism else {},
             command=self.command,
-            notes=self._stopped,
         )
-        return Recording.from_columns(columns, provenance)
+
+    def _write(self, path: Path) -> None:
+        """Write what there is; a part of a recording gets a name of its own."""
+        stopped = bool(self._stopped)
+        if stopped:
+            path = free_name(path, "partial")
+        stream = self._stream
+        if stream is None or self.rows < 2:
+            return
+        stream.close()
+        try:
+            write_parquet(self.recording(str(path)), path, overwrite=self.overwrite and not stopped)
+        except RecordingError as error:
+            self.written = stream.path
+            raise RecordingError(f"{error}; the recording is in {stream.path}") from None
+        self.written = path
+        stream.path.unlink()
+
+    def _open(self, path: Path) -> StreamWriter:
+        """Open the file that survives whatever ends the program."""
+        unfinished = free_name(path.with_suffix(SUFFIX), "unfinished")
+        header = {
+            "provenance": self._provenance().to_dict(),
+            "robot": self.arm.robot.to_dict(),
+            "gap_limit": self.gap_limit,
+            "state_rate": None if math.isinf(self.state_rate) else self.state_rate,
+        }
+        return StreamWriter(unfinished, header)
 
     def _clear(self) -> None:
-        self._state = _Rows(self.state_rate)
-        self._truth = _Rows(math.inf if self.truth_rate is None else self.truth_rate)
+        self._state = _Rows(STATE, self.state_rate)
+        self._truth = _Rows(TRUTH, math.inf if self.truth_rate is None else self.truth_rate)
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
@@ -186,34 +224,32 @@ class Recorder:
             self._first = float(block.t[chosen][0])
         late = block.t - self._first > self.max_duration  # never, before the first state
         if isinstance(block, TruthBlock):
-            stream.names = tuple(f"truth/{joint}" for joint in block.name)
-            stream.add(block.t, np.asarray(block.position), chosen & ~late)
-            return
-        self._past_end += int((chosen & late).sum())
-        measured = {q: getattr(block, q) for q in QUANTITIES if getattr(block, q).shape[1]}
-        stream.names = (*(f"{q}/{c}" for q in measured for c in block.name), *block.extra)
-        rows = np.column_stack([*measured.values(), *block.extra.values()])
-        stream.add(block.t, rows, chosen & ~late)
+            columns = {f"truth/{n}": block.position[:, k] for k, n in enumerate(block.name)}
+        else:
+            self._past_end += int((chosen & late).sum())
+            columns = block.columns()
+        kept = chosen & ~late
+        piece = Stream(block.t, columns).rows(kept)
+        stream.pieces.append(piece)
+        if self._stream is not None and len(piece.t):
+            self._stream.write(stream.name, piece.t, piece.columns)
 
 
 class _Rows:
-    """Rows kept of one stream, in the blocks that they came in."""
+    """Rows kept of one stream, in the pieces that they came in."""
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, name: str, rate: float) -> None:
+        self.name = name
         self.decimator = Decimator(rate)
-        self.names: tuple[str, ...] = ()
-        self._blocks: list[tuple[Array, Array]] = []
+        self.pieces: list[Stream] = []
 
     def __len__(self) -> int:
-        return sum(len(t) for t, _ in self._blocks)
+        return sum(len(piece.t) for piece in self.pieces)
 
-    def add(self, t: Array, values: Array, kept: Mask) -> None:
-        """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
-        self._blocks.append((t[kept], values[kept]))
-
-    def joined(self) -> tuple[Stream, int]:
-        """One stream of all rows but those of a clock that was set back, and how many those are."""
-        t, rows = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
-        forward = forward_rows(t)
-        columns = dict(zip(self.names, rows[forward].T, strict=True))
-        return Stream(t[forward], columns), int((~forward).sum())
+    def joined(self) -> Stream | None:
+        """One stream of all rows; None without any."""
+        if not self.pieces:
+            return None
+        names = self.pieces[0].columns
+        columns = {name: np.concatenate([p.columns[name] for p in self.pieces]) for name in names}
+        return Stream(np.concatenate([piece.t for piece in self.pieces]), columns)

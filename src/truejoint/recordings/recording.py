@@ -21,6 +21,7 @@ from truejoint.summary import Summarised
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
 EPOCH: Final = 1e8
 
+_LARGEST: Final = 1e15  # number in a provenance: seconds, hertz, kilograms, rows
 _SHOWN: Final = 8  # quantities that a summary lists with their channels
 
 _MAX_MISSING: Final = 1 / 3  # share of rows that may lack a value
@@ -86,6 +87,10 @@ class Provenance:
     notes: str = ""
 
     def __post_init__(self) -> None:
+        for name, text in vars(self).items():
+            if isinstance(text, str):  # half a character, as of a file's name, can go nowhere
+                whole = text.encode("utf-8", "backslashreplace").decode()
+                object.__setattr__(self, name, whole)
         # A reason for which nothing was dropped need not be told.
         object.__setattr__(self, "dropped", {k: n for k, n in self.dropped.items() if n})
 
@@ -124,7 +129,9 @@ def _fits(kind: str, value: object) -> bool:
     if kind == "str":
         return isinstance(value, str)
     if kind == "float":
-        return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return value is None
+        return -_LARGEST <= value <= _LARGEST
     return isinstance(value, dict) and all(
         isinstance(k, str) and v is not None and _fits("float", v) for k, v in value.items()
     )

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.interval import check_level
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.layout import refuse_copy
@@ -57,6 +59,7 @@ class CorrectionTrace:
 
 
 _FLOAT: Final = np.dtype(np.float64)
+_T: Final = at.T
 
 
 class Corrector(Summarised):
@@ -137,8 +140,7 @@ class Corrector(Summarised):
         range_margin: float = RANGE_MARGIN,
         rezeroing: bool = False,
     ) -> None:
-        if not 0.0 < level < 1.0:
-            raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
+        check_level(level)
         data = _read(model, rezeroing)
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
@@ -160,6 +162,12 @@ class Corrector(Summarised):
         self._apply_homing()
         self.warm_up()
 
+    @property
+    def spike_speed(self) -> Array:
+        """Speed (n_joints,) [rad/s or m/s] above which a measured position is taken for a spike."""
+        reach = self._packed.view("reach")[self._packed.view("measured")]
+        return np.asarray(reach / self._memory[at.TRAINING_DT])
+
     def summary(self) -> dict[str, str]:
         """Give what goes in and out, and where it stands, by label."""
         return {
@@ -177,14 +185,15 @@ class Corrector(Summarised):
         """
         memory = self._memory
         try:
-            if type(sample) is not np.ndarray or sample.dtype is not _FLOAT:
+            # By exact type first: a look at a type costs as much as looking at ten signals.
+            if type(sample) is not ndarray or sample.dtype is not _FLOAT:
                 sample = _real(sample)
-            if not isinstance(t, (float, int)):
+            if type(t) is not float and not isinstance(t, (float, int)):
                 t = float(_real(t))
             if len(sample) != self._n_signals:
                 return self._refuse()
             self._sample[:] = sample
-            memory[at.T] = t
+            memory[_T] = t
         except Exception:  # noqa: BLE001  # what is given may be anything
             return self._refuse()
         return self._statuses[correct_sample(self._numbers, memory)]

@@ -41,7 +41,13 @@ _FEW: Final = _methods("ukf_compensated", "play_reset", "play_gated", "ukf_frict
 
 
 def _study(name: str, title: str, source: str, *options: Option) -> Study:
-    return Study(f"forceps-{name}", title, source, f"truejoint.studies.forceps.{name}", options)
+    return Study(
+        f"forceps-{name}",
+        title,
+        source,
+        f"truejoint.studies.forceps.{name.replace('-', '_')}",
+        options,
+    )
 
 
 _FORCEPS: Final = (
@@ -52,6 +58,7 @@ _FORCEPS: Final = (
     _study(
         "loaded", "What do 30 to 250 g on the jaw do to it?",
         "yan2020, Table 3, figure 9", _SPECIMEN, _MASSES, _DIRECTIONS, _FEW,
+        Option("draws", 8, "of the hand that hangs each weight", small=2),
     ),
     _study(
         "strategies", "Which sensor buys which accuracy: none on the cables, one, or both?",
@@ -83,6 +90,30 @@ _FORCEPS: Final = (
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
         "", _SPECIMEN, _COUNT, _DRAWN,
         Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+    ),
+    _study(
+        "closed-loop", "How closely does the jaw follow, with an estimate in the loop?",
+        "", _SPECIMEN, _methods("ukf_compensated", "play_gated"),
+        Option("mass_g", 100.0, "weight on the jaw [g]"),
+        Option("swings_hz", (0.2, 0.5, 1.0, 2.0), "rates at which it swings [Hz]"),
+        Option("rate_hz", 250.0, "of the loop [Hz]"), Option("gain", 1.5, "of the loop"),
+        Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
+        Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
+    ),
+    _study(
+        "sweep", "Which sensors, cables, friction and homing buy which accuracy?",
+        "",
+        Option("layouts", ("motor", "x1", "x2", "motor+x2", "x1+x2"), "what is measured"),
+        Option("resolutions_um", (1.0, 5.0, 20.0), "of the cables' encoders [um]"),
+        Option("prices", (4.0, 2.0, 1.0), "of one such encoder at each resolution, in any money"),
+        Option("stiffnesses_kNm", (6.0, 9.0, 14.0, 21.0, 32.0), "of both cables [kN/m]"),
+        Option("frictions", (1.0,), "of jaw and slider, in that of the specimens"),
+        Option("homings_um", (2.0,), "standard deviations of the encoders' zeros [um]"),
+        Option("mass_g", 100.0, "weight on the jaw [g]"),
+        Option("target_deg", 0.1, "RMS error that a design must keep [deg]"),
+        Option("count", 10, "virtual specimens; more of them begin with the fewer", small=2),
+        Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
     ),
     _study(
         "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",

@@ -12,9 +12,11 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
+from truejoint.simulation.twin import checked_load
 from truejoint.units import GRAVITY
 
 MAX_MASS: Final = 2.0  # [kg]
+MAX_FREQUENCY: Final = 20.0  # [Hz] of a load that swings
 MAX_END: Final = 3600.0  # [s]
 _WOBBLE_TONES: Final = 6
 _WOBBLE_BAND: Final = (1.0, 6.0)  # [Hz] of an unsteady hand
@@ -99,3 +101,30 @@ class LoadTest:
         weight = self.mass * GRAVITY * np.maximum(released + _WOBBLE_SIZE * wobble, 0.0)
         along = math.copysign(1.0, self.angle)
         return np.asarray(weight * (along if self.direction == "along" else -along))
+
+
+@dataclass(frozen=True)
+class SwingingLoad:
+    """A weight of `mass` [kg] at the jaw's tip, steady or swinging between nothing and all of it.
+
+    It swings at `frequency` [Hz], 0 for one that hangs still, and opens the jaw or shuts it; it is
+    put on within a second.
+    """
+
+    mass: float
+    frequency: float = 0.0
+    opens: bool = False
+
+    def __post_init__(self) -> None:
+        checked_load(self.mass, MAX_MASS)
+        if not 0.0 <= self.frequency <= MAX_FREQUENCY:
+            raise TruejointError(
+                f"a load that swings at {self.frequency:g} Hz; it must be 0 to {MAX_FREQUENCY:g} Hz"
+            )
+
+    def force(self, t: Array) -> Array:
+        """Force at the tip (n,) [N] from 0 s on, positive where it opens the jaw."""
+        share = np.clip(t, 0.0, 1.0)
+        if self.frequency > 0.0:
+            share = 0.5 * share * (1.0 - np.cos(2.0 * math.pi * self.frequency * t))
+        return np.asarray((1.0 if self.opens else -1.0) * GRAVITY * self.mass * share)

@@ -8,6 +8,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.errors import StudyError
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
@@ -17,14 +18,24 @@ from truejoint.studies.table import Table, degrees_text, reported, reported_text
 
 Case = Mapping[str, Any]
 
+MAX_DRAWS: Final = 1000
 JUDGED: Final = ("I", "II", "IV")
+SHIFT: Final = 8.0
+"""Between the weights' curves in figure 9(a) [deg]."""
 _AVERAGE: Final = 0.25  # [s]
 
 
 def parts(settings: Settings) -> Sequence[Part]:
-    """One a weight and direction."""
-    common = m.common_arguments(settings)
-    return [Part(key, hang, {**common, **case}) for key, case in cases(settings).items()]
+    """One a weight, direction and draw of the hand; a study without draws has one of them."""
+    common, found = m.common_arguments(settings), []
+    draws = int(cast("int", settings.options.get("draws", 1)))
+    if not 1 <= draws <= MAX_DRAWS:
+        raise StudyError(f"draws={draws}; it must be 1 to {MAX_DRAWS}")
+    for draw in range(draws):
+        for key, case in cases(settings).items():
+            drawn = {**case, "hand": case["hand"] + 100 * draw}
+            found.append(Part(f"{key}-{draw}" if draw else key, hang, {**common, **drawn}))
+    return found
 
 
 def cases(settings: Settings) -> dict[str, dict[str, Any]]:
@@ -66,33 +77,70 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Table 3 beside the paper's, and figure 9."""
     name, hung = title_of(settings["specimen"]), [result.numbers for result in results.values()]
     methods = list(hung[0]["errors"])
-    header = ("load", "jaw turns", "paper", *(m.METHODS[key].title for key in methods))
-    rows = []
+    header = ("load", "paper", *(m.METHODS[key].title for key in methods))
+    by_load: dict[str, list[Case]] = {}
     for case in hung:
-        grams, by_phase = 1e3 * case["mass"], []
+        by_load.setdefault(f"{1e3 * case['mass']:.0f} g {case['direction']}", []).append(case)
+    medians, spreads, extremes = [], [], []
+    for load, drawn in by_load.items():
+        phases = []
         for phase in JUDGED:
-            paper = reported("yan2020", "3", f"load={grams:.0f}g phase {phase}", m.PAPERS_BEST)
-            errors = [degrees_text(case["errors"][key][phase]["rms"]) for key in methods]
-            by_phase.append([reported_text(paper.get("rms")), *errors])
-        cells = ["/".join(phases) for phases in zip(*by_phase, strict=True)]
-        load = f"{grams:.0f} g {case['direction']}"
-        rows.append((load, degrees_text(case["jaw_motion"], 2), *cells))
+            rms = [degrees_text(float(np.median(_rms(drawn, key, phase)))) for key in methods]
+            phases.append([reported_text(_paper(drawn[0], phase).get("rms")), *rms])
+        turns = degrees_text(float(np.median([case["jaw_motion"] for case in drawn])), 2)
+        medians.append((load, turns, *("/".join(one) for one in zip(*phases, strict=True))))
+        there = reported_text(_paper(drawn[0], "IV").get("rms"))
+        spreads.append((load, there, *(_spread(drawn, key) for key in methods)))
+        paper = _paper(drawn[0], "I")
+        there = "/".join(reported_text(paper.get(end)) for end in ("max", "min"))
+        extremes.append((load, there, *(_extremes(drawn, key) for key in methods)))
+    draws = len(hung) // len(by_load)
     notes = (
-        "RMS error in degrees against the reference encoder in phases I, moving / II, still / "
-        "IV, loaded. The paper's numbers are of its filter; which way it loaded it does not "
-        "say.",
+        "Error in degrees against the reference encoder in phases I, moving / II, still / IV, "
+        f"loaded; {draws} draws of the hand that hangs the weight and of the sensors' noise. The "
+        "paper's numbers are of its filter; which way it loaded it does not say.",
         *m.left_out(settings, hung[0]["errors"]),
     )
-    table = Table(f"yan2020 Table 3, specimen {name}", header, tuple(rows), notes)
-    figure = _figure(list(results.values()), methods, name)
+    title = f"yan2020 Table 3, specimen {name}"
+    turning = (header[0], "jaw turns", *header[1:])
+    tables = (
+        Table(f"{title}: RMS, median of the draws", turning, tuple(medians), notes),
+        Table(f"{title}: RMS in phase IV, median (least to largest)", header, tuple(spreads)),
+        Table(f"{title}: largest/smallest error in phase I", header, tuple(extremes)),
+    )
+    first = list(results.values())[: len(by_load)]
+    figures = {
+        "forceps-loaded-angles": _angles(first, name),
+        "forceps-loaded": _figure(first, methods, name),
+    }
     claims = list(_claims(hung)) if m.PAPERS_BEST in methods else []
-    return Summary((table,), {"forceps-loaded": figure}, claims)
+    return Summary(tables, figures, claims)
+
+
+def _paper(case: Case, phase: str) -> Mapping[str, float]:
+    return reported("yan2020", "3", f"load={1e3 * case['mass']:.0f}g phase {phase}", m.PAPERS_BEST)
+
+
+def _rms(drawn: Sequence[Case], method: str, phase: str) -> list[float]:
+    return [float(case["errors"][method][phase]["rms"]) for case in drawn]
+
+
+def _spread(drawn: Sequence[Case], method: str) -> str:
+    rms = _rms(drawn, method, "IV")
+    middle, least, largest = (degrees_text(float(f(rms))) for f in (np.median, np.min, np.max))
+    return f"{middle} ({least} to {largest})"
+
+
+def _extremes(drawn: Sequence[Case], method: str) -> str:
+    errors = [case["errors"][method]["I"] for case in drawn]
+    most, least = max(e["largest"] for e in errors), min(e["smallest"] for e in errors)
+    return f"{degrees_text(most, 2)}/{degrees_text(least, 2)}"
 
 
 def worst(hung: Sequence[Case], method: str, phase: str, *directions: str) -> float:
     """Largest RMS error [rad] of a method in a phase over the weights, pulling as `directions`."""
     chosen = [case for case in hung if case["direction"] in directions]
-    return max(float(case["errors"][method][phase]["rms"]) for case in chosen)
+    return max(_rms(chosen, method, phase))
 
 
 def _claims(hung: Sequence[Case]) -> Iterator[Claim]:
@@ -113,6 +161,29 @@ def _claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> 
     within = {value <= limit for value in degrees.values()}
     numbers = ", ".join(f"{value:.2f} deg {d}" for d, value in degrees.items())
     return Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
+
+
+def _angles(results: Sequence[PartResult], name: str) -> Figure:
+    """Draw figure 9(a), the paper's filter, or the first method, beside the encoder."""
+    method = next(iter(results[0].numbers["errors"]))
+    panels = []
+    for way in dict.fromkeys(result.numbers["direction"] for result in results):
+        curves = []
+        own = [r for r in results if r.numbers["direction"] == way]
+        for place, result in enumerate(own):
+            t, colour = result.arrays["t"], f"C{place}"
+            label = f"{1e3 * result.numbers['mass']:g} g"
+            for key, style, text in (("truth", "-", label), (method, ":", "")):
+                angle = np.degrees(result.arrays[key]) + SHIFT * place
+                curves.append(Curve(t, _averaged(t, angle), text, colour, style, width=1.4))
+        shade = own[0].numbers["released"]
+        panels.append(Panel(curves, "time [s]", "jaw [deg]", f"load {way}", shade=shade))
+    caption = (
+        f"Jaw by the reference encoder and, dotted, by {m.METHODS[method].title}; each weight "
+        f"{SHIFT:g} deg above the one before. Grey: the hand lets go."
+    )
+    title = f"yan2020 figure 9(a), specimen {name}"
+    return Figure(title, (panels,), caption, height=4.8, legend=True)
 
 
 def _figure(results: Sequence[PartResult], methods: Sequence[str], name: str) -> Figure:

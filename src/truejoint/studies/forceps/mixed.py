@@ -82,6 +82,7 @@ def covered(models: Mapping[str, Calibration], recording: Recording, first: floa
     if m.BEST not in models:
         return None
     corrector = Corrector(models[m.BEST], level=LEVEL)
+    corrector.set_homing(True, recording.provenance.homing_id)
     trace = corrector.run(recording)
     rows = trace.t > first
     error = np.abs(trace.position[:, 0] - recording.column("truth/jaw"))
