@@ -10,7 +10,7 @@ import typer
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.inputs import Files, check_model_free, takes_files
+from truejoint.cli.inputs import Files, check_model_target, takes_files
 from truejoint.errors import RecordingError
 from truejoint.units import with_unit
 
@@ -43,7 +43,7 @@ def stiffness(
 
     The model, of `ukf_friction`, then tells loads that are right in size.
     """
-    check_model_free(output, force)
+    check_model_target(output, force)
     calibration = truejoint.read_calibration(model)
     loaded = files.find(recordings, part=part, model=calibration)()
     with progress("Weighing"):
@@ -88,7 +88,7 @@ def zero(
 
     A shift that is within what it may be off by is left alone.
     """
-    check_model_free(output, force)
+    check_model_target(output, force)
     calibration = truejoint.read_calibration(model)
     other = None if by is None else truejoint.read_calibration(by)
     loaded = files.find([recording], part=part, model=calibration)()
