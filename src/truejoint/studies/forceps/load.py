@@ -67,6 +67,12 @@ def effective_stiffness(forceps: ForcepsParameters) -> float:
     return 1.0 / (1.0 / cable + 1.0 / gear)
 
 
+def hidden_friction(forceps: ForcepsParameters) -> float:
+    """Friction [Nm] of the jaw and of the drive cable's guide, at the pretension and the jaw."""
+    guide = math.expm1(forceps.drive_cable.guide_friction) * forceps.assembly.pretension
+    return friction_at_pretension(forceps)[0] + guide * forceps.mechanism.jaw_radius
+
+
 def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
     """Torque [Nm] that opens the jaw at an angle [rad] so far that the drive cable is slack."""
     mechanism = forceps.mechanism
@@ -107,7 +113,7 @@ def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, An
             **vars(found),
             "true_stiffness": effective_stiffness(plant),
             "friction": identified.jaw_friction,
-            "true_friction": friction_at_pretension(plant)[0],
+            "true_friction": hidden_friction(plant),
             "arm": plant.jaw.load_arm,
             "weighed": weighed,
             "slack": slack,
@@ -245,7 +251,7 @@ def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Tab
     notes = (
         f"{len(numbers)} specimens of seed {settings.seed}. Weights "
         f"{', '.join(f'{mass:g}' for mass in settings['masses_g'])} g; still under each. The floor "
-        "is of an estimate that sees all but what the jaw's friction may hide, evenly from nothing "
+        "is of an estimate that sees all but what jaw and guide may hide, evenly from nothing "
         f"to twice its size; opposing is no worse in {100 * below:.0f} %.",
         f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. "
         f"Left out, since the drive cable is slack under it: {slack} weights.",
