@@ -61,8 +61,12 @@ def _run(stopped: _Stop) -> int:
 
 def _spelt_out(arguments: list[str]) -> list[str]:
     """Arguments with ``forceps sweep`` as ``study forceps-sweep``, and so for its other studies."""
-    short = arguments[:1] == ["forceps"]
-    return ["study", "-".join(arguments[:2]), *arguments[2:]] if short else arguments
+    if arguments[:1] != ["forceps"]:
+        return arguments
+    from truejoint.studies.catalogue import STUDIES  # noqa: PLC0415  # for this word alone
+
+    name = "-".join(arguments[:2])
+    return ["study", name, *arguments[2:]] if name in STUDIES else arguments
 
 
 class _Stop:

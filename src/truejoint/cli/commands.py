@@ -18,6 +18,7 @@ from truejoint.cli import (
     demo,
     evaluate,
     export,
+    forceps,
     join,
     show,
     study,
@@ -56,6 +57,7 @@ for command, example in (
 for group, example in (
     (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
     (datasets, "datasets fetch dvrk_psm_berkeley"),
+    (forceps, "forceps zero jaw.safetensors cycle.parquet -o today.safetensors"),
 ):
     app.add_typer(
         group.app,
