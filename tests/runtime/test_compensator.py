@@ -148,6 +148,10 @@ def test_the_jaw_follows_and_the_motor_does_not():
             assert motion.t == pytest.approx(motion.t[0] + np.arange(1000) / 250.0)
             with pytest.raises(CommandRefused, match="track refused: jaw is nan"):
                 track(arm, compensator, [[0.0], [np.nan]])
+            needy = SimpleNamespace(joints=("jaw",), signals=("measured/jaw", "effort/jaw"))
+            needy.spike_speed = np.ones(1)
+            with pytest.raises(CommandRefused, match="does not report effort/jaw"):
+                track(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)
             with pytest.raises(CommandRefused, match="must divide 1000 Hz"):
                 track(arm, odd, wanted)

@@ -80,13 +80,15 @@ def maximum_likelihood(
 
     Examples
     --------
+    >>> from dataclasses import replace
     >>> def walk(parameters):
+    ...     still = replace(random_walk, process_noise=[[0.0]])
     ...     noise = [[parameters["variance"]]]
-    ...     return UnscentedFilter(dataclasses.replace(random_walk, measurement_noise=noise))
+    ...     return UnscentedFilter(replace(still, measurement_noise=noise))
     >>> z = np.random.default_rng(0).normal(0.0, 0.5, 400)
-    >>> fit = maximum_likelihood(walk, {"variance": 1.0}, z, x0=[0.0], P0=[[1.0]], dt=1e-6)
+    >>> fit = maximum_likelihood(walk, {"variance": 1.0}, z, x0=[0.0], P0=[[1.0]], dt=1.0)
     >>> print(f"{fit.values['variance']:.2f} +- {fit.deviations['variance']:.2f}")
-    0.24 +- 0.02
+    0.25 +- 0.02
     """
     from scipy.optimize import minimize  # noqa: PLC0415  # a control loop needs none of it
 

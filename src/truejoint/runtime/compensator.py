@@ -222,7 +222,8 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     Raises
     ------
     CommandRefused
-        If the arm is not ready, a row is not finite, or its rate does not divide 1 kHz.
+        If the arm is not ready or does not report a signal, a row is not finite, or the
+        compensator's rate does not divide 1 kHz.
 
     Examples
     --------
@@ -256,6 +257,8 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     try:
         arm.wait(SETPOINT_DT)
         told = []
+        if missing := [name for name in signals if name not in latest[0].columns()]:
+            raise CommandRefused(f"track: {arm.robot.title} does not report {', '.join(missing)}")
         for goal in rows[per_step - 1 :: per_step]:
             before = compensator.setpoint.copy()
             columns, t = latest[0].columns(), float(latest[0].t[-1])
