@@ -183,7 +183,7 @@ def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
     assert soft["x2/1/0"]["loaded"] < 0.1 * soft["motor/1/0"]["loaded"]
     assert "motor/20/0" not in soft  # nothing that a cable's encoder changes
     best, every = result.summary.tables
-    assert [float(row[0]) for row in best.rows] == sorted({float(row[0]) for row in best.rows})
+    assert [float(row[1]) for row in best.rows] == sorted({float(row[1]) for row in best.rows})
     assert len(every.rows) == 1 + 2 * 2 * 2
     assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
     assert drawn(result, tmp_path)

@@ -212,10 +212,10 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         f"unloaded: {answer}. Prices are assumed; --set prices=... takes yours.",
     )
     chosen = [
-        (f"{price[d]:g}", named(d), _pair(errors[d]["unloaded"]), _pair(errors[d]["loaded"]))
+        (named(d), f"{price[d]:g}", _pair(errors[d]["unloaded"]), _pair(errors[d]["loaded"]))
         for d in best
     ]
-    header = ("price", "design", "unloaded", f"under {settings['mass_g']:g} g")
+    header = ("design", "price", "unloaded", f"under {settings['mass_g']:g} g")
     tables = (
         Table("Designs that no cheaper one beats", header, tuple(chosen), notes),
         _grid(settings, errors),
