@@ -3,9 +3,10 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 DEMO := demo
+FUZZ_MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench lock clean
+.PHONY: help demo test lint bench fuzz sbom audit lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -25,12 +26,25 @@ lint: $(VENV)/.installed-dev ## Check style, types and which package imports whi
 bench: $(VENV)/.installed-bench ## Measure accuracy and speed (an hour); tables go to bench/
 	$(BIN)/python -m benchmarks
 
-LOCK := uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11 \
-	pyproject.toml --group build
+fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): commands, files, exported C
+	$(BIN)/python -m tests.fuzz --minutes $(FUZZ_MINUTES)
+	FUZZ_MINUTES=$(FUZZ_MINUTES) $(BIN)/python -m pytest -n auto tests/export/test_sanitizers.py
+
+sbom: $(VENV)/.installed-audit ## Write the bill of materials, CycloneDX, to dist/truejoint.cdx.json
+	@mkdir -p dist
+	$(BIN)/cyclonedx-py requirements requirements.txt --pyproject pyproject.toml \
+		--output-reproducible -o dist/truejoint.cdx.json
+
+audit: $(VENV)/.installed-audit ## Look the pinned packages up among known vulnerabilities (online)
+	$(BIN)/pip-audit --strict --disable-pip --require-hashes -r requirements.txt
+
+COMPILE := uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11
+LOCK := $(COMPILE) pyproject.toml --group build
 lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fits stays)
 	$(LOCK) --extra plots -o requirements.txt
 	$(LOCK) --all-extras --group dev -o requirements-dev.txt
 	$(LOCK) --all-extras --group dev --group bench -o requirements-bench.txt
+	$(COMPILE) --group audit -c requirements-dev.txt -o requirements-audit.txt
 
 clean: ## Remove the virtual environment and everything made
 	rm -rf $(VENV) $(DEMO) bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
@@ -56,4 +70,9 @@ $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 $(VENV)/.installed-bench: requirements-bench.txt $(VENV)/.installed-dev
 	@echo "Installing the pinned peers to compare with ..."
 	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-bench.txt
+	@touch $@
+
+$(VENV)/.installed-audit: requirements-audit.txt $(VENV)/.installed-dev
+	@echo "Installing what looks at the packages ..."
+	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-audit.txt
 	@touch $@

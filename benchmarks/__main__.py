@@ -16,6 +16,7 @@ from pathlib import Path
 # The quick ones first.
 BENCHMARKS = (
     "twin_speed",
+    "stopping",
     "forceps_speed",
     "filter_speed",
     "corrector_speed",
@@ -33,6 +34,7 @@ BENCHMARKS = (
     "interval_coverage",
     "accuracy_twin",
     "faults",
+    "effort_monitor",
     "soak",
 )
 

@@ -1,12 +1,14 @@
 """What an automatic choice picks on recordings of real joints, beside the best in hindsight.
 
-    python -m benchmarks.automatic_choice [--harder] [--out bench/automatic_choice]
+    python -m benchmarks.automatic_choice [--harder | --development] [--out bench/automatic_choice]
 
 Each data set is split as it recommends (20 joints) and, with ``--harder``, in other ways too: other
-frequencies and loads, one motion against another, recordings exchanged, a sheath left out. On the
-training side `truejoint.calibrate` chooses; every candidate is fitted to that side as well, and the
-network with its 200 epochs. All are judged on the other side. Prints Markdown tables. Each split is
-kept in a file of its own under ``--out`` and is not run again while that is there.
+frequencies, loads and stops, other instruments, one motion against another, recordings exchanged, a
+sheath left out. The rule of the choice was made on the splits of ``--development``, whose test rows
+no other split of the same recordings judges. On the training side `truejoint.calibrate` chooses;
+every candidate is fitted to that side as well, and so are the default network and boosted trees.
+All are judged on the other side. Prints Markdown tables. Each split is kept in a file of its own
+under ``--out`` and is not run again while that is there.
 """
 
 from __future__ import annotations
@@ -17,22 +19,29 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from fnmatch import fnmatch
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
+from sklearn.ensemble import HistGradientBoostingRegressor
 
-from benchmarks.accuracy_recordings import sides
-from truejoint import calibrate, evaluate
+from truejoint import calibrate
 from truejoint.calibration import Automatic
 from truejoint.errors import CalibrationError
-from truejoint.estimators import NeuralNetwork, candidates
-from truejoint.recordings.datasets import DATASETS, HeldOut
+from truejoint.estimators import NeuralNetwork, WrappedRegressor, candidates
+from truejoint.models.features import FeatureSet
+from truejoint.recordings import Recording
+from truejoint.recordings.datasets import DATASETS, read_dataset
 
 WITHIN = (1.10, 1.15, 1.20)
 MARGIN = 0.1  # share of its range by which a feature is outside it
 OUTSIDE = 0.1  # share of the rows, from which on a range was never seen
+MOST_ROWS = 10_000  # that a fit in hindsight sees
+
+Share = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -42,71 +51,134 @@ class Split:
     dataset: str
     name: str
     files: str
-    test: str = ""  # pattern of what is held out; without one, as the data set recommends
+    test: str = ""  # pattern of what is held out; without one, a part of each recording
+    train_part: Share = (0.0, 1.0)  # of the time of each recording
+    test_part: Share = (0.0, 1.0)
 
     @property
     def title(self) -> str:
         """Data set and split for a table."""
         return f"{self.dataset}, {self.name}"
 
+    def sides(self) -> tuple[list[Recording], list[Recording]]:
+        """Training and held-out recordings."""
+        found = read_dataset(self.dataset, self.files)
+        training, testing = found, found
+        if self.test:
+            out = [fnmatch(one.provenance.session, self.test) for one in found]
+            training = [one for one, is_out in zip(found, out, strict=True) if not is_out]
+            testing = [one for one, is_out in zip(found, out, strict=True) if is_out]
+        return cut(training, self.train_part), cut(testing, self.test_part)
+
+
+def cut(recordings: list[Recording], part: Share) -> list[Recording]:
+    """Give that share of the time of each recording."""
+    if part == (0.0, 1.0):
+        return recordings
+    shares = [(r.t - r.t[0]) / r.duration for r in recordings]
+    pairs = zip(recordings, shares, strict=True)
+    return [r.rows(np.flatnonzero((s >= part[0]) & (s <= part[1]))) for r, s in pairs]
+
 
 def recommended() -> Iterator[Split]:
     """Give the splits that the data sets recommend."""
     for dataset in DATASETS.values():
         for split in dataset.splits:
-            yield Split(dataset.name, split.name, split.files)
+            if split.test:
+                yield Split(dataset.name, split.name, split.files, split.test)
+            else:
+                end = 1.0 - split.test_fraction
+                yield Split(
+                    dataset.name, split.name, split.files, "", (0.0, end), (end, 1.0)
+                )  # fmt: skip
 
 
 def harder() -> Iterator[Split]:
     """Give splits of our own."""
-    tool = "Tool_4_Maryland_L_4/"
+    grasper, tool = "davinci_grasper_umn", "Tool_4_Maryland_L_4/"
     for index in (0, 1, 2, 4):
-        yield Split("davinci_grasper_umn", f"frequency {index}", tool + "*", f"{tool}{index}?")
+        yield Split(grasper, f"frequency {index}", tool + "*", f"{tool}{index}?")
     for loads in ("01", "45", "89"):
-        yield Split("davinci_grasper_umn", f"loads {loads}", tool + "*", f"{tool}?[{loads}]")
-    yield Split("dvrk_psm_berkeley", "on peg_transfer", "*", "peg_transfer")
-    yield Split("dvrk_psm_berkeley", "on random", "*", "random")
+        yield Split(grasper, f"loads {loads}", tool + "*", f"{tool}?[{loads}]")
+    roll = "Tool_4_Maryland_L_Roll_3/*"
+    for stop in (1, 3):
+        yield Split(grasper, f"roll, stop {stop}", roll, f"*/{stop}??")
+    yield Split(grasper, "roll, load 2", roll, "*/??2")
+    yield Split(grasper, "pitch 3, load 3", "Tool_4_Maryland_L_Pitch_3/*", "*/??3")
+    yield Split(grasper, "pitch 4, first index", "Tool_4_Maryland_L_Pitch_4/*", "*/1??")
+    for motion in ("peg_transfer", "random"):
+        yield Split("dvrk_psm_berkeley", f"on {motion}", "*", motion)
+        yield Split(
+            "dvrk_psm_berkeley", f"{motion}, first part", motion, "", (0.3, 1.0), (0.0, 0.3)
+        )
     yield Split("bros_dual_encoder", "first file", "*", "part1")
     yield Split("kuka_kr300_dual_encoder", "first motion", "*", "FF_A")
     for angle in (0, 60, 120, 180, 240):
         yield Split("kflex_tendon_sheath", f"sheath at {angle} deg", "[0-9]*", f"{angle}")
 
 
+def development() -> Iterator[Split]:
+    """Give the splits on which the rule of the choice was made."""
+    tool = "Tool_4_Maryland_L_4/"
+    for motion in ("random", "peg_transfer"):
+        yield Split("dvrk_psm_berkeley", f"{motion}, middle", motion, "", (0.0, 0.5), (0.5, 0.7))
+    yield Split("davinci_grasper_umn", "loads 26", f"{tool}[0124]?", f"{tool}?[26]")
+    yield Split("davinci_grasper_umn", "pitch 2", "Tool_4_Maryland_L_Pitch_2/*", "*/?1?")
+    yield Split("bros_dual_encoder", "within the first", "part1", "", (0.0, 0.6), (0.65, 1.0))
+    yield Split("kuka_kr300_dual_encoder", "within the first", "FF_A", "", (0.0, 0.6), (0.65, 1.0))
+    yield Split("kflex_tendon_sheath", "first half", "[0-9]*", "", (0.0, 0.3), (0.3, 0.5))
+
+
+def rows_of(
+    recordings: list[Recording], features: FeatureSet, joints: tuple[str, ...], rate: float | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Features (n, k) and errors (n, n_joints) [rad or m] of rows with truth, at most at a rate."""
+    X, error = [], []
+    for recording in recordings:
+        known = np.flatnonzero(np.isfinite(recording.error(joints)).all(axis=1))
+        every = 1 if rate is None else max(1, round(len(recording) / recording.duration / rate))
+        X.append(features.compute(recording)[known[::every]])
+        error.append(recording.error(joints)[known[::every]])
+    return np.concatenate(X), np.concatenate(error)
+
+
 def judged(split: Split) -> dict[str, Any]:
     """RMSE by joint and estimator on what was held out, and what was chosen."""
     dataset = DATASETS[split.dataset]
-    held_out = HeldOut(split.name, split.files, split.test) if split.test else None
-    training, testing = sides(dataset, held_out or dataset.split(split.name))
+    training, testing = split.sides()
     settings = dataset.settings.get("dnn", {})
     tried = candidates()
     for one in tried:
         if isinstance(one, NeuralNetwork):
             one.set_params(**settings)
-    how = {"features": list(dataset.features), "fit_rate": dataset.fit_rate}
-    began = time.perf_counter()
-    chosen = calibrate(training, Automatic(tried, default_features=True), **how)
-    took = time.perf_counter() - began
-    models = {"auto": chosen}
-    if chosen.feature_set.names == dataset.features:
-        models[chosen.estimator] = chosen
-    for one in [*tried, NeuralNetwork(**settings)]:
+    began = time.perf_counter(), time.process_time()
+    chosen = calibrate(
+        training, Automatic(tried), features=dataset.features, fit_rate=dataset.fit_rate
+    )
+    took = time.perf_counter() - began[0], time.process_time() - began[1]
+    joints, features = chosen.joints, chosen.feature_set
+    X, y = rows_of(training, features, joints, dataset.fit_rate)
+    every = -(-len(X) // MOST_ROWS)
+    X, y = X[::every].copy(), y[::every]
+    X_test, y_test = rows_of(testing, features, joints, dataset.fit_rate)
+    boosted = HistGradientBoostingRegressor(early_stopping=False, random_state=0)
+    errors = {"raw": y_test, "auto": y_test - chosen.model.predict(X_test).reshape(y_test.shape)}
+    for one in [*tried, NeuralNetwork(**settings), WrappedRegressor(boosted)]:
         name = one.name + (" 200" if getattr(one, "epochs", 0) else "")
         with suppress(CalibrationError):  # too few rows for it
-            models[name] = models.get(name) or calibrate(training, one, **how)
-    rmse: dict[str, dict[str, float]] = {}
-    for name, model in models.items():
-        for score in evaluate(model, testing).scores:
-            if score.estimator in (model.estimator, "raw"):
-                key = name if score.estimator == model.estimator else "raw"
-                rmse.setdefault(score.joint, {})[key] = score.rmse
+            if len(X) >= one.minimum_rows(X.shape[1]):
+                errors[name] = y_test - one.fit(X, y).predict(X_test)
+    rmse = {name: np.sqrt(np.mean(error**2, axis=0)) for name, error in errors.items()}
     excess = np.concatenate([chosen.range_excess(one) for one in testing])
     return {
         "title": split.title,
-        "rmse": rmse,
-        "chosen": chosen.estimator,
-        "features": len(chosen.feature_set),
+        "rmse": {
+            joint: {name: float(values[k]) for name, values in rmse.items()}
+            for k, joint in enumerate(joints)
+        },
         "outside": float((excess > MARGIN).mean()),
-        "seconds": took,
+        "seconds": took[0],
+        "cpu_seconds": took[1],
         "choice": chosen.metadata["choice"],
     }
 
@@ -129,10 +201,15 @@ def rows(found: dict[str, Any]) -> Iterator[tuple[str, float, float, float, floa
         ratio = rmse["auto"] / min(rmse["auto"], single[best])
         to_linear, to_raw = rmse["auto"] / rmse["linear"], rmse["auto"] / rmse["raw"]
         mark = f"{ratio:.2f}" if ratio <= WITHIN[1] else f"**{ratio:.2f}**"
+        weights = {one["estimator"]: one["weights"][joint] for one in found["choice"]["tried"]}
+        members = " + ".join(
+            name if weight == 1.0 else f"{weight:.2f} {name}"
+            for name, weight in weights.items()
+            if weight
+        )
         line = (
-            f"| {found['title']} | {joint} | {found['chosen']}, {found['features']} | {best} "
-            f"| {mark} | {to_linear:.2f} | {to_raw:.2f} | {100 * found['outside']:.0f} % "
-            f"| {found['seconds']:.0f} |"
+            f"| {found['title']} | {joint} | {members} | {best} | {mark} | {to_linear:.2f} "
+            f"| {to_raw:.2f} | {100 * found['outside']:.0f} % | {found['cpu_seconds']:.0f} |"
         )
         yield line, ratio, to_linear, to_raw, found["outside"]
 
@@ -140,18 +217,20 @@ def rows(found: dict[str, Any]) -> Iterator[tuple[str, float, float, float, floa
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--harder", action="store_true", help="other splits too")
+    parser.add_argument("--harder", action="store_true", help="other splits instead")
+    parser.add_argument("--development", action="store_true", help="those of the rule instead")
+    parser.add_argument("--only", default="*", help="pattern of titles")
     parser.add_argument("--datasets", nargs="+", default=list(DATASETS), choices=list(DATASETS))
     parser.add_argument("--out", type=Path, default=Path("bench/automatic_choice"))
     options = parser.parse_args()
     print(
-        "| data set, held out | joint | chosen, features | best in hindsight | to it | to linear "
-        "| to raw | outside | time [s] |\n" + "|---" * 9 + "|"
+        "| data set, held out | joint | chosen | best in hindsight | to it | to linear "
+        "| to raw | outside | CPU [s] |\n" + "|---" * 9 + "|"
     )
-    splits = [*recommended(), *(harder() if options.harder else ())]
+    wanted = development if options.development else harder if options.harder else recommended
     ratios = []
-    for split in splits:
-        if split.dataset not in options.datasets:
+    for split in wanted():
+        if split.dataset not in options.datasets or not fnmatch(split.title, options.only):
             continue
         for line, *numbers in rows(kept(options.out, split.title, partial(judged, split))):
             print(line, flush=True)

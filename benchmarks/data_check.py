@@ -184,20 +184,31 @@ def unit_of_both(case: Case) -> Case:
     return _scaled(case, ["truth", "measured"], everywhere=True)
 
 
-def delay(case: Case) -> Case | None:
-    """All truth joints 30 ms late; where motion has one slow speed, friction is the same thing."""
+def _late(case: Case, everywhere: bool) -> Case | None:
+    """Truth 30 ms late; where rows are steps of a motion there is only a value, not a judgement."""
     if case.slow:
         return None
-    new = []
-    for recording in case.recordings:
-        late = {}
-        for joint in recording.joints_of("truth"):
+    for joint in case.one.joints_of("truth"):
+        new = []
+        for k, recording in enumerate(case.recordings):
             truth = recording.column(f"truth/{joint}")
             known = np.isfinite(truth)
-            at = recording.t - 0.03
-            late[f"truth/{joint}"] = np.interp(at, recording.t[known], truth[known])
-        new.append(replace(recording, table=recording.table.assign(**late)))
-    return replace(case, recordings=new)
+            late = np.interp(recording.t - 0.03, recording.t[known], truth[known])
+            table = recording.table.assign(**{f"truth/{joint}": late})
+            spoilt = everywhere or k == case.which
+            new.append(replace(recording, table=table) if spoilt else recording)
+        case = replace(case, recordings=new)
+    return case
+
+
+def delay(case: Case) -> Case | None:
+    """All truth joints 30 ms late in all recordings."""
+    return _late(case, everywhere=True)
+
+
+def delay_of_one(case: Case) -> Case | None:
+    """Let one recording alone be late by as much."""
+    return _late(case, everywhere=False)
 
 
 def zero(case: Case) -> Case:
@@ -261,6 +272,7 @@ FAULTS = {
     "unit_of_measured": (unit_of_measured, "unit"),
     "unit_of_both": (unit_of_both, "unit"),
     "delay": (delay, "delay"),
+    "delay_of_one": (delay_of_one, "delay"),
     "zero": (zero, "zero"),
     "redundant_file": (redundant_file, "redundant"),
     "redundant_row": (redundant_row, "redundant"),
@@ -292,6 +304,8 @@ def inject(name: str, fault: str, seed: int) -> dict[str, object] | None:
         return None
     check = check_data(changed.recordings)
     found = [f for f in check.findings if f.name in kinds and f"/{case.joint}" in f.where]
+    if fault == "delay_of_one":
+        found = [f for f in found if " in " in f.where]
     also = sorted({finding for finding, _ in named(check)} - kinds - healthy_names(name, seed))
     what = found[0].what if found else ""
     return {"joint": case.joint, "found": bool(found), "what": what, "also": also}

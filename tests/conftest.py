@@ -43,10 +43,13 @@ class LaggingBackend:
     def connect(self, listener: Callable[[StateBlock | TruthBlock], None]) -> None:
         self._listener = listener
 
+    def disconnect(self) -> None:
+        self._listener = lambda block: None
+
     def operating_state(self) -> OperatingState:
         return OperatingState(self.state.state, self.state.is_homed, self.state.is_busy, self.time)
 
-    def state_command(self, command: str) -> None:
+    def state_command(self, command: str, timeout: float) -> None:
         self.state = next_state(self.state, command)
         if command == "home":
             self._measured = self.robot.home.copy()
@@ -55,6 +58,9 @@ class LaggingBackend:
     def servo_jp(self, position: np.ndarray) -> None:
         self.sent.append(position.copy())
         self._run(position)
+
+    def flush(self) -> None:
+        pass
 
     def wait(self, duration: float) -> None:
         self.time += duration

@@ -8,6 +8,7 @@ from numba.extending import intrinsic
 
 from truejoint.compiled import (
     VECTOR,
+    _say_uncached,
     address,
     borrow,
     call_address,
@@ -106,3 +107,14 @@ def test_small_loops():
     fill(target, 2, 7.0)
     assert target.tolist() == [7, 7, 2, 0, 0]
     assert unrolled(4) == 4
+
+
+def test_without_a_place_for_the_cache_it_is_compiled_all_the_same(monkeypatch, caplog):
+    monkeypatch.setattr("numba.core.caching.CacheImpl._locator_classes", [])
+    _say_uncached.cache_clear()
+    try:
+        tripled, negated = compiled(lambda x: 3 * x), inlined(lambda x: -x)
+    finally:
+        _say_uncached.cache_clear()
+    assert (tripled(2.0), negated(2.0)) == (6.0, -2.0)
+    assert ["set NUMBA_CACHE_DIR" in record.message for record in caplog.records] == [True]

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from truejoint.errors import TruejointError
-from truejoint.files import write_all_atomically, write_atomically
+from truejoint.files import (
+    check_folder,
+    content_hash,
+    free_name,
+    is_as_written,
+    read_small,
+    uninterrupted,
+    write_all_atomically,
+    write_atomically,
+)
 
 
 def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
@@ -65,3 +78,93 @@ def test_of_several_files_none_is_written_where_one_fails(tmp_path: Path) -> Non
     assert [p.name for p in tmp_path.iterdir()] == ["first"]
     with pytest.raises(TruejointError, match="first: exists already"):
         write_all_atomically({second: full, first: full}, overwrite=False)
+
+
+def test_where_there_are_no_links_the_name_is_claimed_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    monkeypatch.setattr(Path, "hardlink_to", refuse)
+    path = tmp_path / "a"
+    write_atomically(path, lambda p: p.write_text("ours"), overwrite=False)
+    assert path.read_text() == "ours"
+
+    def slow(temporary: Path) -> None:
+        temporary.write_text("late")
+        (tmp_path / "b").write_text("theirs")
+
+    with pytest.raises(TruejointError, match="exists already"):
+        write_atomically(tmp_path / "b", slow, overwrite=False)
+    assert sorted(p.read_text() for p in tmp_path.iterdir()) == ["ours", "theirs"]
+
+
+def test_a_full_disk_is_called_that(tmp_path: Path) -> None:
+    def full(_: Path) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    with pytest.raises(TruejointError, match="a: cannot be written: the disk is full; make room"):
+        write_atomically(tmp_path / "a", full, overwrite=False)
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
+    def stopped(temporary: Path) -> None:
+        temporary.write_text("half")
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        write_atomically(tmp_path / "a", stopped, overwrite=False)
+    assert not list(tmp_path.iterdir())
+
+
+def test_ctrl_c_waits_for_what_cannot_be_had_again() -> None:
+    done = []
+
+    def write() -> None:
+        with uninterrupted():
+            os.kill(os.getpid(), signal.SIGINT)
+            done.append("written")
+
+    with pytest.raises(KeyboardInterrupt):
+        write()
+    assert done == ["written"]
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_what_is_no_file_is_neither_replaced_nor_waited_for(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    with pytest.raises(TruejointError, match="is no file"):
+        write_atomically(pipe, lambda p: p.write_text("a"), overwrite=True)
+    with pytest.raises(TruejointError, match="is not a file, but"):
+        read_small(pipe, TruejointError, 10, "ours")
+    (tmp_path / "file").touch()
+    with pytest.raises(TruejointError, match="is a file; name a folder"):
+        check_folder(tmp_path / "file" / "a" / "b")
+    check_folder(tmp_path / "a" / "b")
+
+
+def test_a_free_name_is_free(tmp_path: Path) -> None:
+    names = []
+    for _ in range(3):
+        free = free_name(tmp_path / "run.parquet", "partial")
+        free.touch()
+        names.append(free.name)
+    assert names == ["run.partial.parquet", "run.partial2.parquet", "run.partial3.parquet"]
+
+
+def test_the_hash_is_of_what_is_said() -> None:
+    array = np.arange(6.0).reshape(2, 3)
+    digest = content_hash({"a": 1, "b": [2]}, {"x": array, "y": array[0]})
+    same = content_hash({"b": [2], "a": 1}, {"y": array[0].copy(), "x": np.asfortranarray(array)})
+    assert digest == same
+    for description, arrays in (
+        ({"a": 1, "b": [3]}, {"x": array, "y": array[0]}),
+        ({"a": 1, "b": [2]}, {"x": array.reshape(3, 2), "y": array[0]}),
+        ({"a": 1, "b": [2]}, {"z": array, "y": array[0]}),
+        ({"a": 1, "b": [2]}, {"x": -array, "y": array[0]}),
+        ({"a": float("nan"), "b": [2]}, {"x": array, "y": array[0]}),
+    ):
+        assert not is_as_written(digest, description, arrays)

@@ -125,27 +125,3 @@ def test_every_command_of_the_readme_is_one_that_is_understood(
         assert stop.value.code in ((0, None, 1) if words[1] == "evaluate" else (0, None)), line
         capsys.readouterr()
     assert (workplace / "report.html").exists()
-
-
-@pytest.mark.parametrize(
-    ("worst", "chosen"),
-    [
-        ({"linear": 0.9, "dnn": 0.5}, "dnn"),
-        ({"linear": 0.5, "dnn": 0.9}, "linear"),
-        ({"linear": 0.52, "dnn": 0.5}, "linear"),
-        ({"linear": 0.9, "dnn": 1.4, "offset": 0.8}, "offset"),
-    ],
-)
-def test_the_model_to_deploy_is_the_best_of_the_worst(worst: dict[str, float], chosen: str) -> None:
-    class Result:
-        def __init__(self, share: float) -> None:
-            self.scores = [
-                type("Score", (), {"estimator": k, "joint": "elbow", "rmse": v * share})
-                for k, v in worst.items()
-            ]
-
-    tolerance = demo.TOLERANCE["elbow"]
-    judged: Any = {"load": Result(tolerance), "none": Result(0.1 * tolerance)}
-    found, shares = demo.advised(judged)
-    assert found == chosen
-    assert shares["linear"] == (pytest.approx(worst["linear"]), "elbow, load")

@@ -3,7 +3,9 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
+from functools import cache
 from typing import Any, TypeVar, cast
 
 from llvmlite import ir  # type: ignore[import-untyped]
@@ -21,18 +23,36 @@ INTEGERS = types.int64[::1]
 MATRIX = types.float64[:, ::1]
 
 
-def compiled(kernel: Kernel) -> Kernel:
-    """Compile a kernel on its first call and keep the machine code on disk.
+def jit(**options: Any) -> Callable[[Kernel], Kernel]:
+    """Compile a kernel on its first call and keep the machine code on disk: makes a decorator.
 
-    Divisions follow IEEE 754 (no ZeroDivisionError out of a loop), and sums are never reordered,
-    so that a kernel gives the same bits for one row as for a whole recording.
+    Where no folder for it can be written (the package's, the user's cache), it is compiled anew in
+    every process, and that is said once. Divisions follow IEEE 754 (no ZeroDivisionError out of a
+    loop), and sums are never reordered, so that a kernel gives the same bits for one row as for a
+    whole recording. `options` are numba's.
     """
-    return cast("Kernel", njit(cache=True, error_model="numpy")(kernel))
+    options["error_model"] = "numpy"
+
+    def decorate(kernel: Kernel) -> Kernel:
+        try:
+            return cast("Kernel", njit(cache=True, **options)(kernel))
+        except RuntimeError:  # numba's word for a cache without a place
+            _say_uncached()
+            return cast("Kernel", njit(**options)(kernel))
+
+    return decorate
 
 
-def inlined(kernel: Kernel) -> Kernel:
-    """Compile a kernel as `compiled` does, into its callers: passing many arrays costs more."""
-    return cast("Kernel", njit(cache=True, error_model="numpy", forceinline=True)(kernel))
+@cache
+def _say_uncached() -> None:
+    logging.getLogger("truejoint").warning(
+        "kernels are compiled anew each time, which takes a while: no folder for them can be "
+        "written; set NUMBA_CACHE_DIR to one of yours"
+    )
+
+
+compiled = jit()
+inlined = jit(forceinline=True)  # into its callers: passing many arrays costs more
 
 
 def address(function: Any, signature: Any) -> int:

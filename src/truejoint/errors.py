@@ -67,6 +67,19 @@ class CommandRefused(TruejointError):
     """
 
 
+class MotionStopped(CommandRefused):
+    """A motion that was stopped before its end; the message says when, and how far along.
+
+    Examples
+    --------
+    >>> motion = arm.move_jp(arm.robot.home + 0.1)
+    >>> motion.cancel()
+    >>> motion.wait()
+    Traceback (most recent call last):
+    truejoint.errors.MotionStopped: ...
+    """
+
+
 class TrajectoryError(TruejointError):
     """A trajectory that is malformed or leaves a robot's limits.
 

@@ -1,13 +1,31 @@
-"""Write files whole or not at all."""
+"""Files: written whole or not at all, known by a hash of what they hold, read within bounds."""
 
 from __future__ import annotations
 
+import errno
+import hashlib
+import json
 import os
-import tempfile
-from collections.abc import Callable, Mapping
+import secrets
+import signal
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import TruejointError
+
+if TYPE_CHECKING:  # a command that only answers does without NumPy
+    from truejoint.array_types import Array
+
+UNHASHED: Final = "was written without a content hash: whether it is whole cannot be told"
+
+_REASONS: Final = {
+    errno.ENOSPC: "the disk is full; make room",
+    errno.EDQUOT: "your share of the disk is used up; make room",
+    errno.EFBIG: "larger than files may be here",
+}
 
 
 def write_atomically(
@@ -18,6 +36,9 @@ def write_atomically(
     error: type[TruejointError] = TruejointError,
 ) -> None:
     """Let `write` fill a temporary file beside `path`, then move it there in one step.
+
+    When this returns, the file is on the disk and not in a cache of it. Without `overwrite` only
+    one of two processes that write `path` at once succeeds.
 
     Raises
     ------
@@ -37,46 +58,158 @@ def write_all_atomically(
     """Write several files as `write_atomically` does; none is moved before all are filled."""
     for path in files:
         check_target(path, overwrite=overwrite, error=error)
-    filled: dict[Path, Path] = {}
+    # Named before they are made, so that none is forgotten wherever Ctrl-C strikes.
+    filled = {path: path.with_name(f".truejoint-{secrets.token_hex(8)}.part") for path in files}
     try:
-        for path, write in files.items():
-            handle, name = tempfile.mkstemp(
-                prefix=f".{path.name}.", suffix=".part", dir=path.parent
-            )
-            os.close(handle)
-            temporary = filled[path] = Path(name)
-            write(temporary)
-            with temporary.open("rb") as file:
-                os.fsync(file.fileno())
-            temporary.chmod(0o644)
         for path, temporary in filled.items():
-            if overwrite:
-                temporary.replace(path)
-            else:
-                # A link, unlike a rename, fails if somebody made the file in the meantime.
-                path.hardlink_to(temporary)
+            temporary.open("xb").close()
+            files[path](temporary)
+            _sync(temporary)
+        for path, temporary in filled.items():
+            _move(temporary, path, overwrite=overwrite)
+        for folder in {path.parent for path in files}:
+            _sync(folder)
     except FileExistsError:
         raise _taken(path, error) from None
     except OSError as cause:
-        raise _unwritable(path, cause, error) from None
+        raise error(f"{path}: cannot be written: {reason(cause)}") from None
     finally:
         for temporary in filled.values():
             temporary.unlink(missing_ok=True)
 
 
 def check_target(
-    path: Path, *, overwrite: bool, error: type[TruejointError] = TruejointError
+    path: Path,
+    *,
+    overwrite: bool,
+    makes_folder: bool = False,
+    error: type[TruejointError] = TruejointError,
 ) -> None:
-    """Refuse, as `write_atomically` does, a path that cannot become a file."""
-    if path.is_dir() or (path.exists() and not overwrite):
+    """Refuse, as `write_atomically` does, a path that cannot become a file.
+
+    With `makes_folder` its folder need not be there yet.
+    """
+    if path.exists() and not path.is_file():
+        raise error(f"{path}: exists already and is no file; choose another name")
+    if path.exists() and not overwrite:
         raise _taken(path, error)
-    if not path.parent.is_dir():
+    if not (makes_folder or path.parent.is_dir()):
         raise error(f"{path}: the folder {path.parent} does not exist; make it first")
+    check_folder(path.parent, error=error)
+
+
+def check_folder(folder: Path, *, error: type[TruejointError] = TruejointError) -> None:
+    """Refuse a folder in which no file can be made, once it is made itself."""
+    there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    if not there.is_dir():
+        raise error(f"{there}: is a file; name a folder")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise error(f"{there}: nothing may be written in this folder; choose another")
+
+
+def free_name(path: Path, word: str) -> Path:
+    """First name beside `path` that is not taken: ``a.word.parquet``, ``a.word2.parquet``, ..."""
+    count, free = 1, path.with_name(f"{path.stem}.{word}{path.suffix}")
+    while free.exists():
+        count += 1
+        free = path.with_name(f"{path.stem}.{word}{count}{path.suffix}")
+    return free
+
+
+@contextmanager
+def uninterrupted() -> Iterator[None]:
+    """Hold Ctrl-C back until the block is left: for writing what cannot be had again."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # where Ctrl-C does not reach
+        return
+    held: list[Any] = []
+    before = signal.signal(signal.SIGINT, lambda *arguments: held.append(arguments))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+        if held and callable(before):
+            before(*held[0])
+
+
+def content_hash(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> str:
+    """SHA-256 over JSON values and float64 arrays with names and shapes, hexadecimal.
+
+    Of what a file says, not of its bytes: compressed in another way it is the same. Raises
+    ValueError for a description that is not JSON.
+    """
+    digest = hashlib.sha256(canonical_json(description).encode())
+    for name in sorted(arrays):
+        array = arrays[name]
+        digest.update(json.dumps([name, array.shape]).encode())
+        digest.update(array.astype("<f8", order="C", copy=False).data)
+    return digest.hexdigest()
+
+
+def is_as_written(
+    digest: object, description: Mapping[str, Any], arrays: Mapping[str, Array]
+) -> bool:
+    """Whether `digest` is the hash of this content."""
+    try:
+        return digest == content_hash(description, arrays)
+    except (ValueError, RecursionError):  # nothing that was ever written
+        return False
+
+
+def canonical_json(description: Mapping[str, Any]) -> str:
+    """JSON of a description, the same for the same values."""
+    return json.dumps(description, sort_keys=True, allow_nan=False, separators=(",", ":"))
+
+
+def read_small(path: Path, error: type[TruejointError], most: int, kind: str) -> bytes:
+    """Content of a file that is `kind` only if it holds at most `most` bytes; raises `error`."""
+    require_ordinary(path, error)
+    try:
+        with path.open("rb") as file:
+            data = file.read(most + 1)
+    except OSError as fault:
+        raise error(f"{path}: cannot be read ({fault.strerror}); check the path") from None
+    if len(data) > most:
+        raise error(f"{path}: holds more than {most} bytes; is it {kind}?")
+    return data
+
+
+def require_ordinary(path: Path, error: type[TruejointError]) -> None:
+    """Refuse what is no file, a pipe above all, at which reading would wait for ever."""
+    try:
+        if path.exists() and not path.is_file():
+            raise error(f"{path}: is not a file, but a folder, a pipe or a device")
+    except (OSError, ValueError) as fault:  # a name that no file can have
+        raise error(f"{path}: cannot be read ({fault}); check the path") from None
+
+
+def reason(cause: OSError) -> str:
+    """Say what went wrong with a file, and what to do where that is known."""
+    return _REASONS.get(cause.errno or 0) or cause.strerror or str(cause)
+
+
+def _sync(path: Path) -> None:
+    """Have the disk keep a file's content, or which names a folder holds."""
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _move(temporary: Path, path: Path, *, overwrite: bool) -> None:
+    if not overwrite:
+        try:
+            # A link, unlike a rename, fails if somebody made the file in the meantime.
+            path.hardlink_to(temporary)
+        except FileExistsError:
+            raise
+        except OSError:  # a file system without links, as on a USB stick: claim the name first
+            path.open("xb").close()
+        else:
+            return
+    temporary.replace(path)
 
 
 def _taken(path: Path, error: type[TruejointError]) -> TruejointError:
-    return error(f"{path}: exists already; choose another name or allow overwriting")
-
-
-def _unwritable(path: Path, cause: OSError, error: type[TruejointError]) -> TruejointError:
-    return error(f"{path}: cannot be written: {cause.strerror or cause}")
+    return error(f"{path}: exists already; choose another name, or allow overwriting (--force)")

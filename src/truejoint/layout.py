@@ -19,7 +19,7 @@ declared by           reached by
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Literal, NoReturn
 
 import numpy as np
@@ -29,7 +29,8 @@ from truejoint.compiled import compiled, vector
 
 Kind = Literal["integer", "address", "scalar", "array", "integers", "part"]
 
-_PART: Final = 4  # numbers of a part: where its numbers and memory begin, and how long they are
+PART_SIZE: Final = 4
+"""Numbers of a part: where its numbers and memory begin, and how long they are."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ class Layout:
 
     def part(self, name: str, meaning: str) -> int:
         """Declare a memory of another layout within this one."""
-        return self._number(name, meaning, "part", size=_PART)
+        return self._number(name, meaning, "part", size=PART_SIZE)
 
     def scalar(self, name: str, meaning: str, *, is_time: bool = False) -> int:
         """Declare one number."""
@@ -156,7 +157,7 @@ class Layout:
                 parts[name] = value
                 sizes = len(value.numbers), len(value.memory)
                 starts = append(0, value.numbers), append(1, value.memory)
-                numbers[0][index : index + _PART] = (*starts, *sizes)
+                numbers[0][index : index + PART_SIZE] = (*starts, *sizes)
             else:
                 table = np.asarray(value, dtype=np.int64 if kind == "integers" else np.float64)
                 shapes[name] = table.shape
@@ -207,6 +208,12 @@ class Memory:
         start, shape = int(self.numbers[index]), self.shapes[name]
         source: Any = self.memory if kind == "array" else self.numbers
         return source[start : start + int(np.prod(shape))].reshape(shape)
+
+    def part_view(self, part: str, name: str) -> Any:
+        """Array of floats of a part as an array that shares this memory."""
+        inner, start = self.parts[part], int(self.numbers[self.layout.fields[part].index + 1])
+        own = self.memory[start : start + len(inner.memory)]
+        return replace(inner, memory=own).view(name)
 
     __reduce__ = refuse_copy
 

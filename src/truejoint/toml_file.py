@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import TruejointError
+from truejoint.files import read_small
 
 MAX_BYTES: Final = 1 << 20
 
@@ -18,15 +19,3 @@ def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as fault:
         raise error(f"{path}: is not TOML ({' '.join(str(fault).split())[:120]})") from None
-
-
-def read_small(path: Path, error: type[TruejointError], most: int, kind: str) -> bytes:
-    """Content of a file that is `kind` only if it holds at most `most` bytes; raises `error`."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(most + 1)
-    except OSError as fault:
-        raise error(f"{path}: cannot be read ({fault.strerror}); check the path") from None
-    if len(data) > most:
-        raise error(f"{path}: holds more than {most} bytes; is it {kind}?")
-    return data

@@ -6,16 +6,20 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from sklearn.linear_model import Ridge
 from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
 from tests.calibration.test_folds import jaw
 
 import truejoint
-from truejoint.calibration import Automatic, calibrate
+from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
+from truejoint.calibration.choice import stacking_weights
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, PolynomialRegressor, candidates
-from truejoint.recordings import Recording
+from truejoint.recordings import Provenance, Recording
 
 
 def bent(seed: int, bend: float) -> Recording:
@@ -40,7 +44,7 @@ def test_what_is_better_on_unseen_recordings_is_chosen():
     model = choose(0.2, [PolynomialRegressor(2), DecisionTreeRegressor()])
     assert model.estimator == "poly2"
     tried = told(model)
-    assert [name for name, trial in tried.items() if trial["chosen"]] == ["poly2"]
+    assert [name for name, trial in tried.items() if trial["weights"]["jaw"]] == ["poly2"]
     assert tried["linear"]["ratio"] == 1.0
     assert tried["poly2"]["ratio"] < 0.3
     assert tried["poly2"]["rmse"]["jaw"] == pytest.approx(1e-3, rel=0.1)
@@ -51,18 +55,72 @@ def test_what_is_better_on_unseen_recordings_is_chosen():
     np.testing.assert_array_equal(model.correct(unseen), plain.correct(unseen))
 
 
+def two_joints(seed: int) -> Recording:
+    """Two joints of which one has a bend in its error, the other noise."""
+    rng = np.random.default_rng(seed)
+    one, other = bent(seed, 0.3), bent(seed + 20, 0.0)
+    columns = {f"{q}/elbow": other.column(f"{q}/jaw") for q in ("measured", "truth")}
+    columns |= {f"{q}/shoulder": one.column(f"{q}/jaw") for q in ("measured", "truth")}
+    columns |= {"t": one.t, "effort/elbow": rng.normal(size=len(one.t))}
+    return Recording.from_columns(columns, Provenance("raven2", arm="left", session=f"s{seed}"))
+
+
+def test_each_joint_gets_what_suits_it(tmp_path):
+    recordings = [two_joints(seed) for seed in range(4)]
+    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    assert model.estimator == "combination"
+    tried = told(model)
+    assert tried["poly2"]["weights"] == {"shoulder": 1.0, "elbow": 0.0}
+    assert tried["linear"]["weights"] == {"shoulder": 0.0, "elbow": 1.0}
+    assert model.metadata["choice"]["chosen"]["ratio"] < 0.6
+    unseen = two_joints(9)
+    alone = [calibrate(recordings, name).correct(unseen) for name in ("poly2", "linear")]
+    for j in range(2):
+        np.testing.assert_allclose(model.correct(unseen)[:, j], alone[j][:, j], rtol=0, atol=1e-15)
+    write_calibration(model, tmp_path / "m.safetensors")
+    read = read_calibration(tmp_path / "m.safetensors")
+    np.testing.assert_array_equal(read.correct(unseen), model.correct(unseen))
+
+
+@given(arrays(float, (40, 4), elements=st.floats(-1.0, 1.0)))
+def test_weights_are_convex_and_no_member_alone_is_better(errors):
+    products = errors.T @ errors / len(errors) + 1e-6 * np.eye(4)
+    weights = stacking_weights(products)
+    assert weights.sum() == pytest.approx(1.0)
+    assert not ((weights != 0.0) & (weights < 0.05)).any()
+    assert weights @ products @ weights <= 1.25 * np.diag(products).min()
+
+
+def test_what_was_not_tried_everywhere_is_no_member():
+    products = np.diag([4.0, 1.0, np.nan])
+    np.testing.assert_allclose(stacking_weights(products), [0.2, 0.8, 0.0])
+
+
 def test_the_linear_model_stays_where_nothing_is_better():
     model = choose(0.0, [PolynomialRegressor(2), DecisionTreeRegressor(), Ridge(1e-9)])
     assert model.estimator == "linear"
-    assert told(model)["DecisionTreeRegressor"]["note"] == "given up after 3 folds"
+    assert told(model)["DecisionTreeRegressor"]["note"] == "given up after 2 folds"
     assert told(model)["Ridge"]["ratio"] == pytest.approx(1.0)
 
 
 def test_what_cannot_be_fitted_is_told_and_not_chosen():
-    model = choose(0.2, [NeuralNetwork(hidden_layer_sizes=(8,) * 9), SVR(C=-1.0)])
+    model = choose(0.2, [SVR(C=-1.0)])
     assert model.estimator == "linear"
     assert told(model)["SVR"]["folds"] == 0
     assert "cannot be fitted" in told(model)["SVR"]["note"]
+
+
+def test_a_candidate_with_a_wrong_parameter_is_refused():
+    with pytest.raises(CalibrationError, match="it must be 1 to 8 layers"):
+        choose(0.2, [NeuralNetwork(hidden_layer_sizes=(8,) * 9)])
+
+
+def test_what_only_works_offline_is_taken_for_all_joints_or_not_at_all():
+    model = choose(0.2, [SVR(C=5.0, epsilon=0.05), PolynomialRegressor(3)])
+    assert model.estimator == "polynomial"
+    assert told(model)["SVR"]["folds"] == 4
+    assert not told(model)["SVR"]["weights"]["jaw"]
+    assert choose(0.2, [SVR(C=5.0, epsilon=0.05)]).estimator == "SVR"
 
 
 def test_other_features_are_tried_beside_those_asked_for():
@@ -88,7 +146,7 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
 
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
-    assert names == ["offset", "linear", "poly2", "dnn", "HistGradientBoostingRegressor"]
+    assert names == ["offset", "linear", "poly2", "dnn", "linear_trees"]
     assert candidates()[3].epochs == 0
 
 

@@ -266,6 +266,7 @@ def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_
         ("levels", lambda a: a[::-1]),
         ("levels", lambda a: a + 0.5),
         ("levels", lambda a: a[:0]),
+        ("levels", lambda a: np.append(0.0, a[1:])),
         ("half_widths", lambda a: -a),
         ("half_widths", lambda a: a * np.nan),
         ("half_widths", lambda a: a[:, :2]),

@@ -91,7 +91,7 @@ def test_nothing_is_overwritten_unasked(tmp_path, calibration):
 def test_places_that_cannot_be_used_are_named(tmp_path, calibration):
     with pytest.raises(ModelFileError, match=r"nowhere does not exist"):
         write_calibration(calibration, tmp_path / "nowhere" / "model.safetensors")
-    with pytest.raises(ModelFileError, match=r"absent.*cannot be read: No such file"):
+    with pytest.raises(ModelFileError, match=r"absent: cannot be read \(No such file"):
         read_calibration(tmp_path / "absent")
     with pytest.raises(ModelFileError, match="cannot be read"):
         read_calibration(tmp_path)
@@ -131,7 +131,7 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, saved, monkeypatch):
     plain = safetensors.numpy.save({"a": np.zeros(3)})
     refused(tmp_path, plain, "without truejoint's part")
     monkeypatch.setattr(model_file, "MAX_FILE_BYTES", 1000)
-    refused(tmp_path, saved, "larger than 1000 bytes")
+    refused(tmp_path, saved, "holds more than 1000 bytes")
 
 
 def with_header(header: Any, data: bytes = b"") -> bytes:
@@ -219,6 +219,17 @@ def test_mutated_bytes_give_an_error_or_the_same_model(
         assert "\n" not in str(error)  # noqa: PT017  # other exceptions must pass through
         return
     assert same(calibration, read, build(30, 6))
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [(["rad"], "units"), ("rad", "units"), ({"measured/elbow": ""}, "units"),
+     ({"measured/elbow": "x" * 41}, "units"), ({"measured/elbow": "\n"}, "units"),
+     ({"measured/elbow": 1}, "units")],
+)  # fmt: skip
+def test_units_that_are_none_are_refused(tmp_path, saved, units, said):
+    description, arrays = from_bytes(saved)
+    refused(tmp_path, to_bytes({**description, "units": units}, arrays), said)
 
 
 JSON = st.recursive(

@@ -29,7 +29,7 @@ def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path,
                 "--accept", "unit")  # fmt: skip
     assert done.code == 0, done.err
     assert "RMSE on 3 parts left out" in done.out
-    assert "poly2 (chosen)" in done.out, done.out
+    assert "(100%)" in done.out, done.out
     assert "shoulder [deg]" in done.out
     model = read_calibration(path)
     assert model.estimator == "poly2"

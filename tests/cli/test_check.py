@@ -58,7 +58,7 @@ def test_a_model_that_no_longer_holds_is_code_1_and_can_be_rezeroed(call, model,
     assert call("check", mended, test).code == 0
     again = call("check", model, test, "--rezero", mended)
     assert again.code == 2
-    assert "is there already" in again.err
+    assert "exists already" in again.err
 
 
 def test_a_model_without_an_interval_gives_no_verdict(call, session, pieces):

@@ -43,9 +43,9 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
     monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_at_the_third)
     stopped = call(*arguments)
     assert stopped.code != 0
-    assert "jaw.stopped.parquet" in stopped.err
+    assert "jaw.partial.parquet" in stopped.err
     assert (tmp_path / "jaw.parquet").read_bytes() == whole
-    fragment = read_parquet(tmp_path / "jaw.stopped.parquet")
+    fragment = read_parquet(tmp_path / "jaw.partial.parquet")
     assert fragment.provenance.notes == "stopped by KeyboardInterrupt"
 
 
@@ -55,7 +55,7 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
         (("--robot", "kflex"), "no digital twin of 'kflex'"),
         (("--robot", "raven2"), "jaw"),
         (("--robot", "forceps", "--load-grams", "3000"), "load is 3.0 kg"),
-        (("--robot", "forceps", "--seed", "-1"), "seed is -1"),
+        (("--robot", "forceps", "--seed", "-1"), "should be greater than or equal to 0"),
         (("--robot", "forceps", "--state-rate-hz", "nan"), "rate nan Hz"),
     ],
 )

@@ -16,7 +16,7 @@ from tests.cli.conftest import Call
 from typer.main import get_command
 
 from truejoint import read_calibration, read_recording, write_parquet
-from truejoint.cli.app import app
+from truejoint.cli.commands import app
 from truejoint.motion import read_trajectory
 from truejoint.robots import catalogue
 
@@ -264,6 +264,7 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
         ["calibrate", "nowhere.parquet", "-o", "m.st"],
         ["trajectory", "zigzag", "--direction", "J9", "-o", "z.csv"],
         ["trajectory", "zigzag", "--sparsity", "none", "-o", "z.csv"],
+        ["trajectory", "nested", "--robot", "raven2", "-o", "n.csv"],
         ["collect", "nowhere.csv", "-o", "here"],
         ["datasets", "fetch", "nothing"],
         ["calibrate", "davinci_grasper_umn", "--split", "nothing", "-o", "m.st"],

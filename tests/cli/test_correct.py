@@ -13,6 +13,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from tests.cli.conftest import Call
 
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
+from truejoint.recordings import read_corrected
 from truejoint.runtime import Corrector, Status
 
 ANYHOW = ("--accept", "range")  # half of the random motion is outside the zig-zag's range
@@ -48,6 +49,13 @@ def test_several_recordings_go_into_one_table(call: Call, session: Path, tmp_pat
     out = tmp_path / "out.parquet"
     assert call("correct", session / "m.st", *files, "-o", out).code == 0
     found = pd.read_parquet(out)
+    pd.testing.assert_frame_equal(read_corrected(out), found)
+    assert "corrected positions" in call("show", out).out
+    assert json.loads(call("show", out, "--json").out)["shown"][0]["rows"] == len(found)
+    flipped = bytearray(out.read_bytes())
+    flipped[len(flipped) // 3] ^= 4
+    (tmp_path / "flipped.parquet").write_bytes(flipped)
+    assert call("show", tmp_path / "flipped.parquet").code == 2
     names = [read_recording(file).provenance.session for file in files]
     assert found["recording"].unique().tolist() == names
     assert call("correct", session / "m.st", *files, "-o", out).code == 2
@@ -64,6 +72,28 @@ def test_rows_of_another_homing_stay_as_measured_and_fail(
     measured = read_recording(session / "random.parquet").column("measured/elbow")
     np.testing.assert_allclose(found["corrected/elbow"], measured, rtol=1e-14)
     assert np.isinf(found["half_width/elbow"]).all()
+
+
+def test_a_recording_that_begins_with_truth_is_re_zeroed(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(session / "random.parquet")
+    table = recording.table
+    table["truth/elbow"] += 0.02
+    tomorrow = replace(recording.provenance, homing_id="tomorrow")
+    moved = replace(recording, table=table, provenance=tomorrow)
+    write_parquet(moved, tmp_path / "moved.parquet")
+    arguments = ["correct", session / "m.st", tmp_path / "moved.parquet", "-o"]
+    result = call(*arguments, tmp_path / "a.csv", "--rezero-s", "10", *ANYHOW)
+    assert result.code == 0, result.err
+    found = pd.read_csv(tmp_path / "a.csv")
+    assert not found["status"].str.contains("HOMED_AGAIN").any()
+    ok = found["status"] == "OK"
+    left = (found["corrected/elbow"] - moved.column("truth/elbow"))[ok]
+    assert abs(left.median()) < 0.01
+    refused = call(*arguments, tmp_path / "b.csv", "--rezero-s", "-1", *ANYHOW)
+    assert refused.code == 2
+    assert "give more than 0 s" in refused.err
 
 
 def test_an_estimator_of_whole_recordings_corrects_without_judging(
@@ -153,16 +183,21 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     zigzag, random = session / "zigzag.parquet", session / "random.parquet"
     write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
     models = [session / "m.st", tmp_path / "curved.st"]
-    result = call("compare", *models, random, "--json")
+    page = tmp_path / "models.html"
+    result = call("compare", *models, random, "--json", "--report", page)
     assert result.code == 0, result.err
+    text = page.read_text(encoding="utf-8")
+    for word in ("2 models compared", ">m<", ">curved<", "residual-1", "within-2"):
+        assert word in text
     found = json.loads(result.out)
     rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}
     for joint, best in found["best"].items():
         assert rmse[best, joint] == min(rmse["m", joint], rmse["curved", joint])
     assert rmse["curved", "elbow"] == rmse["poly2", "elbow"]
+    assert found["deploy"] in {"raw", "offset", "linear", "m", "curved"}
     seen = call("compare", *models, zigzag)
     assert seen.code == 1
-    assert seen.err.count("cannot be believed") == 2
+    assert seen.out.count("cannot be believed") == 2
     alone = call("compare", session / "m.st", random)
     assert alone.code == 2
     assert "1 model file among" in alone.err

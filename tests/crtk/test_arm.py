@@ -110,7 +110,7 @@ def test_setpoint_velocity_is_that_of_the_stream(lagging_arm):
 
 def test_move_arrives_with_bounded_speed_and_acceleration(lagging_arm, lagging_backend):
     goal = lagging_arm.robot.home + np.array([0.2, -0.1, 0.01, 0.5, 0, 0, 0])
-    lagging_arm.move_jp(goal)
+    lagging_arm.move_jp(goal).wait()
     lagging_arm.wait(1.0)
     assert lagging_arm.setpoint_js().position == pytest.approx(goal, abs=1e-12)
     assert lagging_arm.measured_js().position == pytest.approx(goal, abs=1e-9)
@@ -127,7 +127,7 @@ def test_move_keeps_the_speed_asked_for(lagging_arm):
     caps = np.full(7, 0.2)
     caps[2] = 0.02
     start = lagging_arm.time
-    lagging_arm.move_jp(lagging_arm.robot.home + np.eye(7)[0] * 0.4, speed=caps)
+    lagging_arm.move_jp(lagging_arm.robot.home + np.eye(7)[0] * 0.4, speed=caps).wait()
     assert lagging_arm.time - start == pytest.approx(0.4 / 0.2 + 0.25, abs=2e-3)
 
 
@@ -154,7 +154,7 @@ def test_a_move_is_busy_and_takes_no_other_command(lagging_arm):
         seen.append(state.is_busy)
 
     lagging_arm.subscribe(nosy)
-    lagging_arm.move_jp(lagging_arm.robot.home + np.eye(7)[0] * 0.1)
+    lagging_arm.move_jp(lagging_arm.robot.home + np.eye(7)[0] * 0.1).wait()
     assert seen
     assert all(seen)
     assert not lagging_arm.operating_state().is_busy
@@ -163,8 +163,8 @@ def test_a_move_is_busy_and_takes_no_other_command(lagging_arm):
 def test_pause_from_a_subscriber_ends_a_move(lagging_arm, lagging_backend):
     lagging_arm.subscribe(lambda block: lagging_arm.pause())
     with pytest.raises(CommandRefused, match=r"move_jp stopped at t = .*PAUSED"):
-        lagging_arm.move_jp(lagging_arm.robot.home + np.eye(7)[0] * 0.9)
-    assert len(lagging_backend.sent) == 1
+        lagging_arm.move_jp(lagging_arm.robot.home + np.eye(7)[0] * 0.9).wait()
+    assert len(lagging_backend.sent) == 1 + 5  # one piece, then 50 ms of braking
     state = lagging_arm.operating_state()
     assert (state.state, state.is_busy) == ("PAUSED", False)
 
@@ -176,11 +176,11 @@ def test_subscribers_get_all_in_order_and_in_small_blocks(lagging_arm):
     lagging_arm.servo_jp_stream(np.tile(lagging_arm.robot.home, (25000, 1)))
     states = [block for block in blocks if isinstance(block, StateBlock)]
     truths = [block for block in blocks if isinstance(block, TruthBlock)]
-    assert [len(block.t) for block in states] == [10000, 10000, 5000]
+    assert {len(block.t) for block in states} == {10}
     t = np.concatenate([block.t for block in states])
     assert t == pytest.approx(start + 1e-3 * np.arange(1, 25001))
     assert states[0].name == lagging_arm.robot.channels
-    assert states[0].measured.shape == (10000, 8)
+    assert states[0].measured.shape == (10, 8)
     assert truths[0].name == lagging_arm.robot.positioning
     lagging_arm.unsubscribe(blocks.append)
     count = len(blocks)
@@ -191,14 +191,14 @@ def test_subscribers_get_all_in_order_and_in_small_blocks(lagging_arm):
 def test_wait_servoes_when_ready_and_rests_on_the_brakes_otherwise(lagging_arm, lagging_backend):
     home = lagging_arm.robot.home
     lagging_arm.wait(12.0)
-    assert [len(rows) for rows in lagging_backend.sent] == [10000, 2000]
+    assert {len(rows) for rows in lagging_backend.sent} == {10}
     assert all(np.array_equal(rows, np.tile(home, (len(rows), 1))) for rows in lagging_backend.sent)
     lagging_arm.pause()
     before = lagging_arm.time
     lagging_arm.wait(3600.0)
     assert lagging_backend.waited == 3600.0
     assert lagging_arm.time == before + 3600.0
-    assert len(lagging_backend.sent) == 2
+    assert len(lagging_backend.sent) == 1200
     for bad in (-1.0, np.nan, np.inf):
         with pytest.raises(CommandRefused, match="wait refused"):
             lagging_arm.wait(bad)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.crtk.arm import check_range, check_steps
+from truejoint.crtk.limits import check_range, check_steps
 from truejoint.errors import CommandRefused
 from truejoint.robots import get_robot
 

@@ -9,7 +9,7 @@ import pytest
 from tests.estimators.conftest import Pair
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, RobotError
 from truejoint.estimators import estimator_names, get_estimator
 from truejoint.estimators.jaw import JawEstimator
 from truejoint.recordings import Recording
@@ -121,6 +121,36 @@ def test_wrong_columns_and_targets_are_refused(pair):
         model.fit(np.where(np.arange(500) == 3, np.nan, 1.0)[:, None], np.zeros(500))
     with pytest.raises(CalibrationError, match="not negative"):
         model.fit(np.ones((500, 1)), np.zeros(500), dt=np.full(500, -1.0))
+
+
+def test_what_the_recording_says_of_the_mechanism_reaches_the_estimator(pair):
+    recording = pair.recordings()[0]
+
+    def stating(**values):
+        origin = dataclasses.replace(recording.provenance, mechanism=values)
+        return Recording(recording.table, recording.units, origin)
+
+    told = calibrate(stating(gear_ratio=40.0), "ukf").model
+    assert (told.mechanism.gear_ratio, told.mechanism.jaw_radius) == (40.0, 4e-3)
+    # It moves the estimate as much as saying it to the estimator does, which has the last word.
+    X = np.column_stack([recording.column("motor/jaw"), recording.column("cable/reset")])
+    said = calibrate(stating(), get_estimator("ukf").set_params(gear_ratio=40.0)).model
+    assert np.array_equal(told.evaluate(X), said.evaluate(X))
+    stubborn = get_estimator("play_both").set_params(gear_ratio=30.0)
+    assert calibrate(stating(gear_ratio=40.0), stubborn).model.gear_ratio == 30.0
+    with pytest.raises(CalibrationError, match="2 different mechanisms"):
+        calibrate([stating(gear_ratio=40.0), recording], "ukf")
+    with pytest.raises(RobotError, match=r"gear_ratio is 0[.]5; it must be 1 or more"):
+        calibrate(stating(gear_ratio=0.5), "ukf")
+
+
+@pytest.mark.parametrize(("name", "column"), [("ukf", "reset"), ("lsm", "drive")])
+def test_a_sensor_that_is_not_installed_is_refused(pair, name, column):
+    recording = pair.recordings()[0]
+    left = {c: np.array(v) for c, v in recording.table.items() if c != f"cable/{column}"}
+    without = Recording.from_columns(left, recording.provenance)
+    with pytest.raises(CalibrationError, match=f"no cable/{column}; {name} reads .*install"):
+        calibrate(without, name)
 
 
 def test_a_filter_is_refused_at_another_rate(pair):

@@ -7,7 +7,7 @@ from tests.estimators.conftest import columns, fitted, rms_deg
 from truejoint.errors import CalibrationError
 from truejoint.estimators import GatedPlay, Play
 from truejoint.estimators.play import ridge
-from truejoint.models.gated_play import redescending
+from truejoint.models.gated_play import LAYOUT, UNDER_LOAD, redescending
 from truejoint.models.play import bank_columns
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
@@ -70,6 +70,27 @@ def test_a_load_is_not_taken_for_a_motion(pair):
         worst[model.name] = np.degrees(np.sqrt(np.mean(error[still] ** 2)))
     assert worst["play_both"] > 0.3
     assert worst["play_gated"] < 0.15
+
+
+def test_its_deviation_grows_with_a_load_as_its_error_does(pair):
+    model = fitted(pair, GatedPlay())
+    test = LoadTest(0.2)
+    run = record_forceps(specimen("B"), test, seed=3)
+    state, angles, widths = model.start(), [], []
+    state.memory.memory[LAYOUT.fields["deviations"].index] = 1.0
+    for i, row in enumerate(columns(run, model)):
+        angles.append(model.step(state, 5e-3 if i else 0.0, row)[0])
+        widths.append(state.half_width[0])
+    errors, widths = np.array(angles) - run.column("truth/jaw"), np.array(widths)
+    moving, hung = (
+        (run.t >= test.phases[phase][0]) & (run.t <= test.phases[phase][1]) for phase in ("I", "IV")
+    )
+    together, alone = model.arrays_["misfit"]
+    before, after = widths[moving].mean(), widths[hung].mean()
+    assert together <= before < 1.2 * together
+    assert after == pytest.approx(np.hypot(together, UNDER_LOAD * alone), rel=1e-3)
+    inside = np.abs(errors) <= 1.645 * widths  # a stated 90 %
+    assert 0.85 < inside[moving].mean() < 0.95
 
 
 def test_gate_is_continuous_and_lets_go():

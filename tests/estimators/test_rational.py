@@ -1,12 +1,16 @@
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.yan2020 import SMALLEST_DENOMINATOR, fit_rational
-from truejoint.models.jaw import rational_error
+from truejoint.models.jaw import bounded_error, rational_error
 
 
 def loop(n: int = 1200) -> tuple[np.ndarray, np.ndarray]:
@@ -94,3 +98,20 @@ def test_a_pole_gives_a_finite_number():
 def test_what_cannot_be_fitted_is_refused(motor, method, message):
     with pytest.raises(CalibrationError, match=message):
         fit_rational(motor, np.linspace(0, 1e-3, len(motor)), np.zeros(len(motor)), method)
+
+
+ANY = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@given(ANY, ANY, st.lists(st.floats(-10.0, 10.0), min_size=11, max_size=11))
+def test_the_error_stays_within_what_calibration_saw(motor, reset, coefficients):
+    """Whatever the denominator does; and where it is cut off, that is said."""
+    seen, half_width = np.array([-0.02, 0.03]), np.array([0.01])
+    p = np.array(coefficients)
+    kept = bounded_error(motor, reset, np.ones(2), p, seen, half_width)
+    whole = rational_error(motor, reset, np.ones(2), p)
+    if seen[0] <= whole <= seen[1]:
+        assert (kept, half_width[0]) == (whole, 0.01)
+    else:
+        assert math.isnan(whole) or seen[0] <= kept <= seen[1]
+        assert math.isnan(half_width[0])

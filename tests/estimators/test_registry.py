@@ -56,7 +56,7 @@ def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
         (JawFilter("output"), "ukf_compensated"),
         (JawFilter("signed"), "jaw_filter"),
         (Play(("reset",), degree=2), "play_reset"),
-        (Play(("drive",)), "play"),
+        (Play(("drive", "motor")), "play"),
         (CableLeastSquares(intercept=True, compensated=True), "cable_least_squares"),
         (FrictionSmoother(), "ukf_friction_smoothed"),
     ],

@@ -67,6 +67,17 @@ def test_another_instrument_is_called_that(model: Calibration, test: Recording) 
     assert "a zero that has moved" in moved.verdict.text
 
 
+def test_a_moved_zero_is_no_objection_once_re_zeroed(model: Calibration, test: Recording) -> None:
+    moved = _shifted(test, slice(None), truth=0.4)
+    found = evaluate(model, moved, rezero=2.0)
+    assert found.domain is not None
+    assert found.domain.beyond == 0.0
+    assert found.verdict.objections == ()
+    at_zero = evaluate(model, test, rezero=2.0).domain
+    assert at_zero is not None
+    assert found.domain.inside == at_zero.inside
+
+
 def test_a_joint_worse_than_raw_does_not_pass(model: Calibration, test: Recording) -> None:
     error = test.column("measured/jaw") - test.column("truth/jaw")
     moved = _shifted(test, slice(None), truth=0.75 * float(error.mean()))
@@ -85,6 +96,11 @@ def test_a_failed_data_check_is_no_green_pass(model: Calibration, test: Recordin
     assert evaluation.verdict.level == "warn"
     assert evaluation.to_dict()["check"]["findings"][0]["level"] == "fail"
     assert any("data check failed" in doubt for doubt in evaluation.verdict.doubts)
+    accepted = evaluation.check.accept(["missing"])
+    assert not accepted.failed
+    verdict = evaluate(model, replace(test, table=table), check=accepted).verdict
+    assert verdict.level == "warn"
+    assert any("which was accepted" in doubt for doubt in verdict.doubts)
 
 
 def test_no_loop_no_domain(model: Calibration, test: Recording) -> None:

@@ -8,10 +8,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.runtime.streams import recording as stream_recording
+from tests.runtime.streams import trained
 
 from truejoint.calibration.zero import moved
 from truejoint.errors import ExportError, TruejointError
-from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.estimators import (
+    Combination,
+    FixedOffset,
+    LinearRegressor,
+    NeuralNetwork,
+    PolynomialRegressor,
+)
 from truejoint.export.export_onnx import export_onnx
 
 from .export_models import HISTORY, PLAIN, calibration, recording
@@ -57,6 +65,16 @@ def test_graph_gives_what_correct_gives(tmp_path, estimator, features, target):
     assert position.dtype == np.float32
     np.testing.assert_allclose(position, expected, rtol=0, atol=1e-5)
     assert not np.allclose(position, expected, rtol=0, atol=1e-12)
+
+
+def test_a_combination_is_the_graphs_of_its_members(tmp_path):
+    tried = (LinearRegressor(), NeuralNetwork(hidden_layer_sizes=(5,), epochs=2))
+    model = trained(Combination(tried, ((0.25, 0.0), (0.75, 1.0))))
+    test = stream_recording(np.arange(0.0, 5.0, 1 / 30), seed=3)
+    _, position = run(export_onnx(model, tmp_path / "m.onnx"), model, test)
+    np.testing.assert_allclose(position, model.correct(test), rtol=0, atol=1e-12)
+    with pytest.raises(ExportError, match="'trees' has no ONNX graph"):
+        export_onnx(trained("linear_trees"), tmp_path / "t.onnx")
 
 
 def test_metadata_name_the_columns(tmp_path):

@@ -1,6 +1,8 @@
 """Tests of truejoint.motion.files."""
 
 import json
+import os
+from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -148,7 +150,9 @@ GOOD = '# truejoint trajectory {"format": 1, "name": "x", "units": {"a": "rad"},
         (f'# truejoint trajectory {{"format": {"9" * 5000}}}\n', "first line is damaged"),
         ("# truejoint trajectory []\n", "first line must hold"),
         ("# truejoint trajectory {}\n", "first line must hold format, name, units, meta"),
-        (GOOD.replace('"format": 1', '"format": 2'), "newer than 1; update truejoint"),
+        (GOOD.replace('"format": 1', '"format": 3'), "format 3 is none of 1 to 2"),
+        (GOOD.replace('"format": 1', '"format": 0'), "format 0 is none of 1 to 2"),
+        (GOOD.replace('"format": 1', '"format": 2') + "a\n1.0\n", "does not match its hash"),
         (GOOD.replace("rad", "deg") + "a\n1\n2\n", "must be 'rad' or 'm'"),
         (GOOD + "b\n1\n2\n", "do not match the joints"),
         (GOOD, "do not match the joints"),
@@ -194,3 +198,32 @@ def test_garbage_is_refused_and_never_crashes(tmp_path_factory, garbage, with_ma
     except TrajectoryError as error:
         refusal = str(error)
     assert "\n" not in refusal
+
+
+def test_a_changed_bit_changes_no_value(tmp_path):
+    path = tmp_path / "t.csv"
+    rows = np.array([[0.5, -0.0], [1e-300, 2.0], [0.1, 3.0]])
+    before = Trajectory(("a", "b"), ("rad", "m"), rows, None, "x", {2: 1, 10: 1})
+    write_trajectory(before, path)
+    whole = path.read_bytes()
+    for place in range(len(whole)):
+        for bit in range(0, 8, 3):
+            data = bytearray(whole)
+            data[place] ^= 1 << bit
+            path.write_bytes(data)
+            with suppress(TrajectoryError):
+                after = read_trajectory(path)
+                assert np.array_equal(after.positions, rows)
+                assert (after.units, after.name) == (before.units, before.name)
+
+
+def test_one_from_before_there_were_hashes_is_read_and_says_so(tmp_path):
+    path = tmp_path / "t.csv"
+    path.write_text(GOOD + "a\n1.0\n2.0\n")
+    assert "without a content hash" in read_trajectory(path).meta["notes"]
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(TrajectoryError, match="is not a file, but"):
+        read_trajectory(tmp_path / "pipe")

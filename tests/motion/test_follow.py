@@ -1,10 +1,12 @@
 """Tests of truejoint.motion.follow: against a known lag, and on the digital twin."""
 
+import threading
+
 import numpy as np
 import pytest
 
 from truejoint.crtk import StateBlock, simulated_arm
-from truejoint.errors import CommandRefused, RobotError, TrajectoryError
+from truejoint.errors import CommandRefused, MotionStopped, RobotError, TrajectoryError
 from truejoint.motion import (
     Trajectory,
     follow,
@@ -29,7 +31,7 @@ STROKE = line(CENTRE, CENTRE + np.array([0.1, 0.0, 0.0]))
 
 
 def at_rest_at(arm, point):
-    arm.move_jp([*point, *arm.setpoint_js().position[3:]])
+    arm.move_jp([*point, *arm.setpoint_js().position[3:]]).wait()
     arm.wait(1.0)
 
 
@@ -120,7 +122,7 @@ def test_progress_rises_to_one_and_blocks_stay_small(lagging_arm, lagging_backen
     assert len(shares) == 3
     assert shares == sorted(shares)
     assert shares[-1] == 1.0
-    assert max(longest) == 10000
+    assert max(longest) == 10
 
 
 @pytest.mark.parametrize(
@@ -176,8 +178,55 @@ def test_an_interrupted_run_leaves_no_subscriber(lagging_arm, lagging_backend):
 
     with pytest.raises(KeyboardInterrupt):
         follow(lagging_arm, STROKE, progress=stop)
-    assert lagging_arm._listeners == []
+    assert lagging_arm._subscriptions == []
+    assert lagging_arm.operating_state().state == "PAUSED"
+    lagging_arm.resume()
     follow(lagging_arm, STROKE)
+
+
+def test_a_pause_in_the_middle_goes_on_where_it_was_left(lagging_arm, lagging_backend):
+    at_rest_at(lagging_arm, CENTRE)
+    sent = len(lagging_backend.sent)
+    whole = follow(lagging_arm, STROKE)
+    planned = np.vstack(lagging_backend.sent[sent:])
+    at_rest_at(lagging_arm, CENTRE)
+    sent, stops, paused = len(lagging_backend.sent), [1.0, 1.3], threading.Event()
+
+    def stop(block):
+        if stops and lagging_arm.time - start > stops[0]:
+            stops.pop(0)
+            lagging_arm.pause()
+            paused.set()
+
+    def resume_when_paused():
+        for _ in range(2):
+            paused.wait()
+            paused.clear()
+            while lagging_arm.operating_state().state != "PAUSED":
+                pass
+            lagging_arm.resume()
+
+    start = lagging_arm.time
+    lagging_arm.subscribe(stop)
+    helper = threading.Thread(target=resume_when_paused)
+    helper.start()
+    report = follow(lagging_arm, STROKE, resume_within=30.0)
+    helper.join()
+    rows = np.vstack(lagging_backend.sent[sent:])
+    speed = np.diff(rows, axis=0) * 1e3
+    assert stops == []
+    assert report.duration == whole.duration
+    assert rows[-1] == pytest.approx(planned[-1], abs=1e-12)
+    # It never strays from the line, and its speed changes no faster than a stop or a start needs.
+    assert rows[:, 1:] == pytest.approx(np.tile(planned[0, 1:], (len(rows), 1)), abs=1e-12)
+    assert (np.abs(speed[:, 0]) <= SPACE.speed[0] + 1e-8).all()
+    assert np.abs(np.diff(speed[:, 0])).max() <= SPACE.speed[0] * 1e-3 / 0.05 * 1.01
+
+
+def test_a_pause_that_nobody_ends_ends_the_run(lagging_arm):
+    lagging_arm.subscribe(lambda block: lagging_arm.pause())
+    with pytest.raises(MotionStopped, match=r"stopped at t = .* s, \d+% done: PAUSED"):
+        follow(lagging_arm, STROKE)
 
 
 def test_report_reads_well(lagging_arm):

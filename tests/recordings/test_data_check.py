@@ -173,6 +173,7 @@ class _Trained:
     lower: np.ndarray
     upper: np.ndarray
     gap_limit: float = 1.0
+    training_domain: None = None
 
 
 def test_extrapolation_is_counted_by_signal(clean: Recording) -> None:

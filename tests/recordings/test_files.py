@@ -47,6 +47,13 @@ def test_a_gzip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
         read_bounded(path, limit=100_000)
 
 
+def test_a_small_file_does_not_unpack_to_a_large_one(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.gz"
+    path.write_bytes(gzip.compress(bytes((1 << 26) + 1), 1))
+    with pytest.raises(RecordingError, match=f"unpacks to more than {1 << 26} bytes"):
+        read_bounded(path)
+
+
 def test_an_endless_line_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "line.txt"
     path.write_bytes(b"1,2\n" + b"3" * 3_000_000)

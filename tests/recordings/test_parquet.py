@@ -83,7 +83,7 @@ def test_every_truncation_is_refused_in_one_line(recording: Recording, tmp_path:
 
 
 @given(position=st.floats(0, 1, exclude_max=True), byte=st.integers(1, 255))
-def test_a_changed_byte_never_crashes(
+def test_a_changed_byte_changes_no_value(
     tmp_path_factory: pytest.TempPathFactory, refusal: Refusal, position: float, byte: int
 ) -> None:
     t = np.arange(20.0)
@@ -93,7 +93,57 @@ def test_a_changed_byte_never_crashes(
     data = bytearray(path.read_bytes())
     data[int(position * len(data))] ^= byte
     path.write_bytes(data)
-    assert "\n" not in refusal(lambda: read_parquet(path))
+    read = []
+    assert "\n" not in refusal(lambda: read.append(read_parquet(path)))
+    for one in read:
+        assert one.table.equals(recording.table)
+        assert one.provenance.to_dict() == recording.provenance.to_dict()
+
+
+def test_a_value_edited_by_another_program_is_refused(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    table = pq.read_table(path)
+    pq.write_table(table, path, compression="gzip")  # the same, packed in another way
+    assert len(read_parquet(path)) == len(recording)
+    column = table.column("motor/joint1").to_numpy().copy()
+    column[7] += 1e-12
+    place = table.column_names.index("motor/joint1")
+    pq.write_table(table.set_column(place, "motor/joint1", pa.array(column)), path)
+    with pytest.raises(RecordingError, match="does not match its hash"):
+        read_parquet(path)
+
+
+def test_one_from_before_there_were_hashes_is_read_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, GOOD, **{"t": T, "measured/joint1": T})
+    read = read_parquet(path)
+    assert "without a content hash" in read.provenance.notes
+    write_parquet(read, path, overwrite=True)
+    assert read_parquet(path).provenance.notes == read.provenance.notes
+    rewrite(path, GOOD | {"version": 2}, **{"t": T, "measured/joint1": T})
+    with pytest.raises(RecordingError, match="does not match its hash"):
+        read_parquet(path)
+
+
+def test_what_unpacks_to_more_than_a_measurement_does_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    zeros = pa.array(np.zeros(9_000_000))
+    rewrite(path, GOOD, **{"t": zeros, "measured/joint1": zeros})
+    with pytest.raises(RecordingError, match="unpack to 144000000, which no measurement does"):
+        read_parquet(path)
+
+
+def test_short_memory_is_called_that(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise pa.ArrowMemoryError("malloc of size 1 failed")
+
+    write_parquet(recording, tmp_path / "a.parquet")
+    monkeypatch.setattr(pq.ParquetFile, "read", refuse)
+    with pytest.raises(RecordingError, match="takes more memory than there is"):
+        read_parquet(tmp_path / "a.parquet")
 
 
 def rewrite(path: Path, header: object = None, **columns: pa.Array) -> None:
@@ -115,6 +165,7 @@ T = pa.array([0.0, 1.0])
         ("{", "metadata is damaged"),
         ([1], "metadata is damaged"),
         (GOOD | {"version": "1"}, "metadata is damaged"),
+        (GOOD | {"version": 0}, "metadata is damaged"),
         (GOOD | {"version": 99}, "is of version 99"),
         (GOOD | {"units": {}}, "metadata is damaged"),
         (GOOD | {"units": {"measured/joint1": 3}}, "metadata is damaged"),
@@ -188,7 +239,8 @@ def test_a_damaged_robot_is_refused_in_one_line(
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)
     table = pq.read_table(path)
-    header = json.loads(table.schema.metadata[b"truejoint"]) | {"robot": robot}
+    header = json.loads(table.schema.metadata[b"truejoint"]) | {"robot": robot, "version": 1}
+    del header["sha256"]
     pq.write_table(table.replace_schema_metadata({b"truejoint": json.dumps(header).encode()}), path)
     message = refusal(lambda: read_parquet(path))
     assert message.startswith(f"{path}: ")

@@ -30,7 +30,7 @@ class FakeArm:
         self.homing_id = ""
         self.listeners: list[Callable[..., None]] = []
 
-    def subscribe(self, callback: Callable[..., None]) -> None:
+    def subscribe(self, callback: Callable[..., None], every: float = 0.0) -> None:
         self.listeners.append(callback)
 
     def unsubscribe(self, callback: Callable[..., None]) -> None:
@@ -114,7 +114,9 @@ def test_an_interrupt_keeps_and_writes_what_there_is(arm: Any, tmp_path: Path) -
     with pytest.raises(KeyboardInterrupt):
         move()
     assert not arm.listeners
-    written = read_parquet(path)
+    assert recorder.written == tmp_path / "run.partial.parquet"
+    assert not path.exists()
+    written = read_parquet(recorder.written)
     assert written.provenance.notes == "stopped by KeyboardInterrupt"
     assert len(written) == len(recorder.recording()) == 30
     assert written.provenance.dropped[AFTER] == np.isnan(written.column("truth/elbow")).sum() > 0
@@ -125,6 +127,22 @@ def test_a_file_that_is_there_is_refused_before_the_arm_moves(arm: Any, tmp_path
     path.touch()
     with pytest.raises(RecordingError, match="exists already"):
         Recorder(arm, path=path)
+
+
+def test_a_recording_whose_name_was_taken_meanwhile_is_kept(arm: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    recorder = Recorder(arm, path=path)
+
+    def move() -> None:
+        with recorder:
+            arm.state(np.arange(1000) * 1e-3)
+            path.write_text("theirs")
+
+    with pytest.raises(RecordingError, match=r"exists already.*the recording is in .*run\.kept"):
+        move()
+    assert path.read_text() == "theirs"
+    assert recorder.written == tmp_path / "run.kept.parquet"
+    assert not read_parquet(recorder.written).provenance.notes
 
 
 def test_a_clock_that_is_set_back_is_counted(arm: Any) -> None:

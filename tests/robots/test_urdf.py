@@ -114,6 +114,8 @@ def test_the_plain_data_no_longer_need_the_urdf(arm: Path) -> None:
         (document(ARM), '"arm.urdf"', '"arm.urdf"\nbase = "l9"', "no joints lead from link 'l9'"),
         (document(ARM), '"arm.urdf"', '"arm.urdf"\nroot = "l9"', "key 'root' is not known"),
         ("<robot", "", "", "cannot be read as a URDF"),
+        ('<!DOCTYPE r [<!ENTITY e SYSTEM "file:///etc/passwd">]><robot name="&e;"/>', "", "",
+         "no document type or CDATA is read"),
         ("", "", "", "cannot be read as a URDF"),
         (document(ARM).replace('xyz="0.0 1.0 0.0"', 'xyz="0 0 0"'), "", "", "want a direction"),
         (

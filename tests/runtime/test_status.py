@@ -15,7 +15,7 @@ from truejoint.calibration.encoding import decode, encode
 from truejoint.runtime import Corrector, Status
 from truejoint.runtime.limits import limits_of
 
-from .streams import HISTORY, SIGNALS, recording, stream, trained
+from .streams import HISTORY, MINUTE, SIGNALS, recording, stream, trained
 
 RATE = 1000
 FAULT = 1500  # row at which a fault begins
@@ -270,16 +270,35 @@ def test_a_model_that_counts_samples_corrects_at_no_faster_rate():
     assert not bits[1:].any()
 
 
-def test_a_channel_that_never_changed_in_training_may_stand_still_or_not():
+def test_a_channel_that_never_changed_in_training_may_stand_still_and_not_move():
     corrector = Corrector(trained(features=(*SIGNALS, "effort/unused")))
     corrector.set_homing(True, "h1")
     rows = np.column_stack([stream(T), np.zeros(len(T))])
-    rows[2000:, 4] = 7.0
+    rows[2000:, 4] = 1e-6
     bits, positions, _ = run(corrector, T, rows)
-    assert not bits.any()
+    assert not bits[:2000].any()
+    assert (bits[2000:] == Status.OUT_OF_RANGE).all()
     plain = Corrector(trained())
     plain.set_homing(True, "h1")
-    np.testing.assert_allclose(positions, run(plain, T, stream(T))[1], rtol=0, atol=1e-12)
+    expected = run(plain, T, stream(T))[1]
+    np.testing.assert_allclose(positions[:2000], expected[:2000], rtol=0, atol=1e-12)
+
+
+def test_a_position_that_never_changed_in_training_is_flagged_where_it_is_elsewhere():
+    held = recording(MINUTE)
+    columns = {"measured/insertion": "m", "measured/tool_roll": "rad"}
+    table = held.table.assign(**dict.fromkeys(columns, 0.3))
+    still = replace(held, table=table, units={**held.units, **columns})
+    features = (*SIGNALS, "measured/insertion", "measured/tool_roll")
+    corrector = Corrector(trained(features=features, recordings=[still]))
+    corrector.set_homing(True, "h1")
+    rows = np.column_stack([stream(T), np.full((len(T), 2), 0.3)])
+    rows[1000:, 4] = 0.2  # the only length: by how much it may move is not known
+    rows[2000:, 5] += 0.03
+    rows[3000:, 5] += 0.02
+    bits, _, _ = run(corrector, T, rows)
+    assert not bits[:3000].any()
+    assert (bits[3000:] & Status.OUT_OF_RANGE).all()
 
 
 @pytest.mark.parametrize(

@@ -1,53 +1,57 @@
-"""Which estimator and features to use: those that are best on recordings that a fit did not see."""
+"""Which estimator to use for each joint: what is best on recordings that a fit did not see."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
+from scipy.optimize import nnls
 
-from truejoint.array_types import Array
-from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.folds import FEW, Fold, errors_of, folds, without
+from truejoint.array_types import Array, Integers
+from truejoint.calibration.folds import Fold, hidden_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.combination import Combination
 from truejoint.estimators.registry import LINEAR
-from truejoint.estimators.wrapped import Regressor, candidates, joint_regressor
+from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.models.features import FeatureSet
-from truejoint.recordings import Recording
 
-_BETTER: Final = 0.05  # share by which an estimator must beat the linear model
+_BETTER: Final = 0.1  # share by which the linear model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
-_WORSE: Final = 0.05  # share by which it may be worse in one of the joints
-_HOPELESS: Final = 0.5  # share by which one is worse that is given up at once
-_ROWS: Final = 10_000  # that a fit for the choice sees, at most
-_TRIED_ON: Final = 3  # folds, after which one that is not better yet is given up
+_LEAST: Final = 0.05  # weight, below which a member is left out
+_ROWS: Final = 6_000  # that a fit for the choice sees, at most
+_TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up
 
 
 @dataclass(frozen=True, eq=False)
 class Automatic:
-    """An estimator to be chosen: the linear model, unless another is better without doubt.
+    """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these: see `truejoint.calibration.folds.folds`. The fits that serve the choice
-    alone see ten thousand rows. A candidate is better where its RMSE is below that of the linear
-    model by 5 % and by two standard errors, both of the logarithms' mean over the folds, and above
-    it by 5 % in no joint. Of those the best is fitted to all. What was tried stands in the metadata
-    under ``choice``.
+    and judged on these: see `truejoint.calibration.folds.folds`. For each joint, the weights that
+    sum to 1, are not negative, and make the least mean square of the errors on what the fits did
+    not see, each fold relative to the linear model, say what its members are (Breiman, Stacked
+    regressions, Machine Learning 24, 1996). They are used where they beat the linear model: by 10 %
+    and by two standard errors of the logarithm's mean over the folds, each judged with the weights
+    of the other folds. Elsewhere the linear model stays. The fits that serve the choice see six
+    thousand rows; what is chosen is fitted to all. What was tried stands in the metadata under
+    ``choice``.
 
     Parameters
     ----------
     candidates : sequence of Regressor
-        What is tried; by default what the registry says: offset, linear, quadratic, the network
-        until convergence, and boosted trees.
+        What is tried; by default what the registry says: offset, linear, quadratic, a network
+        until convergence, and boosted trees on the residual of the linear model. One that takes
+        features of its own, or only works offline, is taken for all joints or not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
+    tell : callable, optional
+        Called with what is done next, in words.
 
     Examples
     --------
@@ -59,233 +63,304 @@ class Automatic:
 
     candidates: Sequence[Regressor] = field(default_factory=candidates)
     default_features: bool = False
+    tell: Callable[[str], None] | None = None
 
 
-class Fit(Protocol):
-    """`truejoint.calibrate`, all but what is chosen."""
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """What one recording gives to a choice."""
 
-    def __call__(
-        self,
-        recordings: Sequence[Recording],
-        estimator: JointRegressor,
-        *,
-        features: FeatureSet | None,
-        fit_rate: float | None = None,
-        progress: Progress | None = None,
-    ) -> Calibration:
-        """Fit to recordings."""
+    t: Array  # (n,) [s]
+    dt: Array  # (n,), time since the row before, 0 where a history starts
+    features: Array  # (n, k)
+    targets: Array  # (n, n_joints) [rad or m], NaN where they are not fitted to
+    error: Array  # (n, n_joints), truth minus measured
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """What was chosen, unfitted, its features, and how that came about, as JSON values."""
+
+    estimator: JointRegressor
+    features: FeatureSet
+    told: Mapping[str, Any]
 
 
 @dataclass(eq=False)
 class _Trial:
-    """One estimator with one set of features, and how it did."""
+    """One candidate, and how it did."""
 
-    candidate: JointRegressor
-    features: FeatureSet | None
-    estimator: JointRegressor  # that stands for the candidate once a first fit has settled it
-    errors: list[Array] = field(default_factory=list)  # RMSE (n_joints,) of each fold
+    candidate: JointRegressor  # of which a first fit settles what it finds
+    is_member: bool = True  # whether it can be one
+    folds: int = 0
     seconds: float = 0.0
     note: str = ""
-    names: Sequence[str] = ()  # of the features
+
+
+@dataclass(eq=False)
+class Group:
+    """Candidates that see the same features, and what they are fitted to and judged on.
+
+    The linear model goes before them. `recordings` are those of the folds, in their order.
+    """
+
+    features: FeatureSet
+    recordings: Sequence[Rows]
+    candidates: Sequence[JointRegressor]
+    products: list[Array] = field(default_factory=list)
+    """For each fold, means (n_joints, m, m) of the products of two candidates' errors; NaN where
+    one was not tried."""
+
+    def __post_init__(self) -> None:
+        others = [one for one in self.candidates if one.name != LINEAR]
+        self.trials = [_Trial(one) for one in (get_estimator(LINEAR), *others)]
+        self._inputs, self._dt, self._targets, self._error = (
+            np.concatenate([getattr(rows, name) for rows in self.recordings])
+            for name in ("features", "dt", "targets", "error")
+        )
+
+    def judge(self, fold: Fold, say: Callable[[str, float], None]) -> Array:
+        """Fit what is not given up without a fold; RMSE (n_joints,) of the raw positions there.
+
+        `say` is told what is fitted, and the share that is done. Raises CalibrationError if the
+        linear model cannot be fitted.
+        """
+        seen, unseen = self._split(fold)
+        m, n_joints = len(self.trials), self._targets.shape[1]
+        errors = np.full((m, len(unseen), n_joints), np.nan)
+        for number, trial in enumerate(self.trials):
+            if trial.note:
+                continue
+            say(trial.candidate.name, number / m)
+            began = time.perf_counter()
+            try:
+                predicted = self._predict(trial, seen, unseen)
+                errors[number] = self._targets[unseen] - predicted
+                trial.folds += 1
+            except CalibrationError as reason:
+                if number == 0:
+                    raise
+                trial.note = str(reason)
+            trial.seconds += time.perf_counter() - began
+        self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
+        if len(self.products) >= _TRIED_ON:
+            for trial, weights in zip(self.trials[1:], self.weights()[1:], strict=True):
+                if trial.is_member and not trial.note and not weights.any():
+                    trial.note = f"given up after {trial.folds} folds"
+        return np.asarray(np.sqrt(np.mean(self._error[unseen] ** 2, axis=0)))
+
+    def _split(self, fold: Fold) -> tuple[Integers, Integers]:
+        """Rows that a fit sees, few enough, and rows that are judged."""
+        hidden, judged = [], []
+        for index, rows in enumerate(self.recordings):
+            own = [part for part in fold.parts if part.recording == index]
+            hidden.append(hidden_rows(rows.t, own))
+            among = [part.rows(len(rows.t)) for part in own]
+            judged.append(np.any([np.zeros(len(rows.t), dtype=bool), *among], axis=0))
+        known = np.isfinite(self._targets).all(axis=1)
+        seen = np.flatnonzero(known & ~np.concatenate(hidden))
+        unseen = np.flatnonzero(known & np.concatenate(judged))
+        if not len(unseen):
+            raise CalibrationError(f"no row of {fold.name} has a known truth")
+        return seen[:: max(1, -(-len(seen) // _ROWS))], unseen
+
+    def _predict(self, trial: _Trial, seen: Integers, unseen: Integers) -> Array:
+        """Fit to the rows `seen`, settle what that found, and predict the rows `unseen`."""
+        model = trial.candidate.settled()
+        needed = model.minimum_rows(self._inputs.shape[1])
+        if len(seen) < needed:
+            raise CalibrationError(f"{len(seen)} rows with truth; it needs {needed}")
+        if model.family.remembers:
+            targets = np.full_like(self._targets, np.nan)
+            targets[seen] = self._targets[seen]
+            model.fit(self._inputs, targets, None, self._dt)
+            predicted = model.evaluate(self._inputs, self._dt)[unseen]
+        else:
+            model.fit(self._inputs[seen], self._targets[seen])
+            predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
+        trial.is_member = model.family.row is not None and model.family.inputs is None
+        trial.candidate = model.settled()
+        return predicted
 
     @property
-    def name(self) -> str:
-        return self.estimator.name
+    def linear(self) -> Array:
+        """Mean square error (n_folds, n_joints) of the linear model."""
+        return np.array([product[:, 0, 0] for product in self.products])
 
-    def judge(
-        self, fitted: Calibration, recordings: Sequence[Recording], fold: Fold
-    ) -> Calibration:
-        """Keep the errors of a fit on what it did not see, and what it settled."""
-        self.errors.append(_rmse(fitted, recordings, fold))
-        self.estimator, self.names = fitted.model.settled(), fitted.feature_set.names
-        return fitted
+    def weights(self, without: int | None = None) -> Array:
+        """Weights (m, n_joints) of the members, of all folds or without one."""
+        kept = [p for number, p in enumerate(self.products) if number != without]
+        relative = np.mean([p / np.maximum(p[:, :1, :1], _TINY) for p in kept], axis=0)
+        for number, trial in enumerate(self.trials):
+            if not trial.is_member:
+                relative[:, number] = np.nan
+        return np.array([stacking_weights(product) for product in relative]).T
 
-    def ratios(self, reference: _Trial) -> Array:
-        """Logarithms (n_folds, n_joints) of the errors over those of another."""
-        own, other = np.array(self.errors), np.array(reference.errors[: len(self.errors)])
-        smallest = np.finfo(float).tiny
-        return np.asarray(np.log(np.maximum(own, smallest) / np.maximum(other, smallest)))
+    def combined(self) -> tuple[Array, Array]:
+        """Weights (m, n_joints), those of the linear model where nothing is better.
 
-    def against(self, reference: _Trial) -> tuple[float, float]:
-        """Mean over folds of the logarithm of its error over another's, and standard error."""
-        by_fold = self.ratios(reference).mean(axis=1)
-        if len(by_fold) < 2:
-            return float(by_fold.mean()) if len(by_fold) else math.inf, math.inf
-        return float(by_fold.mean()), float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
+        And the mean square error (n_folds, n_joints), each with the weights of the other folds.
+        """
+        linear, weights = self.linear, self.weights()
+        apart = [self.weights(without=number) for number in range(len(self.products))]
+        square = np.array([_square(p, w) for p, w in zip(self.products, apart, strict=True)])
+        for joint in range(weights.shape[1]):
+            if not is_better(log_ratio(square[:, joint], linear[:, joint])):
+                weights[:, joint] = np.arange(len(weights)) == 0
+                square[:, joint] = linear[:, joint]
+        return weights, square
 
-    def is_hopeless(self, reference: _Trial) -> bool:
-        """Whether more folds would hardly make it better than another."""
-        mean = float(self.ratios(reference).mean())
-        return mean > (0.0 if len(self.errors) >= _TRIED_ON else math.log(1.0 + _HOPELESS))
+    def estimator(self, weights: Array) -> JointRegressor:
+        """Unfitted estimator of these weights (m, n_joints)."""
+        used = np.flatnonzero(weights.any(axis=1))
+        members = tuple(self.trials[number].candidate for number in used)
+        if len(members) == 1:
+            return members[0]
+        return Combination(members, tuple(map(tuple, weights[used].tolist())))
 
-    def is_better(self, reference: _Trial) -> bool:
-        """Whether it was tried on every fold, and is better by the rule of `Automatic`."""
-        if len(self.errors) < len(reference.errors):
-            return False
-        mean, error = self.against(reference)
-        worst = float(self.ratios(reference).mean(axis=0).max())
-        enough = mean <= math.log(1.0 - _BETTER) and mean + _ERRORS * error < 0.0
-        return enough and worst <= math.log(1.0 + _WORSE)
+
+_TINY: Final = np.finfo(float).tiny
+
+
+def stacking_weights(products: Array) -> Array:
+    """Weights (m,), not negative and of sum 1, of the least mean square of the weighted errors.
+
+    `products` (m, m) are the means of the products of two estimators' errors, NaN for those that
+    are left out. The weights of non-negative least squares with a sum near 1 point where those
+    with a sum of 1 do.
+    """
+    weights = np.zeros(len(products))
+    known = np.flatnonzero(np.isfinite(np.diag(products)))
+    kept = known
+    while True:
+        values, vectors = np.linalg.eigh(products[np.ix_(kept, kept)])
+        root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+        found, _ = nnls(np.vstack([root, np.ones(len(kept))]), np.append(np.zeros(len(kept)), 1.0))
+        found /= found.sum()
+        large = found >= _LEAST
+        if large.all():
+            weights[kept] = found
+            return weights
+        kept = kept[large]
+
+
+def is_better(ratios: Array) -> bool:
+    """Whether errors are smaller without doubt; `ratios` (n_folds,) are of logarithms."""
+    if len(ratios) < 2:
+        return False
+    mean, error = ratios.mean(), ratios.std(ddof=1) / math.sqrt(len(ratios))
+    return bool(mean <= math.log(1.0 - _BETTER) and mean + _ERRORS * error < 0.0)
+
+
+def log_ratio(square: Array, other: Array) -> Array:
+    """Logarithm of the ratio of two errors, of their squares."""
+    return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
+
+
+def _square(products: Array, weights: Array) -> Array:
+    """Mean square (n_joints,) of errors, weighted by `weights` (m, n_joints)."""
+    known = np.where(weights.T[:, :, None] * weights.T[:, None, :] > 0.0, products, 0.0)
+    return np.asarray(np.einsum("mj,jmp,pj->j", weights, known, weights))
 
 
 def choose(
-    recordings: Sequence[Recording],
-    automatic: Automatic,
-    fit: Fit,
-    features: FeatureSet | None,
-    fit_rate: float | None = None,
+    groups: Sequence[Group],
+    left_out: Sequence[Fold],
+    joints: Sequence[str],
+    tell: Callable[[str], None] | None = None,
     progress: Progress | None = None,
-) -> Calibration:
-    """Choose as `Automatic` says, and fit the chosen one to all recordings.
+) -> Choice:
+    """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
 
-    A fold without which the linear model cannot be fitted (a feature never changes in the rest) is
-    passed over; raises CalibrationError if that is every one.
+    A fold without which the linear model cannot be fitted is passed over; raises CalibrationError
+    if that is every one.
     """
-    report = progress or (lambda _fraction: None)
-    feature_sets = [features]
-    if automatic.default_features and features is not None and len(recordings) >= FEW:
-        feature_sets.append(None)
-    trials = list(_trials(automatic.candidates, feature_sets))
-    fit_briefly = partial(fit, fit_rate=_brief_rate(recordings, fit_rate))
-    left_out = folds(recordings)
-    steps = len(left_out) + 1
-    judged: list[Fold] = []
+    tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
     raw: list[Array] = []
-    for k, fold in enumerate(left_out):
-        is_last = fold is left_out[-1]
+    judged: list[Fold] = []
+    for number, fold in enumerate(left_out):
+
+        def say(name: str, share: float, fold: Fold = fold, number: int = number) -> None:
+            tell(f"Choosing: {name} without {fold.name}")
+            report((number + share) / len(left_out))
+
         try:
-            raw.append(_try(trials, recordings, fold, fit_briefly, is_last=is_last))
+            errors = [group.judge(fold, say) for group in groups]
+            raw.append(errors[0])
             judged.append(fold)
         except CalibrationError:
-            if is_last and not judged:
+            for group in groups:
+                del group.products[len(judged) :]
+            if fold is left_out[-1] and not judged:
                 raise
-        report((k + 1) / steps)
-    reference = trials[0]
-    best = min(
-        (trial for trial in trials if trial is reference or trial.is_better(reference)),
-        key=lambda trial: trial.against(reference)[0],
+    tell("Fitting what was chosen")
+    return _best(groups, judged, raw, joints)
+
+
+def _best(
+    groups: Sequence[Group], judged: Sequence[Fold], raw: Sequence[Array], joints: Sequence[str]
+) -> Choice:
+    reference = groups[0].linear
+    options: list[tuple[Group, Array, Array]] = []
+    for group in groups:
+        weights, square = group.combined()
+        options.append((group, weights, square))
+        for number, trial in enumerate(group.trials):
+            if not trial.is_member and trial.folds == len(judged):
+                alone = np.zeros_like(weights)
+                alone[number] = 1.0
+                options.append(
+                    (group, alone, np.array([p[:, number, number] for p in group.products]))
+                )
+    usual = options[0]
+    group, weights, square = min(
+        (o for o in options if o is usual or is_better(log_ratio(o[2], usual[2]).mean(axis=1))),
+        key=lambda option: log_ratio(option[2], reference).mean(),
     )
-
-    def report_last(fraction: float) -> None:
-        report((steps - 1 + fraction) / steps)
-
-    fitted = fit(
-        recordings, best.candidate, features=best.features, fit_rate=fit_rate, progress=report_last
-    )
-    return fitted.with_metadata(choice=_told(judged, trials, best, raw, fitted.joints))
-
-
-def _try(
-    trials: Sequence[_Trial],
-    recordings: Sequence[Recording],
-    fold: Fold,
-    fit: Fit,
-    *,
-    is_last: bool,
-) -> Array:
-    """Fit what is not given up without a fold, and judge it; RMSE (n_joints,) of raw positions.
-
-    Raises CalibrationError if the reference, the first, cannot be fitted.
-    """
-    training = without(recordings, fold.parts)
-    known: dict[FeatureSet | None, Calibration] = {}  # which bring baselines along
-    reference, *others = trials
-    fitted = reference.judge(_fitted(reference, training, fit, known), recordings, fold)
-    for trial in (one for one in others if not one.note):
-        began = time.perf_counter()
-        try:
-            trial.judge(_fitted(trial, training, fit, known), recordings, fold)
-        except CalibrationError as reason:
-            trial.note = str(reason)
-        trial.seconds += time.perf_counter() - began
-        if not trial.note and not is_last and trial.is_hopeless(reference):
-            trial.note = f"given up after {len(trial.errors)} folds"
-    return _raw_rmse(fitted, recordings, fold)
-
-
-def _trials(
-    tried: Sequence[Regressor], feature_sets: Sequence[FeatureSet | None]
-) -> Iterator[_Trial]:
-    """Every candidate with every set of features, the linear model with the first before all."""
-    linear = next(one for one in candidates() if one.name == LINEAR)
-    known = [joint_regressor(one) for one in tried]
-    for features in feature_sets:
-        for one in (linear, *(one for one in known if one.name != LINEAR)):
-            yield _Trial(one, features, one)
-
-
-def _brief_rate(recordings: Sequence[Recording], fit_rate: float | None) -> float | None:
-    """Rate [Hz] at which the fits for the choice take rows."""
-    if sum(map(len, recordings)) <= _ROWS:
-        return fit_rate
-    few = _ROWS / sum(recording.duration for recording in recordings)
-    return few if fit_rate is None else min(few, fit_rate)
-
-
-def _fitted(
-    trial: _Trial,
-    training: Sequence[Recording],
-    fit: Fit,
-    known: dict[FeatureSet | None, Calibration],
-) -> Calibration:
-    """Fit, unless a fit with the same features has brought the same along as a baseline."""
-    other = known.get(trial.features)
-    if other is not None and other.target == "error" and trial.name in other.baselines:
-        same = other.baselines[trial.name]
-        parameters = same.model.get_params() == trial.estimator.get_params()
-        if parameters and trial.name not in other.metadata["baseline_notes"]:
-            return same
-    known[trial.features] = fit(training, trial.estimator, features=trial.features)
-    return known[trial.features]
-
-
-def _rmse(calibration: Calibration, recordings: Sequence[Recording], fold: Fold) -> Array:
-    """RMSE (n_joints,) [rad or m] over all rows of a fold."""
-    errors = [errors_of(calibration, recordings, part)[0] for part in fold.parts]
-    return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
-
-
-def _raw_rmse(calibration: Calibration, recordings: Sequence[Recording], fold: Fold) -> Array:
-    """RMSE (n_joints,) of the measured position, likewise."""
-    errors = []
-    for part in fold.parts:
-        _, rows = errors_of(calibration, recordings, part)
-        errors.append(recordings[part.recording].error(calibration.joints)[rows])
-    return np.asarray(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)))
+    told = {
+        "reference": LINEAR,
+        "left_out": [fold.name for fold in judged],
+        "raw": _by_joint(joints, np.square(raw)),
+        "chosen": {"rmse": _by_joint(joints, square)} | _ratio(log_ratio(square, reference)),
+        "tried": [
+            _told(one, number, reference, joints, weights[number] if one is group else None)
+            for one in groups
+            for number in range(len(one.trials))
+        ],
+    }
+    return Choice(group.estimator(weights), group.features, told)
 
 
 def _told(
-    left_out: Sequence[Fold],
-    trials: Sequence[_Trial],
-    best: _Trial,
-    raw: Sequence[Array],
-    joints: Sequence[str],
+    group: Group, number: int, reference: Array, joints: Sequence[str], weights: Array | None
 ) -> dict[str, Any]:
-    """Tell what was tried, as JSON values: RMSE [rad or m] over folds, and ratio to linear."""
-
-    def by_joint(errors: Sequence[Array]) -> dict[str, float]:
-        pooled = np.sqrt(np.mean(np.square(errors), axis=0))
-        return {joint: float(value) for joint, value in zip(joints, pooled, strict=True)}
-
-    tried = []
-    for trial in trials:
-        entry: dict[str, Any] = {
-            "estimator": trial.name,
-            "features": list(trial.names),
-            "folds": len(trial.errors),
-            "seconds": round(trial.seconds, 3),
-            "chosen": trial is best,
-            "note": trial.note,
-        }
-        if trial.errors:
-            mean, error = trial.against(trials[0])
-            entry |= {"rmse": by_joint(trial.errors), "ratio": math.exp(mean)}
-            if math.isfinite(error):
-                entry["standard_error"] = error
-        tried.append(entry)
-    return {
-        "reference": trials[0].name,
-        "left_out": [fold.name for fold in left_out],
-        "raw": by_joint(raw),
-        "tried": tried,
+    """Tell how one candidate did: RMSE [rad or m] over folds, ratio to linear, its weights."""
+    trial = group.trials[number]
+    entry: dict[str, Any] = {
+        "estimator": trial.candidate.name,
+        "features": list(group.features.names),
+        "folds": trial.folds,
+        "seconds": round(trial.seconds, 3),
+        "weights": {} if weights is None else dict(zip(joints, weights.tolist(), strict=True)),
+        "note": trial.note,
     }
+    square = np.array([product[:, number, number] for product in group.products])
+    tried = np.isfinite(square).all(axis=1)
+    if tried.any():
+        entry["rmse"] = _by_joint(joints, square[tried])
+        entry |= _ratio(log_ratio(square[tried], reference[tried]))
+    return entry
+
+
+def _ratio(ratios: Array) -> dict[str, float]:
+    """Ratio of errors to those of the linear model, mean over folds and joints; its error."""
+    by_fold = ratios.mean(axis=1)
+    told = {"ratio": math.exp(by_fold.mean())}
+    if len(by_fold) > 1:
+        told["standard_error"] = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
+    return told
+
+
+def _by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
+    """RMSE by joint, of the mean squares (n_folds, n_joints) of errors."""
+    return dict(zip(joints, np.sqrt(np.mean(square, axis=0)).tolist(), strict=True))

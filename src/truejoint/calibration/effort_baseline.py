@@ -23,12 +23,14 @@ RANGE_MARGIN: Final = 0.1  # efforts are compared up to this share of a joint's 
 RANGES_EACH_WAY: Final = 5.0  # that a joint travels at least for a baseline
 STEPS_PER_TERM: Final = 20
 MAX_JOINTS: Final = 12  # of a baseline, whose terms grow with the square
-SMALLEST_SHIFT: Final = 1.3
-SMALLEST_FRICTION_SHIFT: Final = 3.0
-HELD_OUT_MARGIN: Final = 2.0
-"""Limits are at least the two above, in standard deviations of single efforts (most of which is
-ripple that averages out), and this many times what a held-out training recording shows."""
-WINDOW_FILLED: Final = 0.6  # share of the averaging window to be travelled each way before judging
+AVERAGED_TRAVEL: Final = 2.0
+"""Ranges of a joint's travel each way over which its efforts are averaged: friction that varies
+along the way averages out, and a load shows after the first of them."""
+SMALLEST_SHIFT, SHIFT_MARGIN = 0.6, 5.0
+SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN = 4.0, 2.0
+"""Limits are at least so many standard deviations of single efforts (most of which is ripple that
+averages out), and so many times what a held-out training recording shows: half an hour of zig-zags
+shows a fifth to a third of what two hours of work do (nine virtual arms)."""
 
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
 N_TRAVEL: Final = 5
@@ -120,16 +122,15 @@ def travelled(
 
 @compiled
 def average_effort(
-    deviation: float, speed: float, moved: float, j: int, mean: Array, weight: Array
-) -> None:
-    """Take a deviation into joint `j`'s average over about one range of travel each way.
+    deviation: float, speed: float, moved: float, j: int, mean: Array
+) -> tuple[float, float]:
+    """Take a deviation into joint `j`'s average each way; returns its shift and its friction's.
 
-    `mean` and `weight` (2, n_joints) are changed in place; row 1 is for positive `speed`.
+    `mean` (2, n_joints), 0 at first, is changed in place; row 1 is for positive `speed`.
     """
     side = 1 if speed > 0.0 else 0
-    gain = 1.0 - np.exp(-moved)
-    mean[side, j] += gain * (deviation - mean[side, j])
-    weight[side, j] += gain * (1.0 - weight[side, j])
+    mean[side, j] += (1.0 - np.exp(-moved / AVERAGED_TRAVEL)) * (deviation - mean[side, j])
+    return 0.5 * (mean[1, j] + mean[0, j]), 0.5 * (mean[1, j] - mean[0, j])
 
 
 @compiled
@@ -162,14 +163,11 @@ def effort_steps(
 @compiled
 def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float, float]:
     """Largest mean and half difference of the directions' averages, over one joint's steps (n,)."""
-    mean, weight = np.zeros((2, 1)), np.zeros((2, 1))
+    mean = np.zeros((2, 1))
     shift, friction = 0.0, 0.0
     for i in range(deviation.shape[0]):
-        average_effort(deviation[i], speed[i], moved[i], 0, mean, weight)
-        if min(weight[0, 0], weight[1, 0]) > WINDOW_FILLED:
-            down, up = mean[0, 0] / weight[0, 0], mean[1, 0] / weight[1, 0]
-            shift = max(shift, abs(up + down) / 2.0)
-            friction = max(friction, abs(up - down) / 2.0)
+        now = average_effort(deviation[i], speed[i], moved[i], 0, mean)
+        shift, friction = max(shift, abs(now[0])), max(friction, abs(now[1]))
     return shift, friction
 
 

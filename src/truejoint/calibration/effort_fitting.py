@@ -9,9 +9,10 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import (
-    HELD_OUT_MARGIN,
+    FRICTION_MARGIN,
     MAX_JOINTS,
     RANGES_EACH_WAY,
+    SHIFT_MARGIN,
     SMALLEST_FRICTION_SHIFT,
     SMALLEST_SHIFT,
     STEPS_PER_RANGE,
@@ -60,8 +61,8 @@ def fit_effort_baseline(
         monitored=monitored,
         coef=coef,
         scale=scale,
-        shift_limit=np.maximum(SMALLEST_SHIFT, HELD_OUT_MARGIN * shift),
-        friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, HELD_OUT_MARGIN * friction),
+        shift_limit=np.maximum(SMALLEST_SHIFT, SHIFT_MARGIN * shift),
+        friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN * friction),
         residual=residual,
         correlation=correlation,
     )

@@ -239,6 +239,8 @@ def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
 
 def _plain(value: Any) -> Any:
     """JSON value of a parameter; a generator has no seed that could be told."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, (tuple, list)):
         return [_plain(item) for item in value]
     if isinstance(value, np.random.RandomState):
@@ -257,8 +259,14 @@ def _decode_estimator(entry: Any, name: str, arrays: Mapping[str, Array]) -> Est
     family, params = entry["family"], entry["params"]
     known = isinstance(family, str) and isinstance(params, dict)
     _require(known, f"estimator {name!r} is of family {family!r:.60}, not a known one")
-    params = {key: tuple(v) if isinstance(v, list) else v for key, v in params.items()}
-    return EstimatorData(family, params, arrays)
+    return EstimatorData(family, _with_tuples(params), arrays)
+
+
+def _with_tuples(value: Any) -> Any:
+    """JSON value with tuples for lists."""
+    if isinstance(value, dict):
+        return {key: _with_tuples(item) for key, item in value.items()}
+    return tuple(map(_with_tuples, value)) if isinstance(value, list) else value
 
 
 def _baselines(value: Any) -> dict[str, Any]:

@@ -5,10 +5,9 @@ from __future__ import annotations
 import hashlib
 import math
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, Literal, get_args
 
@@ -17,8 +16,9 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import Automatic, choose
+from truejoint.calibration.choice import Automatic, Choice, Group, Rows, choose
 from truejoint.calibration.effort_fitting import fit_effort_baseline
+from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import fit_parity_equations, redundant_columns
 from truejoint.calibration.sessions import (
     check_arm,
@@ -51,6 +51,7 @@ LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond whic
 
 ZeroOf = Literal["shared", "recording", "homing"]
 
+_CHOICE_SHARE: Final = 0.9  # of the progress bar, where there is a choice
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 _SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
 _FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
@@ -124,17 +125,30 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
+    report = progress or (lambda _fraction: None)
     if isinstance(estimator, Automatic) or estimator == AUTO:
-        how: dict[str, Any] = {"joints": joints, "target": target, "redundant": redundant}
-        how |= {"random_state": random_state}
-        return _calibrate_automatically(
-            recordings, estimator, features, fit_rate, zero, progress, how
+        wanted = estimator if isinstance(estimator, Automatic) else Automatic()
+        choice = _choose(
+            recordings,
+            wanted,
+            features,
+            joints,
+            target,
+            fit_rate,
+            random_state,
+            lambda fraction: report(_CHOICE_SHARE * fraction),
         )
+        fitted = calibrate(
+            recordings, choice.estimator, features=choice.features, joints=joints, target=target,
+            redundant=redundant, fit_rate=fit_rate, zero=zero,
+            progress=lambda fraction: report(_CHOICE_SHARE + (1.0 - _CHOICE_SHARE) * fraction),
+        )  # fmt: skip
+        return fitted.with_metadata(choice=choice.told)
     robot = _common_robot(recordings)
     groups = _groups(recordings, zero)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
-    model.check_recordings(recordings)
+    model = model.for_recordings(recordings)
     chosen = _chosen_joints(robot, recordings, joints)
     feature_set = _chosen_features(model, robot, recordings, features)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
@@ -159,7 +173,6 @@ def calibrate(
             f"{len(X)} rows with truth; {model.name} with {n_features} features needs {needed}: "
             "record for longer, or choose fewer features or a simpler estimator"
         )
-    report = progress or (lambda _fraction: None)
     fits = 1 if groups is None else 2
 
     def fit(parts: Sequence[_Part], done: int) -> tuple[dict[str, JointRegressor], dict[str, str]]:
@@ -222,30 +235,41 @@ def calibrate(
     return replace(fitted, effort_baseline=baseline)
 
 
-def _calibrate_automatically(
+def _choose(
     recordings: Sequence[Recording],
-    wanted: Automatic | str,
+    wanted: Automatic,
     features: FeatureSet | Iterable[str] | None,
+    joints: Sequence[str] | None,
+    target: Target | None,
     fit_rate: float | None,
-    zero: ZeroOf,
+    random_state: int | None,
     progress: Progress | None,
-    how: Mapping[str, Any],
-) -> Calibration:
-    """Choose by fits with one zero, and fit what was chosen with the zeros that are asked for."""
-    wanted = Automatic() if isinstance(wanted, str) else wanted
-    asked = None if features is None else FeatureSet.parse(features)
-    chosen = choose(recordings, wanted, partial(calibrate, **how), asked, fit_rate, progress)
-    if zero == "shared":
-        return chosen
-    again = calibrate(
-        recordings,
-        chosen.model.settled(),
-        features=chosen.feature_set,
-        fit_rate=fit_rate,
-        zero=zero,
-        **how,
-    )
-    return again.with_metadata(choice=chosen.metadata["choice"])
+) -> Choice:
+    """Choose among the estimators that can predict the target, each with its features."""
+    robot = _common_robot(recordings)
+    chosen = _chosen_joints(robot, recordings, joints)
+    models = [_unfitted(one, None, random_state) for one in wanted.candidates]
+    target = target or TARGETS[0]
+    by_features: dict[FeatureSet, list[JointRegressor]] = {}
+    for model in (one for one in models if target in one.family.targets):
+        model.check_recordings(recordings)
+        own = features if model.family.inputs is None else None
+        by_features.setdefault(_chosen_features(model, robot, recordings, own), []).append(model)
+    if wanted.default_features and features is not None and len(recordings) >= FEW:
+        usual = default_features(robot, recordings[0])
+        by_features.setdefault(usual, next(iter(by_features.values())))
+    gap_limit, stride = default_gap_limit(recordings), _stride(fit_rate, sample_dt(recordings))
+    outlying = _outlying(recordings, chosen)
+    groups = []
+    for feature_set, candidates in by_features.items():
+        rows = []
+        for recording, out in zip(recordings, outlying, strict=True):
+            part = _part(recording, out, feature_set, chosen, gap_limit, stride)
+            dt = time_steps(np.array(recording.t), gap_limit)
+            targets = part.targets(target, stride)
+            rows.append(Rows(recording.t, dt, part.features, targets, part.error))
+        groups.append(Group(feature_set, rows, candidates))
+    return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 
 @dataclass(frozen=True, eq=False)
@@ -504,8 +528,8 @@ def _stride(fit_rate: float | None, dt: float) -> int:
     """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
     if fit_rate is None:
         return 1
-    if not (math.isfinite(fit_rate) and fit_rate > 0):
-        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz")
+    if not 1e-9 <= fit_rate < math.inf:
+        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz, 1e-9 at least")
     return max(1, round(1.0 / (fit_rate * dt)))
 
 

@@ -9,10 +9,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.calibration import Calibration
+from truejoint.array_types import Array, Mask
 from truejoint.calibration.sessions import source_of
-from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.models.features import sample_dt
 from truejoint.recordings import Recording
@@ -56,11 +54,7 @@ def without(recordings: Sequence[Recording], parts: Sequence[Part]) -> list[Reco
     kept = []
     for index, recording in enumerate(recordings):
         own = [part for part in parts if part.recording == index]
-        hidden = np.zeros(len(recording), dtype=bool)
-        for part in own:
-            first, last = recording.t[part.first], recording.t[part.end - 1]
-            gap = _GAP * (last - first)
-            hidden |= (recording.t >= first - gap) & (recording.t <= last + gap)
+        hidden = hidden_rows(recording.t, own)
         if not own:
             kept.append(recording)
         elif not hidden.all():
@@ -71,15 +65,14 @@ def without(recordings: Sequence[Recording], parts: Sequence[Part]) -> list[Reco
     return kept
 
 
-def errors_of(
-    calibration: Calibration, recordings: Sequence[Recording], part: Part, rezero: float = 0.0
-) -> tuple[Array, Integers]:
-    """Errors (m, n_joints) [rad or m] of a part, and the rows (m,) of its recording.
-
-    As `judged_error` gives them, and raises.
-    """
-    recording = recordings[part.recording]
-    return judged_error(calibration, recording, rezero, part.rows(len(recording)))
+def hidden_rows(t: Array, parts: Sequence[Part]) -> Mask:
+    """Rows (n,), at `t` (n,) [s], that parts of a recording cover, and a gap around each."""
+    hidden = np.zeros(len(t), dtype=bool)
+    for part in parts:
+        first, last = t[part.first], t[part.end - 1]
+        gap = _GAP * (last - first)
+        hidden |= (t >= first - gap) & (t <= last + gap)
+    return hidden
 
 
 def wholes(recordings: Sequence[Recording]) -> list[Part]:

@@ -129,9 +129,14 @@ def needed_trajectories(level: float) -> int:
     >>> needed_trajectories(0.9), needed_trajectories(0.95)
     (9, 19)
     """
-    if not 0.0 < level < 1.0:
-        raise CalibrationError(f"level {level!r} is not a share between 0 and 1, such as 0.9")
+    check_level(level)
     return max(1, math.ceil(level / (1.0 - level) - 1e-9))
+
+
+def check_level(level: float) -> None:
+    """Refuse, with CalibrationError, a probability that is not between 0 and 1."""
+    if not 0.0 < level < 1.0:
+        raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
 
 
 def inverse_span(lower: Array, upper: Array) -> Array:

@@ -59,13 +59,16 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
     Raises
     ------
     CalibrationError
-        If the recording does not fit the calibration, or holds no truth.
+        If the recording does not fit the calibration, or holds no truth, or the duration is not
+        above 0.
 
     Examples
     --------
     >>> find_zero(model, test).offset.shape
     (1,)
     """
+    if not duration > 0.0:
+        raise CalibrationError(f"the time to re-zero from is {duration:g} s; give more than 0 s")
     t, error, known = known_error(calibration, recording)
     used = at_start(t, duration)
     t, offset = t[used], np.median(error[used], axis=0)

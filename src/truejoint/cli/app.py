@@ -1,105 +1,58 @@
-"""The `truejoint` command: parse, call, print.
+"""The `truejoint` command, from its start to its end, which is one line whatever happens.
 
-Exit codes: 0 good, 1 a check failed, 2 the call was wrong.
+Exit codes: 0 good, 1 a check failed, 2 the call was wrong, 70 truejoint is, 130 Ctrl-C.
 """
 
 from __future__ import annotations
 
+# Little is imported here: until `main` runs, Ctrl-C ends Python in Python's own words.
+import os
+import signal
 import sys
-from typing import Annotated, Any
+from contextlib import suppress
+from typing import Any, Final
 
-import typer
-
-import truejoint
-from truejoint.cli import (
-    calibrate,
-    check,
-    collect,
-    columns,
-    compare,
-    correct,
-    datasets,
-    demo,
-    evaluate,
-    export,
-    join,
-    show,
-    study,
-    trajectory,
-)
-from truejoint.cli.console import err
-from truejoint.errors import TruejointError
-
-app = typer.Typer(
-    name="truejoint",
-    no_args_is_help=True,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-    context_settings={"help_option_names": ["-h", "--help"]},
-    help="Tell where a cable-driven joint really is: calibrate, correct, and judge the error.",
-    epilog="Example: `truejoint demo` shows the whole way on a simulated RAVEN-II.",
-)
-for command, example in (
-    (demo.demo, "--out demo"),
-    (collect.collect, "zigzag.csv random.csv --out session"),
-    (calibrate.calibrate, "session/zigzag.parquet -e dnn -o left_arm.safetensors"),
-    (
-        evaluate.evaluate,
-        "left_arm.safetensors session/random.parquet --report report.html --tolerance elbow=0.2",
-    ),
-    (compare.compare, "linear.safetensors network.safetensors session/random.parquet"),
-    (correct.correct, "left_arm.safetensors session/random.parquet -o corrected.csv"),
-    (columns.columns, "run.csv --robot raven2 -o map.toml"),
-    (join.join, "robot.csv encoders.csv --robot raven2 -o session.parquet"),
-    (show.show, "left_arm.safetensors"),
-    (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
-    (export.export, "left_arm.safetensors --to c --out controller"),
-    (study.study, "forceps-unloaded --set specimen=B"),
-):
-    app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)
-for group, example in (
-    (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
-    (datasets, "datasets fetch dvrk_psm_berkeley"),
-):
-    app.add_typer(
-        group.app,
-        name=group.__name__.rpartition(".")[2],
-        epilog=f"Example: `truejoint {example}`",
-    )
-
-
-# Words that are no option, command or value; typer does not export it.
-_UsageError: Any = typer.BadParameter.__base__
-
-
-def _print_version(wanted: bool) -> None:
-    if wanted:
-        typer.echo(f"truejoint {truejoint.__version__}")
-        raise typer.Exit
-
-
-@app.callback()
-def root(
-    show_version: Annotated[
-        bool,
-        typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version."),
-    ] = False,
-) -> None:
-    """Tell where a cable-driven joint really is."""
-    del show_version  # its callback has already answered
+FAILED: Final = 2
+FAULTY: Final = 70  # as EX_SOFTWARE of sysexits.h
+INTERRUPTED: Final = 130
+DEBUG: Final = "--debug"  # anywhere in the line
 
 
 def main() -> None:
-    """Run the command line; an error that the caller can mend is one line and exit code 2."""
+    """Run the command line; any error is one line, and the exit code says whose it is."""
+    message, stopped = "", _Stop()
+    debug = DEBUG in sys.argv
+    sys.argv = [word for word in sys.argv if word != DEBUG]
+    for stream in (sys.stdout, sys.stderr):
+        # A terminal that cannot show a character gets its number, as in forced ASCII.
+        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
-        sys.exit(app(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False))
-    except _UsageError as error:
-        what = " ".join(error.format_message().split())
-        _fail(f"{what} See `{error.ctx.command_path} --help`." if what else "")  # help was shown
-    except TruejointError as error:
-        _fail(str(error))
-    except OSError as error:
-        _fail(f"{error.filename or 'file'}: {error.strerror or error}; check path and permissions")
+        code = _run(stopped)
+    except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # the last resort
+        if debug:
+            import traceback  # noqa: PLC0415
+
+            traceback.print_exc()
+        code, message = _outcome(error)
+    finally:
+        stopped.restore()
+    if stopped.asked or code == INTERRUPTED:
+        code, message = INTERRUPTED, "stopped"
+    if message:
+        from truejoint.cli.console import err, one_line  # noqa: PLC0415
+
+        err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
+    sys.exit(code)
+
+
+def _run(stopped: _Stop) -> int:
+    """Exit code of the command."""
+    from truejoint.cli.commands import app  # noqa: PLC0415  # once Ctrl-C is looked after
+
+    stopped.interrupts()
+    code = app(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False)
+    sys.stdout.flush()  # a full disk shall be told here, not by the interpreter
+    return int(code or 0)
 
 
 def _spelt_out(arguments: list[str]) -> list[str]:
@@ -108,7 +61,72 @@ def _spelt_out(arguments: list[str]) -> list[str]:
     return ["study", "-".join(arguments[:2]), *arguments[2:]] if short else arguments
 
 
-def _fail(message: str) -> None:
-    if message:
-        err.print(f"truejoint: {message}", style="red", soft_wrap=True)
-    sys.exit(2)
+class _Stop:
+    """What Ctrl-C does: at first, while nothing is made yet, it ends the process on the spot.
+
+    Later it interrupts, and that is remembered: not everything lets an interrupt through.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._before = signal.getsignal(signal.SIGINT)
+        self._set(lambda *_: os._exit(INTERRUPTED))
+
+    def interrupts(self) -> None:
+        """From now on, Ctrl-C raises KeyboardInterrupt."""
+        self._set(self._interrupt)
+
+    def restore(self) -> None:
+        """Do as before."""
+        self._set(self._before)
+
+    def _set(self, handler: Any) -> None:
+        # Not where it is ignored, as in the background, or where another program runs this one.
+        if self._before is signal.default_int_handler:
+            with suppress(ValueError):  # not the main thread
+                signal.signal(signal.SIGINT, handler)
+
+    def _interrupt(self, *_: object) -> None:
+        self.asked = True
+        raise KeyboardInterrupt
+
+
+def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one for each kind
+    """Exit code and message of what a command raised."""
+    import typer  # noqa: PLC0415
+
+    from truejoint.errors import TruejointError  # noqa: PLC0415
+    from truejoint.files import reason  # noqa: PLC0415
+
+    # Words that are no option, command or value; typer does not export it.
+    usage_error: Any = typer.BadParameter.__base__
+    match error:
+        case KeyboardInterrupt() | typer.Abort():
+            return INTERRUPTED, ""
+        case usage_error():
+            what = " ".join(error.format_message().split())
+            # An empty one means that help was shown.
+            return FAILED, f"{what} See `{error.ctx.command_path} --help`." if what else ""
+        case TruejointError():
+            return FAILED, str(error)
+        case MemoryError():
+            return FAILED, "takes more memory than there is; close other programs, or give it less"
+        case BrokenPipeError():
+            _silence()
+            return FAILED, ""
+        case OSError():
+            return (
+                FAILED,
+                f"{error.filename or 'file'}: {reason(error)}; check path and permissions",
+            )
+    kind = type(error).__name__
+    return FAULTY, (
+        f"{kind}: {error}. This is a fault of truejoint, not of yours: please report it with the "
+        f"command and what it prints with {DEBUG}"
+    )
+
+
+def _silence() -> None:
+    """Write to nowhere what nobody reads any more, so that the interpreter does not complain."""
+    with open(os.devnull, "w") as nowhere:  # noqa: PTH123
+        os.dup2(nowhere.fileno(), 1)

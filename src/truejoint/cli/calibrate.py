@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -20,7 +21,7 @@ from truejoint.cli.console import (
     say,
 )
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_model_free, only_dataset, takes_files
+from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes_files
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
@@ -112,7 +113,7 @@ def calibrate(
     files: Files,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
-    check_model_free(output, force)
+    check_model_target(output, force)
     accepted = check_names(accept)
     dataset = only_dataset(recordings)
     is_cross = interval == [_CROSS]
@@ -147,8 +148,11 @@ def calibrate(
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
     if testing:
-        scores = truejoint.evaluate(fitted, testing).to_dict()["scores"]
-        fitted = fitted.with_metadata(held_out=scores)
+        judged = truejoint.evaluate(fitted, testing)
+        fitted = fitted.with_metadata(held_out=judged.to_dict()["scores"])
+        if judged.domain is not None and judged.domain.inside < 1.0:
+            flags = ", ".join(judged.domain.flags)
+            say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
@@ -170,6 +174,8 @@ def fit(
     named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
     make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate
     with progress(named) as done:
+        if isinstance(estimator, automatic):
+            estimator = replace(estimator, tell=done.say)
         fitted = make(training, estimator, progress=done, **how)
     if fitted.metadata["outliers"]:
         say(f"  left out as gross outliers of the truth: {fitted.metadata['outliers']} rows")
@@ -198,23 +204,28 @@ def choice(
 
 
 def print_choice(fitted: truejoint.Calibration) -> None:
-    """Print what an automatic choice tried: RMSE on what was left out, and ratio to linear."""
+    """Print what an automatic choice tried: RMSE on what was left out, and what was chosen."""
     told = fitted.metadata["choice"]
     units = [display_unit(fitted.units[f"measured/{joint}"]) for joint in fitted.joints]
     shown = list(zip(fitted.joints, units, strict=True))
 
-    def cells(rmse: Mapping[str, float]) -> list[str]:
-        return [f"{rmse[j] * u.scale:.3g}" if rmse else "-" for j, u in shown]
+    def row(name: str, of: Mapping[str, Any]) -> list[str]:
+        rmse, weights = of.get("rmse", {}), of.get("weights", {})
+        cells = [
+            (f"{rmse[joint] * unit.scale:.3g}" if rmse else "-")
+            + (f" ({weights[joint]:.0%})" if weights.get(joint) else "")
+            for joint, unit in shown
+        ]
+        ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
+        return [name, str(len(of.get("features", ())) or ""), ratio, *cells, of.get("note", "")]
 
-    rows = [["raw", "", "", *cells(told["raw"]), ""]]
-    for one in told["tried"]:
-        ratio = f"{one['ratio']:.2f}" if "ratio" in one else "-"
-        name = one["estimator"] + (" (chosen)" if one["chosen"] else "")
-        features = str(len(one["features"]) or "-")
-        rows.append([name, features, ratio, *cells(one.get("rmse", {})), one["note"]])
+    rows = [row("raw", {"rmse": told["raw"]})]
+    rows += [row(one["estimator"], one) for one in told["tried"]]
+    rows.append(row("chosen", told["chosen"]))
     header = ["estimator", "features", f"to {told['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in shown]
-    print_table([*header, "note"], rows, title=f"RMSE on {len(told['left_out'])} parts left out")
+    title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
+    print_table([*header, "note"], rows, title=title)
 
 
 def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:

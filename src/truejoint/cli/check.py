@@ -11,7 +11,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED
-from truejoint.cli.inputs import Files, check_model_free, takes_files
+from truejoint.cli.inputs import Files, check_model_target, takes_files
 from truejoint.errors import RecordingError
 from truejoint.units import with_unit
 
@@ -64,13 +64,16 @@ def check(
     files: Files,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
+    from truejoint.calibration.interval import check_level  # noqa: PLC0415  # needs NumPy
+
+    level = level_percent / 100.0
+    check_level(level)
     if rezero is not None:
-        check_model_free(rezero, force, "--rezero")
+        check_model_target(rezero, force)
         if against is not None:
             raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
     calibration = truejoint.read_calibration(model)
     other = None if against is None else truejoint.read_calibration(against)
-    level = level_percent / 100.0
     if calibration.interval is not None:
         calibration.interval.index(level)
     loaded = files.find([recording], part=part, model=calibration)()

@@ -9,10 +9,11 @@ import typer
 
 import truejoint
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import check_free, say_dropped
+from truejoint.cli.inputs import read_trajectory, say_dropped
 from truejoint.cli.options import Arm as ArmOption
 from truejoint.cli.options import Force, Json, RobotName, Seed
 from truejoint.errors import RecordingError
+from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 
 
@@ -24,27 +25,29 @@ def record(
     load: float = 0.0,
     state_rate: float = 30.0,
     label: str | None = None,
+    overwrite: bool = False,
 ) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
 
-    Whatever stops the motion, what was recorded until then is kept, under a name of its own so
-    that it replaces no whole recording.
+    Whatever stops the motion, what was recorded until then is kept, under a name of its own.
     """
     recorder = truejoint.recordings.Recorder(
-        arm, state_rate=state_rate, session=trajectory.name, load=load, command=command_line()
+        arm,
+        state_rate=state_rate,
+        path=target,
+        overwrite=overwrite,
+        session=trajectory.name,
+        load=load,
+        command=command_line(),
     )
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
             report = truejoint.motion.follow(arm, trajectory, progress=done)
     except BaseException:
-        if recorder.rows > 1:
-            fragment = target.with_name(f"{target.stem}.stopped.parquet")
-            truejoint.write_parquet(recorder.recording(str(fragment)), fragment, overwrite=True)
-            say(f"stopped; what was recorded until then is in {fragment}")
+        if recorder.written is not None:
+            say(f"stopped; what was recorded until then is in {recorder.written}")
         raise
-    recording = recorder.recording(str(target))
-    truejoint.write_parquet(recording, target, overwrite=True)
-    return recording, report
+    return recorder.recording(str(target)), report
 
 
 def collect(
@@ -73,14 +76,14 @@ def collect(
 
     All trajectories of one call share one homing, as in one session with a robot.
     """
-    loaded = [truejoint.motion.read_trajectory(path) for path in trajectories]
+    loaded = [read_trajectory(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
     for target in targets:  # refused before the robot moves, not after
         if targets.count(target) > 1:
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
-        check_free(target, force)
+        check_target(target, overwrite=force, makes_folder=True)
     device = truejoint.crtk.simulated_arm(
         robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
     )
@@ -93,7 +96,12 @@ def collect(
     rows = []
     for trajectory, target in zip(loaded, targets, strict=True):
         recording, report = record(
-            device, trajectory, target, load=load_grams / 1e3, state_rate=state_rate_hz
+            device,
+            trajectory,
+            target,
+            load=load_grams / 1e3,
+            state_rate=state_rate_hz,
+            overwrite=force,
         )
         facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}
         rows.append({**facts, "dropped": dict(recording.provenance.dropped)})

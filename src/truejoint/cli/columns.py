@@ -10,9 +10,8 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out
-from truejoint.cli.inputs import check_writable
 from truejoint.errors import RecordingError
-from truejoint.files import write_atomically
+from truejoint.files import check_target, write_atomically
 
 
 def columns(
@@ -34,7 +33,7 @@ def columns(
     Other commands take it with `--columns`.
     """
     if output is not None:
-        check_writable(output, force)
+        check_target(output, overwrite=force)
     text = truejoint.recordings.sketch_column_map(path, robot, arm) + "\n"
     if output is None:
         out.print(text, end="", soft_wrap=True)

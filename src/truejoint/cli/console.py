@@ -3,25 +3,54 @@
 from __future__ import annotations
 
 import json
+import re
 import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 if TYPE_CHECKING:  # a shell that completes a word waits for what is imported
-    from rich.console import Console
+    from rich.console import Console, ConsoleOptions, RenderableType
+    from rich.segment import Segment
+
+# Control characters but tab and line end, marks that turn the direction of text, half characters.
+_UNSAFE: Final = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 # A file or pipe has no width of its own; tables are not to be folded there.
 _LOG_WIDTH = 132
 
 
-class _Console:
-    """Console that prints names of files and data as they are: brackets in them are no markup.
+def printable(text: str) -> str:
+    r"""Text of anyone's as it may be printed: what could steer a terminal becomes an escape.
 
-    It is made when something is first printed.
+    Examples
+    --------
+    >>> printable("run\x1b[31m.csv")
+    'run\\x1b[31m.csv'
+    """
+    return _UNSAFE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+
+
+def one_line(text: str) -> str:
+    """Text as one line that is not too long."""
+    return shortened(" ".join(text.splitlines()))
+
+
+def shortened(text: str, most: int = 1000) -> str:
+    """Beginning and end of a text of more than `most` characters."""
+    return text if len(text) <= most else f"{text[: most // 2]} ... {text[-most // 2 :]}"
+
+
+class _Console:
+    """Console through which all text passes on its way to a person, `printable`.
+
+    Brackets and colons in it are no markup. It is made when something is first printed.
     """
 
     def __init__(self, *, stderr: bool) -> None:
@@ -34,50 +63,83 @@ class _Console:
     def _made(self) -> Console:
         from rich.console import Console  # noqa: PLC0415
 
+        class SafeConsole(Console):
+            """Console whose every piece of text is `printable`."""
+
+            def render(
+                self, renderable: RenderableType, options: ConsoleOptions | None = None
+            ) -> Iterator[Segment]:
+                for part in super().render(renderable, options):
+                    yield part if part.control else part._replace(text=printable(part.text))
+
         terminal = (sys.stderr if self._stderr else sys.stdout).isatty()
         width = None if terminal else _LOG_WIDTH
-        return Console(stderr=self._stderr, width=width, markup=False, highlight=False)
+        return SafeConsole(
+            stderr=self._stderr, width=width, markup=False, emoji=False, highlight=False
+        )
 
 
 out, err = cast("Console", _Console(stderr=False)), cast("Console", _Console(stderr=True))
 
-ProgressCallback = Callable[[float], None]
+
+@dataclass
+class Progress:
+    """Callback that takes the fraction done, 0 to 1, of long work."""
+
+    show: Callable[[float, str], None]
+    doing: str
+    fraction: float = 0.0
+
+    def __call__(self, fraction: float) -> None:
+        """Show the fraction done."""
+        self.fraction = fraction
+        self.show(fraction, self.doing)
+
+    def say(self, doing: str) -> None:
+        """Show what is being done now."""
+        self.doing = doing
+        self(self.fraction)
+
 
 # A log file has no bar that moves: say there how far a long step is, this often [s].
 _LOG_PERIOD = 10.0
 
 
 @contextmanager
-def progress(description: str) -> Iterator[ProgressCallback]:
+def progress(description: str) -> Iterator[Progress]:
     """Show one step of long work; yields a callback that takes the fraction done, 0 to 1.
 
     A terminal gets a bar with the time left; a file or pipe gets a line at the start, one
     every ten seconds and one at the end.
     """
-    began = time.monotonic()
+    began, description = time.monotonic(), one_line(description)
     if err.is_terminal:
-        from rich.progress import Progress, TextColumn  # noqa: PLC0415  # not for help
+        from rich import progress as rich  # noqa: PLC0415  # not for help
 
-        columns = Progress.get_default_columns()[1:]
-        what = TextColumn("{task.description}", markup=False)
-        with Progress(what, *columns, console=err) as bar:
+        columns = rich.Progress.get_default_columns()[1:]
+        what = rich.TextColumn("{task.description}", markup=False)
+        with rich.Progress(what, *columns, console=err) as bar:
             task = bar.add_task(description, total=1.0)
-            yield lambda fraction: bar.update(task, completed=fraction)
+            yield Progress(
+                lambda fraction, doing: bar.update(task, completed=fraction, description=doing),
+                description,
+            )
             bar.update(task, completed=1.0)
         return
     err.print(f"{description} ...")
     said = began
 
-    def report(fraction: float) -> None:
+    def report(fraction: float, doing: str) -> None:
         nonlocal said
         now = time.monotonic()
         if now - said < _LOG_PERIOD or not 0 < fraction < 1:
             return
         said = now
         left = (now - began) * (1 - fraction) / fraction
-        err.print(f"  {fraction:.0%}, about {left:.0f} s left")
+        after = f": {doing}" if doing != description else ""
+        err.print(f"  {fraction:.0%}, about {left:.0f} s left{after}")
 
-    yield report
+    yield Progress(report, description)
     err.print(f"  done in {time.monotonic() - began:.1f} s")
 
 
@@ -87,11 +149,11 @@ def print_table(
     """Print a table: texts in the first column, numbers in the others."""
     from rich.table import Table  # noqa: PLC0415
 
-    table = Table(title=title, title_justify="left")
+    table = Table(title=title and one_line(title), title_justify="left")
     for name in header:
         table.add_column(name, justify="left" if name == header[0] else "right")
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(one_line, row))
     out.print(table)
 
 
@@ -100,14 +162,14 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     from rich.table import Table  # noqa: PLC0415
 
     table = Table(show_header=False, title=title, title_justify="left")
-    for row in facts:
-        table.add_row(*row)
+    for name, text in facts:
+        table.add_row(one_line(name), shortened(text, 10_000))
     out.print(table)
 
 
 def say(message: str) -> None:
     """Tell the person what is going on; never part of the result."""
-    err.print(message)
+    err.print(one_line(message))
 
 
 def result_json(values: Mapping[str, Any]) -> None:

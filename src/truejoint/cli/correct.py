@@ -12,9 +12,9 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_writable, takes_files
+from truejoint.cli.inputs import Files, takes_files
 from truejoint.errors import RecordingError
-from truejoint.files import write_atomically
+from truejoint.files import check_target, write_atomically
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +34,8 @@ def correct(
             "--out",
             "-o",
             help="Table to write, .csv or .parquet: time, corrected position, "
-            "half-width (both in rad or m) and status of every row.",
+            "half-width (both in rad or m), what the model tells beside (of ukf_friction the load "
+            "on the jaw, Nm) and status of every row.",
         ),
     ],
     level_percent: Annotated[
@@ -45,6 +46,9 @@ def correct(
             autocompletion=complete.percent_levels,
         ),
     ] = 90.0,
+    rezero_s: Annotated[
+        float, typer.Option(help="Re-zero on so much truth at the start of each recording [s].")
+    ] = 0.0,
     accept: Accept = None,
     part: options.Part = None,
     force: options.Force = False,
@@ -54,11 +58,12 @@ def correct(
 ) -> None:
     """Correct recordings, which need no truth; exit code 1 when most of one could not be.
 
-    A row is corrected, or left as it was measured and flagged, just as in the robot's loop.
+    A row is corrected, or left as it was measured and flagged, just as in the robot's loop. With
+    --rezero-s, each recording begins with truth that sets its zero.
     """
     if output.suffix not in {".csv", ".parquet"}:
         raise RecordingError(f"{output}: call it .csv or .parquet")
-    check_writable(output, force)
+    check_target(output, overwrite=force)
     accepted = check_names(accept)
     calibration = truejoint.read_calibration(model)
     loaded = files.find(recordings, part=part, model=calibration)()
@@ -67,7 +72,12 @@ def correct(
     tables = []
     with progress(f"Correcting {len(loaded)} recording{'s' if len(loaded) > 1 else ''}") as done:
         for count, recording in enumerate(loaded, 1):
-            tables.append(correct_rows(calibration, recording, level_percent / 100.0))
+            at_zero = (
+                truejoint.calibration.rezeroed(calibration, recording, rezero_s)
+                if rezero_s
+                else calibration
+            )
+            tables.append(correct_rows(at_zero, recording, level_percent / 100.0))
             done(count / len(loaded))
     found = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
     _write(names, tables, output, force)
@@ -79,7 +89,7 @@ def correct(
         if any("HOMED_AGAIN" in name for counts in found for name in counts["flagged"]):
             say(
                 f"HOMED_AGAIN: the model is for homing {known}: re-zero it after this one "
-                "(truejoint check --rezero), or state --homing-id if it is the same"
+                "(--rezero-s, or truejoint check --rezero), or state --homing-id if it is the same"
             )
     say_failed(check)
     flagged = any(counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in found)
@@ -112,6 +122,9 @@ def correct_rows(
     columns = {"t": t}
     for name, values in (("corrected", trace.position), ("half_width", trace.half_width)):
         columns |= {f"{name}/{joint}": values[:, k] for k, joint in enumerate(calibration.joints)}
+    for name, told in trace.beside.items():
+        joint = calibration.joints[0]
+        columns |= {f"{name}/{joint}": told[:, 0], f"{name}_half_width/{joint}": told[:, 1]}
     bits, place = np.unique(trace.status, return_inverse=True)
     status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
     return pd.DataFrame(columns).assign(status=status)
@@ -145,8 +158,11 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     if len(tables) > 1:
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
         whole = whole.reset_index("recording")
-    write = whole.to_csv if output.suffix == ".csv" else whole.to_parquet
-    write_atomically(output, partial(write, index=False), overwrite=force, error=RecordingError)
+    if output.suffix == ".parquet":
+        truejoint.recordings.write_corrected(whole, output, overwrite=force)
+        return
+    write = partial(whole.to_csv, index=False)
+    write_atomically(output, write, overwrite=force, error=RecordingError)
 
 
 def _show(found: list[dict[str, Any]], output: Path) -> None:

@@ -42,7 +42,9 @@ def checked(
     for finding in check.findings:
         if finding.level != "info":
             found = f"{finding.where}: {finding.what}; {finding.advice}"
-            err.print(f"{finding.level}: {finding.name}: {found}", soft_wrap=True)
+            went_on = finding.level == "fail" and finding.name in check.accepted
+            level = "accepted" if went_on else finding.level
+            err.print(f"{level}: {finding.name}: {found}", soft_wrap=True)
     return check
 
 

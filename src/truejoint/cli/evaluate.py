@@ -9,19 +9,14 @@ from typing import Annotated, Final
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import (
-    Files,
-    check_free,
-    check_writable,
-    parse_tolerances,
-    takes_files,
-)
-from truejoint.errors import CalibrationError
+from truejoint.cli.inputs import Files, parse_tolerances, takes_files
+from truejoint.errors import CalibrationError, RecordingError
+from truejoint.files import check_folder, check_target
 
-_STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
+STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
 @takes_files
@@ -46,21 +41,8 @@ def evaluate(
             help="Also write a table per joint, as .csv and .tex, into a new folder.",
         ),
     ] = None,
-    tolerance: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="JOINT=VALUE",
-            help="Largest RMSE that you accept, in deg or mm, for instance elbow=0.2. Without "
-            "one, a joint must beat raw position, fixed offset and any simpler model.",
-            autocompletion=complete.tolerances,
-        ),
-    ] = None,
-    rezero_s: Annotated[
-        float,
-        typer.Option(
-            help="Re-zero on so much truth at the start of each recording, and judge the rest [s]."
-        ),
-    ] = 0.0,
+    tolerance: options.Tolerance = None,
+    rezero_s: options.JudgedAfter = 0.0,
     window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
     accept: Accept = None,
     part: options.Part = None,
@@ -74,9 +56,11 @@ def evaluate(
     if report is not None:
         from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
 
-        check_writable(check_name(report), force, "--report")
+        check_target(check_name(report), overwrite=force)
     if tables is not None:
-        check_free(tables, force, "--tables")
+        if tables.exists() and not force:
+            raise RecordingError(f"{tables}: exists already; name a new folder, or --force")
+        check_folder(tables)
     accepted_names = check_names(accept)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     first = models[0]
@@ -84,8 +68,7 @@ def evaluate(
         raise CalibrationError(
             f"--seed-of: {model} is {first.estimator!r}; give models of the same estimator"
         )
-    units = {joint: first.units[f"measured/{joint}"] for joint in first.joints}
-    accepted = parse_tolerances(tolerance or [], units)
+    accepted = parse_tolerances(tolerance or [], first)
     read_testing = files.find(recordings, part=part, split=split, model=first)
     read_training = files.find(training or [], model=first)
     testing, shown = read_testing(), read_training()
@@ -141,7 +124,7 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
             out.print(truejoint.evaluation.domain_table(result))
         say(truejoint.evaluation.view.domain_line(result))
     verdict = result.verdict
-    out.print(verdict.text, style=_STYLES[verdict.level])
+    out.print(verdict.text, style=STYLES[verdict.level])
     for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
         out.print(f"  {line}")
     if verdict.advice and verdict.advice not in verdict.doubts:

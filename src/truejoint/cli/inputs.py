@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import glob
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
@@ -14,7 +14,7 @@ from typing import Any, TypeAlias
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import progress, say
-from truejoint.errors import RecordingError, TruejointError, unknown
+from truejoint.errors import RecordingError, unknown
 from truejoint.files import check_target
 from truejoint.units import display_unit
 
@@ -215,12 +215,14 @@ def _is_plain_folder(path: Path) -> bool:
 
 
 def say_dropped(recording: truejoint.Recording) -> None:
-    """Tell how many rows were dropped when a recording was made or read, and why."""
-    dropped = recording.provenance.dropped
+    """Tell how many rows were dropped when a recording was made or read, and its notes."""
+    provenance = recording.provenance
+    dropped, name = provenance.dropped, Path(provenance.source).name or provenance.session
     if dropped:
         reasons = ", ".join(f"{count} {reason}" for reason, count in dropped.items())
-        name = Path(recording.provenance.source).name or recording.provenance.session
         say(f"  {name}: rows dropped or without truth: {reasons}")
+    if provenance.notes:
+        say(f"  {name}: {provenance.notes}")
 
 
 def only_dataset(names: Sequence[str]) -> str | None:
@@ -231,23 +233,19 @@ def only_dataset(names: Sequence[str]) -> str | None:
     return first if first in truejoint.recordings.datasets.DATASETS else None
 
 
-def check_free(path: Path, force: bool, option: str = "--out") -> None:
-    """Refuse to overwrite unasked, before anything long is done; raises TruejointError."""
-    if path.exists() and not force:
-        raise TruejointError(f"{path}: is there already; choose another {option}, or --force")
+def read_trajectory(path: Path) -> truejoint.motion.Trajectory:
+    """Read a trajectory file and say what its notes do."""
+    trajectory = truejoint.motion.read_trajectory(path)
+    if "notes" in trajectory.meta:
+        say(f"  {path}: {trajectory.meta['notes']}")
+    return trajectory
 
 
-def check_writable(path: Path, force: bool, option: str = "--out") -> None:
-    """Refuse as `check_free` does, and a path that cannot become a file."""
-    check_free(path, force, option)
-    check_target(path, overwrite=True)
-
-
-def check_model_free(path: Path, force: bool, option: str = "--out") -> None:
-    """Refuse as `check_writable` does, and a name that is not for a model file."""
+def check_model_target(path: Path, force: bool) -> None:
+    """Refuse, before anything long is done, a path at which no model file can be written."""
     from truejoint.calibration.model_file import check_name  # noqa: PLC0415  # needs NumPy
 
-    check_writable(check_name(path), force, option)
+    check_target(check_name(path), overwrite=force)
 
 
 def parse_part(text: str) -> tuple[float, float]:
@@ -262,8 +260,9 @@ def parse_part(text: str) -> tuple[float, float]:
     )
 
 
-def parse_tolerances(texts: Sequence[str], units: Mapping[str, str]) -> dict[str, float]:
-    """Largest accepted RMSE [rad or m] by joint, of texts like ``shoulder=0.2``; `units` are SI."""
+def parse_tolerances(texts: Sequence[str], model: truejoint.Calibration) -> dict[str, float]:
+    """Largest accepted RMSE [rad or m] by joint of a model, of texts like ``shoulder=0.2``."""
+    units = {joint: model.units[f"measured/{joint}"] for joint in model.joints}
     tolerances = {}
     for text in texts:
         joint, _, number = text.partition("=")

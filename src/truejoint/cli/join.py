@@ -11,8 +11,9 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.inputs import Files, check_writable, say_dropped, takes_files
+from truejoint.cli.inputs import Files, say_dropped, takes_files
 from truejoint.errors import RecordingError
+from truejoint.files import check_target
 
 
 @takes_files
@@ -53,7 +54,7 @@ def join(
     """Join a robot's recording with the truth that was recorded in a file of its own."""
     if near_s is not None and offset_s is not None:
         raise RecordingError("--near-s and --offset-s: give one of the two")
-    check_writable(output, force)
+    check_target(output, overwrite=force)
     found = files.find([robot_file])()
     if len(found) != 1:
         raise RecordingError(f"{robot_file}: {len(found)} recordings; join takes one at a time")

@@ -23,7 +23,7 @@ Arm = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Seed = Annotated[int, typer.Option("--seed", help="Same seed, same result.")]
+Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same seed, same result.")]
 
 Model = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
@@ -103,5 +103,22 @@ Split = Annotated[
         help="Recommended split of a public data set: calibrate takes its training side, "
         "evaluate its held-out side.",
         autocompletion=complete.splits,
+    ),
+]
+Tolerance = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--tolerance",
+        metavar="JOINT=VALUE",
+        help="Largest RMSE that you accept, in deg or mm, for instance elbow=0.2. Without "
+        "one, a joint must beat raw position, fixed offset and any simpler model.",
+        autocompletion=complete.tolerances,
+    ),
+]
+JudgedAfter = Annotated[
+    float,
+    typer.Option(
+        "--rezero-s",
+        help="Re-zero on so much truth at the start of each recording, and judge the rest [s].",
     ),
 ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +23,8 @@ def show(
         str,
         typer.Argument(
             metavar="FILE",
-            help="Model file, recording, or NAME:PATTERN of a public data set.",
+            help="Model file, recording, corrected table (.parquet), or NAME:PATTERN of a public "
+            "data set.",
             autocompletion=complete.recordings,
         ),
     ],
@@ -33,6 +35,8 @@ def show(
     """Say what a model file or a recording is, what it holds and where it comes from."""
     if is_model(Path(name)):
         shown = [model_facts(Path(name))]
+    elif _is_corrected(Path(name)):
+        shown = [_corrected_facts(Path(name))]
     else:
         shown = [recording_facts(recording) for recording in files.find([name])()]
     if as_json:
@@ -50,6 +54,26 @@ def is_model(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(9)[8:] == b"{"
+
+
+def _is_corrected(path: Path) -> bool:
+    if path.suffix != ".parquet" or not path.is_file():
+        return False
+    from truejoint.recordings.parquet import is_corrected  # noqa: PLC0415  # not for help
+
+    return is_corrected(path)
+
+
+def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
+    """Tell how many rows of a corrected table have which status, and the range of each column."""
+    table = truejoint.recordings.read_corrected(path)
+    status = {str(name): int(count) for name, count in table["status"].value_counts().items()}
+    columns = []
+    for name, column in table.select_dtypes("number").items():
+        known = column[column.abs() < math.inf]  # no half-width is stated as an infinite one
+        bounds = (float(known.min()), float(known.max())) if len(known) else None
+        columns.append(_column(str(name), "1", bounds, len(column) - len(known)))
+    return {"kind": "corrected positions", "rows": len(table), "status": status}, columns
 
 
 def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:

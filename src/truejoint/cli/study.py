@@ -14,8 +14,6 @@ from truejoint.errors import StudyError
 from truejoint.studies.catalogue import STUDIES, get_study
 from truejoint.studies.study import PRESETS, shown
 
-INTERRUPTED = 130
-
 
 def _options(context: typer.Context) -> list[str]:
     known = STUDIES.get(context.params.get("name") or "")
@@ -73,7 +71,7 @@ def study(
             result = runner.run_study(experiment, settings.options, progress=done, **common)  # type: ignore[arg-type]
     except KeyboardInterrupt:
         say(f"Stopped; what is done is kept in {target}, and the same command goes on from there")
-        raise typer.Exit(INTERRUPTED) from None
+        raise
     files = page.write_study(result, target, command=command_line(), overwrite=force)
     if as_json:
         result_json(result.to_dict())

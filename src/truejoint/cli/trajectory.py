@@ -11,8 +11,10 @@ import typer
 import truejoint
 from truejoint.cli import complete
 from truejoint.cli.console import out, print_table, result_json, say
-from truejoint.cli.options import Arm, Force, Json, RobotName
+from truejoint.cli.inputs import read_trajectory
+from truejoint.cli.options import Arm, Force, Json, RobotName, Seed
 from truejoint.errors import TrajectoryError
+from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
 
@@ -69,7 +71,7 @@ def make_zigzag(
 def make_random(
     output: Output,
     minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 20.0,
-    seed: Annotated[int, typer.Option(help="Same seed, same motion.")] = 0,
+    seed: Seed = 0,
     profile: Annotated[
         str,
         typer.Option(
@@ -91,16 +93,35 @@ def make_random(
     _tell(trajectory, target, plot, as_json, output=output, force=force)
 
 
+@app.command(
+    "nested", epilog="Example: `truejoint trajectory nested --robot forceps -o nested.csv`"
+)
+def make_nested(
+    output: Output,
+    seconds: Annotated[float, typer.Option(help="How long it lasts [s].")] = 65.0,
+    robot: RobotName = "forceps",
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make loops of three sizes, one inside the other, to calibrate a robot of one joint."""
+    target = truejoint.get_robot(robot)
+    trajectory = truejoint.motion.nested_motion(target, seconds)
+    _tell(trajectory, target, plot, as_json, output=output, force=force)
+
+
 @app.command("show", epilog="Example: `truejoint trajectory show zigzag.csv --plot zigzag.html`")
 def show(
     path: Annotated[Path, typer.Argument(help="Trajectory file.")],
     robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Show the range, the length and the duration of a trajectory."""
-    _tell(truejoint.motion.read_trajectory(path), truejoint.get_robot(robot, arm), plot, as_json)
+    target = truejoint.get_robot(robot, arm)
+    _tell(read_trajectory(path), target, plot, as_json, force=force)
 
 
 def _tell(
@@ -113,11 +134,13 @@ def _tell(
     force: bool = False,
 ) -> None:
     """Write and draw it where that is asked for, and say how far and how long it goes."""
+    for path in filter(None, (output, plot)):
+        check_target(path, overwrite=force)
     if output is not None:
         truejoint.motion.write_trajectory(trajectory, output, overwrite=force)
         say(f"wrote {output}")
     if plot is not None:
-        truejoint.motion.plot_trajectories([trajectory], plot)
+        truejoint.motion.plot_trajectories([trajectory], plot, overwrite=force)
         say(f"wrote {plot}")
     q = trajectory.positions
     ranges = {

@@ -1,7 +1,11 @@
 """An arm that speaks CRTK's names, over interchangeable back ends."""
 
 from truejoint.crtk.arm import Arm
+from truejoint.crtk.backends.faulty import Fault, FaultyBackend
+from truejoint.crtk.backends.paced import LoopTiming, PacedBackend
 from truejoint.crtk.backends.simulated import SimulatedBackend, simulated_arm
+from truejoint.crtk.grasper import Grasper
+from truejoint.crtk.handle import Motion
 from truejoint.crtk.planning import BLEND, TimeLaw, time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
 from truejoint.crtk.states import STATE_COMMANDS, JointState, OperatingState
@@ -14,9 +18,15 @@ __all__ = [
     "STATE_COMMANDS",
     "Arm",
     "Backend",
+    "Fault",
+    "FaultyBackend",
+    "Grasper",
     "JointState",
     "Listener",
+    "LoopTiming",
+    "Motion",
     "OperatingState",
+    "PacedBackend",
     "SimulatedBackend",
     "StateBlock",
     "TimeLaw",

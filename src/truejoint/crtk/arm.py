@@ -2,31 +2,43 @@
 
 from __future__ import annotations
 
+import atexit
+import threading
+import types
+import weakref
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.crtk import cartesian
+from truejoint.crtk.handle import Motion
+from truejoint.crtk.limits import check_range, check_steps, move_speed
 from truejoint.crtk.planning import time_law
-from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
-from truejoint.crtk.states import JointState, OperatingState, check_ready, next_state
-from truejoint.errors import CommandRefused, RobotError
+from truejoint.crtk.protocol import SERVO_RATE, Backend, Listener
+from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
+from truejoint.crtk.subscription import Subscription
+from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import at_sample, checked_rows, checked_vector
-from truejoint.units import shown, shown_range
+from truejoint.robots.joint_rows import GRAIN, checked_rows, checked_vector
+from truejoint.robots.robot import Kinematics
 
-# Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
-# (python_controller/raven_py_controller.py: positioning joints) and turns the tool
-# (python_controller/run_r2_keyboard_controller.py: the others) [rad/s, m/s].
-_MOVE_POSITIONING: Final = np.deg2rad(3.0)
-_MOVE_TOOL: Final = np.deg2rad(10.0)
-_MOVE_PRISMATIC: Final = 0.01
-# Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
-_ROUNDING: Final = 1e-9
-_BLOCK: Final = int(BLOCK_DURATION * SERVO_RATE)  # rows
+MAX_AGE: Final = 0.1
+"""A state message older than this [s] is no measurement of now."""
+BRAKING: Final = 0.05
+"""Time in which the set-point of an arm that is stopped comes to rest [s]."""
+TIMEOUT: Final = 5.0
+"""What a state command may take [s], all but homing."""
+HOMING_TIMEOUT: Final = 120.0
+
+_PIECE: Final = round(GRAIN * SERVO_RATE)  # rows
+_BRAKING_ROWS: Final = round(BRAKING * SERVO_RATE)
+_OPEN: Final[weakref.WeakSet[Arm]] = weakref.WeakSet()
 
 
 class Arm:
@@ -34,7 +46,10 @@ class Arm:
 
     Positions are in rad and m, in the order of ``arm.robot.joints``. Every command is checked
     against state and limits before it reaches the robot, and refused with a reason; a refused
-    command changes nothing. Positions relative are relative to the latest set-point.
+    command changes nothing. Positions relative are relative to the latest set-point. Moves run in
+    a thread of their own and return a `Motion`; whatever the arm is doing, `pause` stops it from
+    any thread within 20 ms and the time that it needs to brake. Left by an exception, or by the end
+    of the program, the arm is paused.
 
     Parameters
     ----------
@@ -46,13 +61,18 @@ class Arm:
     robot : Robot
         What the arm is: joints, limits, kinematics.
 
+    Raises
+    ------
+    CommandRefused
+        If another Arm controls what is behind.
+
     References
     ----------
     collaborative-robotics/documentation:docs/pages/api-robot-motion.rst
 
     Examples
     --------
-    >>> arm.move_jp(arm.robot.home)
+    >>> arm.move_jp(arm.robot.home).wait()
     >>> arm.operating_state().state
     'ENABLED'
     """
@@ -61,10 +81,35 @@ class Arm:
         self._backend = backend
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
-        self._listeners: list[Listener] = []
+        self._subscriptions: list[Subscription] = []
         self._latest: StateBlock | None = None
-        self._moving = False
+        self._lock = threading.RLock()  # of what follows
+        self._motion: Motion | None = None
+        self._driver = 0  # thread that drives the motion
+        self._asked = ""  # to stop it: a state command, or hold
+        self._sent: Array | None = None  # last two set-points (2, n_joints) of this controller
+        self._goal: Array | None = None
         backend.connect(self._on_block)
+        _OPEN.add(self)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: types.TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop and pause the arm if it is enabled, and let another control it."""
+        with suppress(TruejointError):
+            if self.operating_state().state == "ENABLED":
+                self.pause()
+        self._backend.disconnect()
+        _OPEN.discard(self)
 
     @property
     def time(self) -> float:
@@ -79,65 +124,111 @@ class Arm:
     def operating_state(self) -> OperatingState:
         """State, whether homed, whether busy, with a time stamp."""
         now = self._backend.operating_state()
-        return replace(now, is_busy=now.is_busy or self._moving)
+        return replace(now, is_busy=now.is_busy or self._motion is not None)
 
-    def state_command(self, command: str) -> None:
+    def state_command(self, command: str, timeout: float | None = None) -> None:
         """Send ``enable``, ``disable``, ``pause``, ``resume``, ``home`` or ``unhome``; blocks.
 
-        Raises CommandRefused if it is not allowed now; the message says what to send first.
+        Raises CommandRefused if it is not allowed now, the message says what to send first, or not
+        done within `timeout` [s] of the robot's clock: by default 5 s, and 120 s for homing.
         """
         next_state(self.operating_state(), command)
-        self._backend.state_command(command)  # type: ignore[arg-type]  # next_state knows it
+        limit = timeout if timeout is not None else HOMING_TIMEOUT if command == "home" else TIMEOUT
+        if not limit > 0.0:
+            raise CommandRefused(f"{command!r} refused: timeout {limit} s; give more than 0 s")
+        known: StateCommand = command  # type: ignore[assignment]  # next_state knows it
+        if command in ("pause", "disable"):
+            self._stop(self._motion, known, limit)
+        else:
+            self._sent = None
+            self._backend.state_command(known, limit)
         if command == "unhome":
             self._latest = None
 
-    def enable(self) -> None:
+    def enable(self, timeout: float | None = None) -> None:
         """Switch the motors on."""
-        self.state_command("enable")
+        self.state_command("enable", timeout)
 
-    def disable(self) -> None:
-        """Switch the motors off; the way out of a fault."""
-        self.state_command("disable")
+    def disable(self, timeout: float | None = None) -> None:
+        """Stop, and switch the motors off; the way out of a fault."""
+        self.state_command("disable", timeout)
 
-    def pause(self) -> None:
-        """Stop and hold; during a move, from a subscriber, it ends the move."""
-        self.state_command("pause")
+    def pause(self, timeout: float | None = None) -> None:
+        """Brake and stand, from any thread and whatever the arm is doing; a motion ends with it.
 
-    def resume(self) -> None:
+        The set-point comes to rest within `BRAKING`. From a subscriber, it takes effect when
+        the subscriber returns.
+        """
+        self.state_command("pause", timeout)
+
+    def resume(self, timeout: float | None = None) -> None:
         """Go on after `pause`."""
-        self.state_command("resume")
+        self.state_command("resume", timeout)
 
-    def home(self) -> None:
-        """Explore the hard stops, register the motor encoders, go to the home pose."""
-        self.state_command("home")
+    def home(self, timeout: float | None = None) -> None:
+        """Explore the hard stops, register the motor encoders, go to the home pose; blocks."""
+        self.state_command("home", timeout)
 
-    def unhome(self) -> None:
+    def unhome(self, timeout: float | None = None) -> None:
         """Forget the registration of the motor encoders."""
-        self.state_command("unhome")
+        self.state_command("unhome", timeout)
 
-    def measured_js(self) -> JointState:
+    def hold(self) -> None:
+        """Brake and hold the set-point, the arm staying enabled; a motion ends with it."""
+        check_ready(replace(self.operating_state(), is_busy=False), "hold")
+        self._stop(self._motion, "hold")
+
+    def measured_js(self, age: float = MAX_AGE) -> JointState:
         """Position, velocity and effort of every joint as measured at the motors.
 
-        Raises CommandRefused before homing: there is nothing valid to report.
+        Raises CommandRefused before homing, when there is nothing valid to report, and if the
+        newest message is older than `age` [s].
         """
-        block = self._valid("measured_js")
+        block = self._valid("measured_js", age)
         return self._joint_state(block, block.measured, block.velocity)
 
-    def setpoint_js(self) -> JointState:
-        """Latest set-point, its velocity and the effort command; refused before homing."""
-        block = self._valid("setpoint_js")
-        velocity = np.diff(block.setpoint, axis=0, prepend=block.setpoint[:1]) * SERVO_RATE
+    def setpoint_js(self, age: float = MAX_AGE) -> JointState:
+        """Latest set-point, its velocity and the effort command; refused as `measured_js`."""
+        block = self._valid("setpoint_js", age)
+        last = block.setpoint[-2:]
+        velocity = (last[-1:] - last[:1]) * SERVO_RATE
         return self._joint_state(block, block.setpoint, velocity)
 
-    def measured_cp(self) -> Array:
+    def goal_js(self) -> JointState:
+        """Where the latest move was to end; velocity and effort are empty.
+
+        Raises CommandRefused before the first move.
+        """
+        if self._goal is None:
+            raise CommandRefused("goal_js refused: no move has been asked for yet")
+        names, none = self.robot.joint_names, np.empty(0)
+        return JointState(self.time, names, self._goal.copy(), none, none)
+
+    def measured_cp(self, age: float = MAX_AGE) -> Array:
         """Tool pose (4, 4) [m] in the frame of the robot's CRTK topics, of `measured_js`.
 
         Raises RobotError if the robot's kinematics are not known.
         """
-        kinematics = self.robot.kinematics
-        if kinematics is None:
-            raise RobotError(f"measured_cp: the kinematics of {self.robot.title} are not known")
-        return kinematics.crtk_from_base @ kinematics.forward(self.measured_js().position)
+        kinematics = self._kinematics("measured_cp")
+        return cartesian.pose(kinematics, self.measured_js(age).position)
+
+    def setpoint_cp(self, age: float = MAX_AGE) -> Array:
+        """Tool pose (4, 4) [m] of `setpoint_js`; as `measured_cp`."""
+        kinematics = self._kinematics("setpoint_cp")
+        return cartesian.pose(kinematics, self.setpoint_js(age).position)
+
+    def measured_cv(self, age: float = MAX_AGE) -> Array:
+        """Twist (6,) of the tool: velocity [m/s] over angular velocity [rad/s]; as `measured_cp`.
+
+        The velocity is that of the tool's origin; both are in the frame of the CRTK topics.
+        """
+        kinematics, now = self._kinematics("measured_cv"), self.measured_js(age)
+        return np.asarray(cartesian.jacobian(kinematics, now.position) @ now.velocity)
+
+    def jacobian(self, age: float = MAX_AGE) -> Array:
+        """Geometric Jacobian (6, n_joints) at the tool, of `measured_js`: `measured_cv` a speed."""
+        kinematics = self._kinematics("jacobian")
+        return cartesian.jacobian(kinematics, self.measured_js(age).position)
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
@@ -146,13 +237,42 @@ class Arm:
         step.
         """
         target = checked_vector(self.robot, position, "servo_jp")
-        self._stream(target[None], "servo_jp")
+        self._servo(target[None], "servo_jp")
 
     def servo_jr(self, increment: ArrayLike) -> None:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
         step = checked_vector(self.robot, increment, "servo_jr")
-        check_ready(self.operating_state(), "servo_jr")
-        self._stream((self.setpoint_js().position + step)[None], "servo_jr")
+        self._servo((self._start_of("servo_jr") + step)[None], "servo_jr")
+
+    def servo_jv(self, velocity: ArrayLike) -> None:
+        """Go on at `velocity` (n_joints,) [rad/s or m/s] for one servo period; as `servo_jp`."""
+        step = checked_vector(self.robot, velocity, "servo_jv") / SERVO_RATE
+        self._servo((self._start_of("servo_jv") + step)[None], "servo_jv")
+
+    def servo_cp(self, pose: ArrayLike) -> None:
+        """Go to a tool pose (4, 4) [m] within one servo period; as `servo_jp`.
+
+        The pose is in the frame of the CRTK topics. Raises RobotError if it is out of reach or
+        the robot's kinematics are not known.
+        """
+        kinematics, start = self._kinematics("servo_cp"), self._start_of("servo_cp")
+        self._servo(cartesian.joints_at(kinematics, pose, start)[None], "servo_cp")
+
+    def servo_cr(self, increment: ArrayLike) -> None:
+        """Move the tool by an `increment` (4, 4) [m] of the latest set-point; as `servo_cp`.
+
+        Shift and turn are about the axes of the CRTK topics' frame, the turn about the tool.
+        """
+        kinematics, start = self._kinematics("servo_cr"), self._start_of("servo_cr")
+        target = cartesian.moved(cartesian.pose(kinematics, start), increment)
+        self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
+
+    def servo_cv(self, twist: ArrayLike) -> None:
+        """Move the tool by a `twist` (6,) [m/s, rad/s] for one servo period; as `servo_cp`."""
+        kinematics, start = self._kinematics("servo_cv"), self._start_of("servo_cv")
+        step = cartesian.step_of(np.asarray(twist, dtype=float) / SERVO_RATE)
+        target = cartesian.moved(cartesian.pose(kinematics, start), step)
+        self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cv")
 
     def servo_jp_stream(self, positions: ArrayLike) -> None:
         """Stream `positions` (n, n_joints) [rad or m] at 1 kHz; blocks until all are sent.
@@ -160,10 +280,10 @@ class Arm:
         The whole stream is checked before its first sample is sent; raises as `servo_jp`.
         """
         rows = checked_rows(self.robot, positions, "servo_jp_stream")
-        self._stream(rows, "servo_jp_stream")
+        self._servo(rows, "servo_jp_stream")
 
-    def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> None:
-        """Go to `goal` (n_joints,) [rad or m] along a straight line; blocks until there.
+    def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> Motion:
+        """Go to `goal` (n_joints,) [rad or m] along a straight line.
 
         All joints arrive together (`planning.TimeLaw`), none faster than `speed` (n_joints,) [rad/s
         or m/s]; by default 3 deg/s for the positioning joints, 10 mm/s for a prismatic one and 10
@@ -171,117 +291,242 @@ class Arm:
         above the joint's top speed.
         """
         target = checked_vector(self.robot, goal, "move_jp")
-        caps = self._move_speed(speed)
-        check_range(self.robot, target[None], "move_jp")
-        check_ready(self.operating_state(), "move_jp")
-        law = time_law(np.vstack([self.setpoint_js().position, target]), caps)
-        self._moving = True
-        try:
-            for block in law.blocks():
-                self._send(block, "move_jp")
-        finally:
-            self._moving = False
+        return self._move(target[None], speed, "move_jp")
+
+    def move_jr(self, increment: ArrayLike, speed: ArrayLike | None = None) -> Motion:
+        """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `move_jp`."""
+        step = checked_vector(self.robot, increment, "move_jr")
+        return self._move((self._start_of("move_jr") + step)[None], speed, "move_jr")
+
+    def move_cp(self, pose: ArrayLike, speed: ArrayLike | None = None) -> Motion:
+        """Take the tool to a pose (4, 4) [m] along a straight line in space; as `move_jp`.
+
+        The pose is in the frame of the CRTK topics, `speed` of the joints. The whole way is checked
+        before the arm moves; raises RobotError if some of it is out of reach.
+        """
+        kinematics, start = self._kinematics("move_cp"), self._start_of("move_cp")
+        return self._move(cartesian.straight_line(kinematics, start, pose), speed, "move_cp")
+
+    def stream(self, pieces: Iterable[Array], duration: float, command: str) -> Motion:
+        """Stream set-points (n, n_joints) [rad or m] at 1 kHz as `pieces` of them come.
+
+        Each piece is checked as `servo_jp` checks, when it is its turn; one that fails ends the
+        motion. `duration` [s] is what all will take; `command` names it in messages.
+        """
+        motion = self._begin(command, duration)
+        thread = threading.Thread(
+            target=self._drive, args=(motion, self._checked(pieces, command)), daemon=True
+        )
+        thread.start()
+        return motion
 
     def wait(self, duration: float) -> None:
-        """Let `duration` [s] pass; enabled and homed, the arm holds its set-point and reports.
+        """Let `duration` [s] of the robot's clock pass; enabled and homed, the arm holds.
 
-        Otherwise it stands on its brakes and reports nothing.
+        Otherwise it stands on its brakes and reports nothing. A motion under way goes on
+        meanwhile.
         """
         if not (np.isfinite(duration) and duration >= 0.0):
             raise CommandRefused(f"wait refused: {duration} s; give a duration of 0 s or more")
-        if not self.operating_state().is_ready:
-            self._backend.wait(float(duration))
+        if self._driver == threading.get_ident():
+            raise CommandRefused("wait refused: a subscriber must not block; return first")
+        end, motion = self.time + duration, self._motion
+        while motion is not None and motion.is_busy() and self.time < end:
+            with suppress(CommandRefused):
+                motion.wait(min(GRAIN, end - self.time))
+        left = end - self.time
+        if left * SERVO_RATE < 0.5:
             return
-        hold = self.setpoint_js().position
-        for left in range(round(duration * SERVO_RATE), 0, -_BLOCK):
-            self._send(np.tile(hold, (min(left, _BLOCK), 1)), "wait")
+        if not self.operating_state().is_ready:
+            self._backend.wait(left)
+            return
+        hold = self._start_of("wait")
+        pieces = (
+            np.tile(hold, (min(rows, _PIECE), 1))
+            for rows in range(round(left * SERVO_RATE), 0, -_PIECE)
+        )
+        self._run(self._begin("wait", left), pieces)
 
-    def subscribe(self, callback: Listener) -> None:
-        """Call `callback` with every StateBlock and TruthBlock from now on, in time order."""
-        self._listeners.append(callback)
+    def subscribe(self, callback: Listener, every: float = 0.0) -> None:
+        """Call `callback` with every StateBlock and TruthBlock from now on, in time order.
+
+        Blocks come as the arm reports them, or joined to up to `every` seconds each, which costs a
+        recorder less; what is left is delivered by `unsubscribe`. The callback runs in the thread
+        that moves the arm: it must not block, and an exception in it stops the arm and ends its
+        calls.
+        """
+        self._subscriptions.append(Subscription(callback, every))
 
     def unsubscribe(self, callback: Listener) -> None:
         """Stop calling `callback`; one that is not subscribed is left alone."""
-        if callback in self._listeners:
-            self._listeners.remove(callback)
+        for subscription in [s for s in self._subscriptions if s.callback == callback][:1]:
+            self._subscriptions.remove(subscription)
+            subscription.flush()
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
-            # Two rows are enough for every getter.
-            self._latest = block.rows(slice(-2, None))
-        for listener in tuple(self._listeners):
-            listener(block)
+            self._latest = block
+        broken: BaseException | None = None
+        for subscription in tuple(self._subscriptions):
+            try:
+                subscription(block)
+            except BaseException as error:  # noqa: BLE001  # the others must hear of the arm
+                self._subscriptions.remove(subscription)
+                broken = broken or error
+        if broken is not None:
+            raise broken
 
-    def _valid(self, name: str) -> StateBlock:
-        if self._latest is None:
+    def _valid(self, name: str, age: float) -> StateBlock:
+        block = self._latest
+        if block is None:
             raise CommandRefused(f"{name} refused: the arm is not homed; send 'home' first")
-        return self._latest
+        now = self.time - float(block.t[-1])
+        if now > age:
+            raise CommandRefused(
+                f"{name} refused: the newest state message is {now:.3g} s old, more than {age:g}; "
+                f"the arm is {self.operating_state().state}: does it report?"
+            )
+        return block
 
     def _joint_state(self, block: StateBlock, position: Array, velocity: Array) -> JointState:
         t, names, columns = float(block.t[-1]), self.robot.joint_names, self._joint_channels
         effort = block.effort[-1, columns] if block.effort.shape[1] else np.empty(0)
+        if self.robot.transmission is not None and self.robot.effort == "motor" and effort.size:
+            effort = self.robot.transmission.joint_effort(effort)
         return JointState(t, names, position[-1, columns], velocity[-1, columns], effort)
 
-    def _stream(self, rows: Array, command: str) -> None:
+    def _kinematics(self, command: str) -> Kinematics:
+        if self.robot.kinematics is None:
+            raise RobotError(f"{command}: the kinematics of {self.robot.title} are not known")
+        return self.robot.kinematics
+
+    def _start_of(self, command: str) -> Array:
+        """Set-point (n_joints,) that a relative command or a move starts at."""
         check_ready(self.operating_state(), command)
-        check_range(self.robot, rows, command)
-        check_steps(self.robot, self.setpoint_js().position, rows, command)
-        for start in range(0, len(rows), _BLOCK):
-            self._send(rows[start : start + _BLOCK], command)
+        if self._sent is not None:
+            return np.asarray(self._sent[-1])
+        return self.setpoint_js(np.inf).position
 
-    def _send(self, rows: Array, command: str) -> None:
-        # A subscriber may have paused the arm since the last block.
+    def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
+        caps = move_speed(self.robot, speed, command)
+        check_range(self.robot, knots, command)
+        law = time_law(np.vstack([self._start_of(command), knots]), caps)
+        motion = self.stream(law.blocks(), law.duration, command)
+        self._goal = knots[-1]
+        return motion
+
+    def _servo(self, rows: Array, command: str) -> None:
+        check_ready(self.operating_state(), command)
+        for _ in self._checked([rows], command):
+            pass
+        self._run(self._begin(command, len(rows) / SERVO_RATE), iter([rows]))
+
+    def _checked(self, pieces: Iterable[Array], command: str) -> Iterator[Array]:
+        for rows in pieces:
+            check_range(self.robot, rows, command)
+            start = self._sent[-1] if self._sent is not None else self.setpoint_js(np.inf).position
+            check_steps(self.robot, start, rows, command)
+            yield rows
+
+    def _begin(self, command: str, duration: float) -> Motion:
+        """Take the arm for a motion; raises CommandRefused if it is not ready or busy."""
+        with self._lock:
+            check_ready(self.operating_state(), command)
+            self._asked = ""
+            self._motion = motion = Motion(command, duration, self._stop)
+        return motion
+
+    def _run(self, motion: Motion, pieces: Iterator[Array]) -> None:
+        """Make a motion in this thread."""
+        self._drive(motion, pieces)
+        motion.wait()
+
+    def _drive(self, motion: Motion, pieces: Iterator[Array]) -> None:
+        """Send a motion piece by piece until its end or until it is asked to stop."""
+        self._driver = threading.get_ident()
+        error: BaseException | None = None
+        try:
+            for rows in pieces:
+                for start in range(0, len(rows), _PIECE):
+                    if self._asked:
+                        break
+                    self._send(motion, rows[start : start + _PIECE])
+                if self._asked:
+                    break
+            if not self._asked:
+                self._backend.flush()
+        except BaseException as caught:  # noqa: BLE001  # whatever it is, the arm stops
+            error = caught
+            self._asked = self._asked or "pause"
+        try:
+            if self._asked:
+                stopped = self._stand(motion)
+                error = error or stopped
+        except BaseException as caught:  # noqa: BLE001  # who waits must hear of it
+            error = error or caught
+        finally:
+            with self._lock:
+                self._motion, self._driver = None, 0
+            motion.ended(error)
+
+    def _send(self, motion: Motion, rows: Array) -> None:
         state = self._backend.operating_state()
-        if not state.is_ready:
-            raise CommandRefused(f"{command} stopped at t = {state.t:.3f} s: {state.state}")
+        if not state.is_ready:  # the robot itself, or another program, has stopped it
+            raise motion.stopped(state.state, state.t)
+        if len(rows) > 1:
+            self._sent = rows[-2:]
+        else:
+            self._sent = np.array([rows[0] if self._sent is None else self._sent[1], rows[0]])
         self._backend.servo_jp(rows)
+        motion.elapsed += len(rows) / SERVO_RATE
 
-    def _move_speed(self, speed: ArrayLike | None) -> Array:
-        joints = self.robot.joints
-        top = np.array([joint.max_speed for joint in joints])
-        if speed is None:
-            positioning = [joint.name in self.robot.positioning for joint in joints]
-            turning = np.where(positioning, _MOVE_POSITIONING, _MOVE_TOOL)
-            sliding = [joint.kind == "prismatic" for joint in joints]
-            return np.asarray(np.minimum(np.where(sliding, _MOVE_PRISMATIC, turning), top))
-        caps = checked_vector(self.robot, speed, "move_jp speed")
-        wrong = ~((caps > 0.0) & (caps <= top))
-        if wrong.any():
-            joint, cap = joints[int(np.argmax(wrong))], float(caps[np.argmax(wrong)])
-            unit = joint.unit + "/s"
-            raise CommandRefused(
-                f"move_jp refused: speed of {joint.name} is {shown(cap, unit)}; want more than 0 "
-                f"and at most {shown(joint.max_speed, unit)}"
-            )
-        return caps
+    def _stand(self, motion: Motion) -> MotionStopped:
+        """Brake and carry out what stops the motion; gives the error that says so."""
+        asked = self._asked
+        with suppress(Exception):  # whatever keeps it from braking, it can still be paused
+            self._brake()
+        state = self._backend.operating_state()
+        if asked != "hold" and state.state == "ENABLED":
+            with suppress(TruejointError):
+                self._backend.state_command(asked, TIMEOUT)  # type: ignore[arg-type]
+        after = self._backend.operating_state()
+        return motion.stopped("held" if asked == "hold" else after.state, after.t)
+
+    def _brake(self) -> None:
+        """Bring the set-point to rest along the way that it went."""
+        if self._sent is None or not self._backend.operating_state().is_ready:
+            return
+        step, start = self._sent[1] - self._sent[0], self._sent[1]
+        if not step.any():
+            return
+        share = 1.0 - np.arange(1, _BRAKING_ROWS + 1) / _BRAKING_ROWS
+        rows = start + np.cumsum(share)[:, None] * step
+        rows = np.clip(rows, self.robot.lower, self.robot.upper)
+        for first in range(0, len(rows), _PIECE):
+            self._backend.servo_jp(rows[first : first + _PIECE])
+        self._backend.flush()
+        self._sent = rows[-1:].repeat(2, axis=0)
+
+    def _stop(self, motion: Motion | None, command: str, timeout: float = TIMEOUT) -> None:
+        """Stop a motion, or the arm if there is none, by a state command or by holding."""
+        with self._lock:
+            running = motion is not None and motion is self._motion
+            if running:
+                self._asked = command
+                if self._driver == threading.get_ident():
+                    return  # from a subscriber: the motion ends when it returns
+        if motion is not None and running:
+            motion.over.wait(timeout)
+        elif motion is None:
+            self._brake()
+        target = {"pause": "PAUSED", "disable": "DISABLED"}.get(command)
+        if target is not None and self._backend.operating_state().state != target:
+            self._backend.state_command(command, timeout)  # type: ignore[arg-type]
 
 
-def check_range(robot: Robot, rows: Array, command: str) -> None:
-    """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range."""
-    outside = (rows < robot.lower - _ROUNDING) | (rows > robot.upper + _ROUNDING)
-    if outside.any():
-        row, column = np.argwhere(outside)[0]
-        joint = robot.joints[column]
-        raise CommandRefused(
-            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
-            f"{at_sample(row, rows)} is outside its range "
-            f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
-        )
-
-
-def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
-    """Raise CommandRefused if a joint would step faster than its top speed.
-
-    `rows` (n, n_joints) follow each other at `SERVO_RATE`, the first `start` (n_joints,).
-    """
-    limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
-    step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
-    excess = step > limit + _ROUNDING
-    if excess.any():
-        row, column = np.argwhere(excess)[0]
-        joint = robot.joints[column]
-        taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
-        raise CommandRefused(
-            f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
-            f"more than {most}; send smaller steps or move_jp"
-        )
+@atexit.register
+def _leave_paused() -> None:
+    """Leave no arm moving when the program ends."""
+    for arm in tuple(_OPEN):
+        with suppress(Exception):
+            arm.close()

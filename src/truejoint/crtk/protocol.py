@@ -27,6 +27,9 @@ class Backend(Protocol):
     returns as soon as it is computed, a real arm when it is over. Everything the arm measures
     while homed reaches the connected listener as blocks, in time order, none longer than
     `BLOCK_DURATION`; a back end with threads delivers them one at a time.
+
+    ``pause`` and ``disable`` may come from another thread while a call blocks; `state_command` and
+    `servo_jp` are then over within `GRAIN`, and say so by CommandRefused.
     """
 
     @property
@@ -42,22 +45,33 @@ class Backend(Protocol):
         """Name of the homing that positions count from; empty where the robot knows none."""
 
     def connect(self, listener: Listener) -> None:
-        """Deliver all blocks from now on to `listener`, the only one."""
+        """Deliver all blocks from now on to `listener`.
+
+        Raises CommandRefused while there is another: one arm has one controller.
+        """
+
+    def disconnect(self) -> None:
+        """Deliver no more blocks, so that another may connect."""
 
     def operating_state(self) -> OperatingState:
         """State as the robot reports it."""
 
-    def state_command(self, command: StateCommand) -> None:
+    def state_command(self, command: StateCommand, timeout: float) -> None:
         """Carry out a state command; returns once the robot reports the new state.
 
-        Raises CommandRefused, saying why, if the robot does not get there.
+        Raises CommandRefused, saying why, if the robot does not get there within `timeout` [s] of
+        its own clock.
         """
 
     def servo_jp(self, position: Array) -> None:
-        """Stream set-points (n, n_joints) [rad or m] at `SERVO_RATE`; ends with the last one.
+        """Stream set-points (n, n_joints) [rad or m] at `SERVO_RATE`; returns when more may come.
 
-        At most `BLOCK_DURATION` long; checked against state and limits by the arm.
+        At most `GRAIN` long; checked against state and limits by the arm. Without more set-points
+        the arm holds the last one.
         """
+
+    def flush(self) -> None:
+        """Return once the last set-point has been executed."""
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on; the arm holds its position."""

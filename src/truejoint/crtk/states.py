@@ -73,7 +73,8 @@ class JointState:
     position, velocity : ndarray, shape (n_joints,)
         [rad or m], [rad/s or m/s].
     effort : ndarray, shape (n_joints,)
-        Torque command at the motor capstan [Nm]; empty where the robot measures none.
+        Torque or force on the joint itself that the motors are commanded [Nm or N], as CRTK means
+        it; empty where the robot states none.
 
     Examples
     --------

@@ -1,9 +1,11 @@
 from .base import JointRegressor as JointRegressor
+from .combination import Combination as Combination
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
 from .friction_filter import FrictionSmoother as FrictionSmoother
-from .jaw_load import JawLoad as JawLoad
-from .jaw_load import Stiffness as Stiffness
+from .friction_filter import Stiffness as Stiffness
+from .jaw_load import EncoderZero as EncoderZero
+from .jaw_load import find_encoder_zero as find_encoder_zero
 from .jaw_load import identify_stiffness as identify_stiffness
 from .network import NeuralNetwork as NeuralNetwork
 from .play import GatedPlay as GatedPlay

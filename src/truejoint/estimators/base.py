@@ -93,7 +93,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         self.check_shape(inputs.shape[1], self.n_outputs_)
         # One thread: blocks of a few thousand rows are too small to share. Two threads on two busy
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
-        with threadpool_limits(1, user_api="blas"):
+        with threadpool_limits(1):
             times = self.time_steps(dt, len(inputs))
             self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
         return self
@@ -179,8 +179,12 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Raise CalibrationError for numbers of either that the estimator does not take."""
         self.family.shapes(self.model_params(), n_features, n_outputs)
 
-    def check_recordings(self, recordings: Sequence[Recording]) -> None:
-        """Raise CalibrationError when recordings cannot serve to fit this estimator."""
+    def for_recordings(self, _recordings: Sequence[Recording]) -> Self:
+        """Unfitted copy that knows what the recordings say of the robot.
+
+        Raises CalibrationError when they cannot serve to fit it.
+        """
+        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
 
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import numpy as np
+from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
+from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
 
 MIN_ROWS: Final = 400  # rows that a fit needs at least: two seconds at 200 Hz
 _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
@@ -20,13 +22,19 @@ _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as 
 class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
-    Calibrated as the paper does, on an unloaded motion with reversals, which show friction.
+    Calibrated as the paper does, on an unloaded motion with reversals, which show friction. What
+    it takes for the mechanism is Table 1's unless parameters or the recordings say otherwise.
     """
 
     least_rows: ClassVar[int] = MIN_ROWS
 
-    def check_recordings(self, recordings: Sequence[Recording]) -> None:
-        """Refuse, with CalibrationError, recordings with a load on the jaw."""
+    def for_recordings(self, recordings: Sequence[Recording]) -> Self:
+        """Unfitted copy for the mechanism that was recorded.
+
+        A parameter that was set to other than Table 1's value stays. Raises CalibrationError for a
+        load on the jaw, a sensor that is not installed, and mechanisms that differ.
+        """
+        inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
         for recording in recordings:
             if recording.provenance.load > 0.0:
                 raise CalibrationError(
@@ -34,6 +42,11 @@ class JawEstimator(JointRegressor):
                     f"{1e3 * recording.provenance.load:g} g on the jaw; {self.name} learns how "
                     "motor and cables relate without one: record the calibration unloaded"
                 )
+            check_sensors(self.name, inputs, recording)
+        mechanism, own = mechanism_of(recordings), self.model_params()
+        told = {n: v for n, v in vars(mechanism).items() if own.get(n) == getattr(TABLE_1, n)}
+        copy: Self = clone(self).set_params(**told)
+        return copy
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:
@@ -60,6 +73,34 @@ class JawEstimator(JointRegressor):
                     "the others move on; its sensor is stuck: record the calibration again"
                 )
         check_reversals(self.name, "jaw", reversals(y))
+
+
+def mechanism_of(recordings: Sequence[Recording]) -> ForcepsMechanism:
+    """Mechanism that recordings were made with: their metadata's, else the robot's, else Table 1's.
+
+    Raises CalibrationError where they differ, and RobotError for one that cannot be.
+    """
+    found: dict[ForcepsMechanism, None] = {}
+    for recording in recordings:
+        stated = recording.provenance.mechanism
+        own = ForcepsMechanism.from_dict(stated) if stated else recording.robot.mechanism
+        found[own or TABLE_1] = None
+    if len(found) > 1:
+        raise CalibrationError(
+            f"the recordings are of {len(found)} different mechanisms; calibrate each by itself"
+        )
+    return next(iter(found))
+
+
+def check_sensors(estimator: str, inputs: Sequence[str], recording: Recording) -> None:
+    """Raise CalibrationError when a sensor that an estimator reads is not installed."""
+    missing = [name for name in inputs if name not in recording.units]
+    if missing:
+        raise CalibrationError(
+            f"{recording.provenance.source or 'recording'}: no {' and no '.join(missing)}; "
+            f"{estimator} reads {' and '.join(inputs)}: install the sensor, or choose an estimator "
+            "that does without"
+        )
 
 
 def check_changes(estimator: str, name: str, column: Array, how: str = "") -> None:

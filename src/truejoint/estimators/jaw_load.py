@@ -1,241 +1,209 @@
-"""The external load on the jaw from both sides of the cable, its stiffness, and its zero."""
+"""What a laboratory finds out about a jaw by hanging weights on it, and after homing it."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Final, Self
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.optimize import brentq
+from scipy.optimize import brentq, least_squares
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Flags, RowState
-from truejoint.estimators.play import Play
-from truejoint.models.family import POSITIVE
-from truejoint.models.jaw import MOTOR, RESET
-from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
+from truejoint.estimators.friction_filter import USUAL_GROWTH, FrictionFilter, Stiffness
+from truejoint.models.friction_filter import DEGREE, external_torque
 
-GRAVITY: Final = 9.81  # [m/s2]
-SMALLEST_RATIO: Final = 0.3  # of identified and assumed stiffness, either over the other
+LARGEST_RATIO: Final = 3.0  # of identified and assumed stiffness, either over the other
 LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
+SHOWN: Final = 2.0  # deviations that a shift must have to be one
+
+_SCATTER: Final = 1e-3  # of what a weight that shows is seen as [Nm]
+_GROWTH_SPREAD: Final = 300.0  # of the stiffness' growth about the usual [N/m per N]
 _SMALLEST_RANGE: Final = 0.2  # of the range of the calibration
-
-
-@dataclass(frozen=True)
-class Stiffness:
-    """Drive-cable stiffness found with a known weight.
-
-    Attributes
-    ----------
-    drive_stiffness : float
-        ``K_d`` [N/m] that makes the estimated load the known one.
-    ratio : float
-        It over the stiffness that was assumed.
-    deviation : float
-        How far the friction of the jaw may have put it off [N/m]: the dead band's half.
-
-    Examples
-    --------
-    >>> Stiffness(drive_stiffness=12e3, ratio=0.86, deviation=300.0).ratio
-    0.86
-    """
-
-    drive_stiffness: float
-    ratio: float
-    deviation: float
-
-
-@dataclass(eq=False, repr=False)
-class JawLoad:
-    """External torque on the jaw: what the drive cable stretches beyond what it does unloaded.
-
-    Unloaded, the drive side's displacement follows from the history of the reset side's. Under a
-    load the two part, by the load over ``K_d r``. The jaw's own friction holds back up to twice its
-    size before it lets the jaw turn round: the dead band.
-
-    Parameters
-    ----------
-    drive_stiffness, reset_stiffness : float
-        ``K_d`` and ``K_r`` [N/m]. The torque is proportional to the first: find it with one known
-        weight, `identify_stiffness`.
-    mechanism : ForcepsMechanism
-        Gear and radii.
-
-    Examples
-    --------
-    >>> JawLoad(drive_stiffness=12e3).grams(np.array([0.01]), arm=0.02).round(1)
-    array([51.])
-    """
-
-    inputs: ClassVar = (MOTOR, RESET)
-    drive_stiffness: float = 14e3
-    reset_stiffness: float = 14e3
-    mechanism: ForcepsMechanism = TABLE_1
-
-    def __post_init__(self) -> None:
-        _check_positive(drive_stiffness=self.drive_stiffness, reset_stiffness=self.reset_stiffness)
-
-    def fit(self, X: ArrayLike, y: ArrayLike, dt: ArrayLike | None = None) -> Self:
-        """Learn how both sides move together without a load.
-
-        `X` (n, 2) are motor angle [rad] and ``x2`` [m] of an unloaded motion with reversals, `y`
-        (n,) the jaw angle [rad], NaN where unknown, which tells the jaw's friction from the
-        slider's, and `dt` (n,) the time since the row before [s], 0 where a history starts; rows 5
-        ms apart by default. Raises CalibrationError if the rows cannot tell it: see `JawEstimator`.
-        """
-        rows = self._rows(X)
-        angle = np.asarray(y, dtype=np.float64)
-        self.angle_ = Play(("reset",)).fit(rows[:, 1:], angle, dt=dt)
-        drive = np.where(np.isfinite(angle), self._drive(rows), np.nan)
-        self.drive_ = Play(("reset",)).fit(rows[:, 1:], drive, dt=dt)
-        return self
-
-    @property
-    def jaw_friction(self) -> float:
-        """Friction torque of the jaw [Nm] that the unloaded motion shows.
-
-        Turning round, the drive side moves by both frictions, ``F_s (1/K_r + 1/K_d) + tau/(K_d r)``
-        each way, and the angle by the slider's alone, ``F_s / (K_r r)``.
-        """
-        r = self.mechanism.jaw_radius
-        drive, angle = (
-            float(model.weights_[model.degree : model.degree + len(model.reset_widths)].sum())
-            for model in (self.drive_, self.angle_)
-        )  # half of what turning round adds to each hysteresis
-        slider = angle * r * (1.0 + self.reset_stiffness / self.drive_stiffness)
-        return max((drive - slider) * self.drive_stiffness * r, 0.0)
-
-    @property
-    def dead_band(self) -> float:
-        """Load [Nm] that may hang against the last motion without showing: twice the friction."""
-        return 2.0 * self.jaw_friction
-
-    def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
-        """External torque (n,) [Nm] in every row, positive where it opens the jaw."""
-        rows = self._rows(X)
-        return self._torque(rows, self.drive_.predict(rows[:, 1:], dt))
-
-    def start(self) -> RowState:
-        """Memory before the first row."""
-        return self.drive_.start()
-
-    def step(self, state: RowState, dt: float, row: Array) -> float:
-        """External torque [Nm] of one row; see `JointRegressor.step`."""
-        return float(self._torque(row[None], self.drive_.step(state, dt, row[1:]))[0])
-
-    def grams(self, torque: Array, arm: float) -> Array:
-        """Weights (n,) [g] that make torques (n,) [Nm] at a lever of `arm` [m]."""
-        _check_positive(arm=arm)
-        return np.asarray(1e3 * torque / (GRAVITY * arm))
-
-    def with_stiffness(self, drive_stiffness: float) -> JawLoad:
-        """Copy with another ``K_d`` [N/m], fitted as this one is."""
-        copy = JawLoad(drive_stiffness, self.reset_stiffness, self.mechanism)
-        copy.angle_, copy.drive_ = self.angle_, self.drive_
-        return copy
-
-    def _rows(self, X: ArrayLike) -> Array:
-        rows = np.ascontiguousarray(X, dtype=np.float64)
-        if rows.ndim != 2 or rows.shape[1] != 2 or not np.isfinite(rows).all():
-            raise CalibrationError(
-                f"load: rows have shape {rows.shape}; give finite {MOTOR} and {RESET}"
-            )
-        return rows
-
-    def _drive(self, rows: Array) -> Array:
-        return np.asarray(self.mechanism.drive_from_motor(rows[:, 0]))
-
-    def _torque(self, rows: Array, unloaded: Array) -> Array:
-        stretch = self._drive(rows) - unloaded
-        return np.asarray(-self.drive_stiffness * self.mechanism.jaw_radius * stretch)
+_RESOLUTION: Final = 0.3e-6  # [m], of an encoder of 1 um
+_ROUNDS: Final = 4  # of finding stiffness and friction, which is in proportion to it
 
 
 def identify_stiffness(
-    load: JawLoad,
-    X: ArrayLike,
-    unloaded: Flags,
-    loaded: Flags,
-    torque: float,
-    dt: ArrayLike | None = None,
+    model: FrictionFilter, X: ArrayLike, torque: ArrayLike, dt: ArrayLike | None = None
 ) -> Stiffness:
-    """Find the drive cable's stiffness from one known weight on the jaw.
+    """Find the drive cable's stiffness, and its growth with tension, from known weights.
 
-    Hang it so that it pulls along the last motion: the jaw's friction then gives way at once.
+    Hang at least one that pulls along the last motion, where friction gives way at once; one each
+    way tells the growth. What friction may hide of a weight counts as not known.
 
     Parameters
     ----------
-    load : JawLoad
-        Fitted, with an assumed stiffness.
+    model : FrictionFilter
+        Fitted to an unloaded motion.
     X : array_like, shape (n, 2)
-        A record in which the weight is put on.
-    unloaded, loaded : ndarray of bool, shape (n,)
-        Rows at rest before and after.
-    torque : float
-        Of the weight [Nm], positive where it opens the jaw.
+        Records in which weights hang: motor angle [rad] and ``x2`` [m].
+    torque : array_like, shape (n,)
+        Of the weight that hangs still in a row [Nm], positive where it opens the jaw; NaN in rows
+        where none does.
     dt : array_like, shape (n,), optional
-        As in `JawLoad.fit`.
+        Time since the row before [s], 0 where a record starts; rows 5 ms apart by default.
 
     Raises
     ------
     CalibrationError
-        If the load does not change within the record, is smaller than the dead band, or asks for a
-        stiffness far from the assumed one.
+        If no weight is stated, one is beyond `FrictionFilter.largest_load`, none shows above the
+        jaw's friction, or no stiffness within a factor of 3 of the model's explains them.
 
     Examples
     --------
-    >>> angle = 0.5 * np.sin(np.linspace(0.0, 20.0, 2000))
-    >>> X = np.column_stack([angle * 14.0, angle * 4e-3])
-    >>> load = JawLoad().fit(X, angle)
-    >>> pulled = X - [[6.4, 0.0]]
-    >>> both, rows = np.vstack([X, pulled]), np.arange(4000)
-    >>> round(identify_stiffness(load, both, rows < 2000, rows >= 2000, 0.1).ratio, 1)
-    1.0
+    >>> phase = np.linspace(0.0, 12.0 * np.pi, 4000)
+    >>> angle, reset = 0.8 * np.sin(phase), 3e-3 * np.sin(phase)
+    >>> X = np.column_stack([11.5 * np.sin(phase), reset])
+    >>> model = FrictionFilter().fit(X, angle)
+    >>> at_rest = np.tile(X[-1], (1000, 1))
+    >>> loaded = at_rest - [1.0, 0.0]
+    >>> rows = np.concatenate([X, at_rest, loaded])
+    >>> torque = np.where(np.arange(6000) > 5500, 0.016, np.nan)
+    >>> round(identify_stiffness(model, rows, torque).drive_stiffness / 1e3, 1)
+    14.5
     """
-    unloaded, loaded = np.asarray(unloaded, dtype=bool), np.asarray(loaded, dtype=bool)
-    if not (unloaded.any() and loaded.any()) or (unloaded & loaded).any():
+    rows, known = np.ascontiguousarray(X, dtype=np.float64), np.asarray(torque, dtype=np.float64)
+    times = model.time_steps(dt, len(rows))
+    hangs = _hangs(known, times)
+    if not hangs:
         raise CalibrationError(
-            "a record of constant load tells no stiffness: name rows before and rows after the "
-            "weight was put on"
+            "no weight is stated: give the torque of each in the rows in which it hangs still, and "
+            "NaN in the others"
         )
-    if not (math.isfinite(torque) and abs(torque) > load.dead_band):
+    stretch = model.states(rows, times).stretch
+    bent = model.elements(rows, times) @ model.arrays_["drive"][1 + DEGREE :]
+    most = max(abs(float(model.arrays_["drive"][1 + DEGREE :].sum())), 1e-12)
+    seen = np.array(
+        [
+            [known[own].mean(), model.spring_stiffness * rows[own, 1].mean(), stretch[own].mean()]
+            for own in hangs
+        ]
+    )
+    weights, tension, stretched = seen.T
+    heaviest = float(np.abs(weights).max())
+    if heaviest > model.largest_load:
         raise CalibrationError(
-            f"a weight of {1e3 * abs(torque):.1f} mNm does not show above the jaw's friction, "
-            f"which holds {1e3 * load.dead_band:.1f} mNm; hang a heavier one"
+            f"a weight of {1e3 * heaviest:.1f} mNm is beyond the {1e3 * model.largest_load:.1f} "
+            "mNm that no load exceeds (largest_load): the drive cable would be slack; hang a "
+            "lighter one"
         )
-    estimate = load.predict(X, dt)
-    change = float(estimate[loaded].mean() - estimate[unloaded].mean())
-    ratio = torque / change if change != 0.0 else math.inf
-    if not SMALLEST_RATIO <= ratio <= 1.0 / SMALLEST_RATIO:
+    # Of the jaw's friction, what may still turn round: nothing where it yields to the weight.
+    turned = np.array([bent[own].mean() for own in hangs]) / most
+    hidden = np.clip(1.0 - np.sign(weights) * turned, 0.0, 2.0)
+    found = Stiffness(model.drive_stiffness, model.stiffness_growth, math.inf)
+    for _ in range(_ROUNDS):
+        friction = model.with_stiffness(found).jaw_friction
+        scatter = np.hypot(_SCATTER, hidden * friction / math.sqrt(3.0))
+        if not (np.abs(weights) > hidden * friction).any():
+            raise CalibrationError(
+                f"a weight of {1e3 * heaviest:.1f} mNm does not show above the jaw's friction, "
+                f"which hides {1e3 * float(hidden.max()) * friction:.1f} mNm; hang a heavier one, "
+                "or along the last motion"
+            )
+        found = _fitted(model, weights, tension, stretched, scatter)
+    return found
+
+
+def _fitted(
+    model: FrictionFilter, weights: Array, tension: Array, stretched: Array, scatter: Array
+) -> Stiffness:
+    """Stiffness and growth by least squares; the growth is also what is usual of ropes."""
+    assumed = model.drive_stiffness
+
+    def misfit(ratio_and_growth: Array) -> Array:
+        cable = np.array([assumed * ratio_and_growth[0], *ratio_and_growth[1:], model.jaw_radius])
+        shown = [external_torque(*one, cable) for one in zip(stretched, tension, strict=True)]
+        usual = (ratio_and_growth[1] - USUAL_GROWTH) / _GROWTH_SPREAD
+        return np.append((np.array(shown) - weights) / scatter, usual)
+
+    bounds = [1.0 / LARGEST_RATIO, 1.0], [LARGEST_RATIO, 5e3]
+    found = least_squares(misfit, [1.0, USUAL_GROWTH], bounds=bounds, x_scale=[1.0, 1e3])
+    ratio, growth = (float(value) for value in found.x)
+    if not 1.01 / LARGEST_RATIO < ratio < 0.99 * LARGEST_RATIO:
         raise CalibrationError(
-            f"a known torque of {1e3 * torque:.1f} mNm shows as {1e3 * change:.1f} mNm: check the "
-            "weight, its lever and its sign, and that the record was calibrated unloaded"
+            f"no stiffness within {LARGEST_RATIO:g} times {assumed:g} N/m explains the weights: "
+            "check weight, lever and sign, and that the model was calibrated unloaded"
         )
-    found = load.drive_stiffness * ratio
-    return Stiffness(found, ratio, found * load.jaw_friction / abs(torque))
+    slopes = np.asarray(found.jac)
+    spread = np.linalg.inv(slopes.T @ slopes)[0, 0]
+    return Stiffness(assumed * ratio, growth, assumed * math.sqrt(float(spread)))
+
+
+def _hangs(torque: Array, dt: Array) -> list[slice]:
+    """Give the runs of rows in which a weight hangs still."""
+    hung = np.isfinite(torque) & (torque != 0.0)
+    starts = hung & (np.concatenate([[True], ~hung[:-1]]) | (dt == 0.0))
+    ends = hung & np.concatenate([~hung[1:] | (dt[1:] == 0.0), [True]])
+    pairs = zip(np.flatnonzero(starts), np.flatnonzero(ends), strict=True)
+    return [slice(int(first), int(last) + 1) for first, last in pairs]
 
 
 @dataclass(frozen=True)
 class EncoderZero:
-    """Zero of the reset encoder in this session."""
+    """Zero of the reset encoder in this session.
 
-    shift: float  # by how much ``x2`` reads too much, compared with the calibration [m]
-    deviation: float  # of the misfit that is left, which bounds what the shift can mean [m]
+    Attributes
+    ----------
+    shift : float
+        By how much ``x2`` reads too much, compared with the calibration [m].
+    deviation : float
+        Standard deviation of that [m].
+
+    Examples
+    --------
+    >>> EncoderZero(shift=2e-6, deviation=1.5e-6).correction
+    0.0
+    """
+
+    shift: float
+    deviation: float
+
+    @property
+    def correction(self) -> float:
+        """Shift to take off ``x2`` [m]: 0 where it is within two deviations, and would harm."""
+        return self.shift if abs(self.shift) > SHOWN * self.deviation else 0.0
 
 
-def find_encoder_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) -> EncoderZero:
+def find_encoder_zero(
+    model: FrictionFilter, X: ArrayLike, dt: ArrayLike | None = None
+) -> EncoderZero:
     """Find how far homing moved the reset encoder's zero, with no sensor at the jaw.
 
     Unloaded, motor and reset cable move together as in calibration, and homing keeps the motor's
-    zero: what they differ by on average is the reset side's. Rows `X` (n, 2) of motor angle [rad]
-    and ``x2`` [m] should be whole cycles about zero, or some friction stays in the average; `dt` is
-    as in `JawLoad.fit`. Raises CalibrationError if the motion covers less than a fifth of the
-    calibration's range, or no shift below 0.3 mm explains it.
+    zero: what they differ by on average is the reset side's. Friction that is not as in calibration
+    shifts the way there and the way back apart, and their mean by up to about half of that, which
+    is the deviation (12 virtual forceps, four motions each: 0.0 to 2.2 of it).
+
+    Parameters
+    ----------
+    model : FrictionFilter
+        Fitted to an unloaded motion.
+    X : array_like, shape (n, 2)
+        Motor angle [rad] and ``x2`` [m]: whole cycles about zero, or some friction stays in the
+        average.
+    dt : array_like, shape (n,), optional
+        Time since the row before [s]; rows 5 ms apart by default.
+
+    Raises
+    ------
+    CalibrationError
+        If the motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm
+        explains it.
+
+    Examples
+    --------
+    >>> phase = np.linspace(0.0, 12.0 * np.pi, 4000)
+    >>> X = np.column_stack([11.5 * np.sin(phase), 3e-3 * np.sin(phase)])
+    >>> model = FrictionFilter().fit(X, 0.8 * np.sin(phase))
+    >>> round(1e6 * find_encoder_zero(model, X + [0.0, 2e-5]).shift, 1)
+    20.0
     """
     rows = np.array(X, dtype=np.float64)
-    span = np.ptp(rows[:, 1]) * float(load.drive_.scale_[0])
+    times = model.time_steps(dt, len(rows))
+    span = float(np.ptp(rows[:, 1]) * model.arrays_["scale"][0])
     if not span > _SMALLEST_RANGE:
         raise CalibrationError(
             f"the motion covers {100 * span / 2:.0f} % of the calibration's range; move the jaw "
@@ -243,22 +211,19 @@ def find_encoder_zero(load: JawLoad, X: ArrayLike, dt: ArrayLike | None = None) 
         )
 
     def misfit(shift: float) -> Array:
-        return load.predict(rows - np.array([0.0, shift]), dt)
+        return model.misfit(rows - np.array([0.0, shift]), times)
 
     def mean(shift: float) -> float:
         return float(np.mean(misfit(shift)))
 
-    if mean(-LARGEST_SHIFT) * mean(LARGEST_SHIFT) > 0.0:
+    ends = mean(-LARGEST_SHIFT), mean(LARGEST_SHIFT)
+    if ends[0] * ends[1] > 0.0:
         raise CalibrationError(
             "no shift of the reset encoder below 0.3 mm explains this motion; is a load on the "
             "jaw, or was the cable mounted anew? Calibrate again"
         )
     shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
-    stretch = load.drive_stiffness * load.mechanism.jaw_radius
-    return EncoderZero(shift, float(np.std(misfit(shift))) / stretch)
-
-
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not POSITIVE.holds(value):
-            raise CalibrationError(f"load: {name} is {value!r:.60}; it must be {POSITIVE.text}")
+    left, opens = misfit(shift), np.gradient(rows[:, 0]) > 0.0
+    apart = 0.0 if opens.all() or not opens.any() else abs(left[opens].mean() - left[~opens].mean())
+    slope = abs(ends[1] - ends[0]) / (2.0 * LARGEST_SHIFT)
+    return EncoderZero(shift, math.hypot(_RESOLUTION, 0.25 * apart / slope))

@@ -91,7 +91,8 @@ class GatedPlay(JawEstimator):
     Without a load both see the same jaw, and their difference stays within a few times what it was
     in calibration; the estimate from both sides is then the better one. A load stretches the drive
     cable, which only that one mistakes for a motion of the jaw: the difference grows, and the
-    estimate goes over, without a jump, to the reset cable's.
+    estimate goes over, without a jump, to the reset cable's. In the loop it states how far off it
+    may be, which a load makes more.
 
     Parameters
     ----------
@@ -109,7 +110,7 @@ class GatedPlay(JawEstimator):
     """
 
     family: ClassVar[Family] = gated_play.FAMILY
-    gate: float = 5.0
+    gate: float = 3.0
     smallest_gate: float = 9e-4
     gear_ratio: float = TABLE_1.gear_ratio
     wheel_radius: float = TABLE_1.wheel_radius
@@ -120,14 +121,21 @@ class GatedPlay(JawEstimator):
         progress(0.4)
         both = Play(**gated_play.side_params(params, "both")).fit(X, y, dt=dt)
         progress(0.8)
-        difference = both.evaluate(X, dt) - reset.evaluate(X[:, 1:], dt)
-        spread = float(np.sqrt(np.mean(difference[known, 0] ** 2)))
+        alone = reset.evaluate(X[:, 1:], dt)[known, 0]
+        together = both.evaluate(X, dt)[known, 0]
+        spread = _rms(together - alone)
+        misfit = np.array([_rms(together - y[known]), _rms(alone - y[known])])
         return {
             **{f"reset_{name}": array for name, array in reset.arrays_.items()},
             **{f"both_{name}": array for name, array in both.arrays_.items()},
             "gate": np.array([max(self.gate * spread, self.smallest_gate)]),
             "constant": np.zeros(1),
+            "misfit": misfit,
         }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))
 
 
 def _columns(values: list[Array], scale: Array, params: Params, dt: Array) -> Array:

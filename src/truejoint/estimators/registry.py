@@ -34,7 +34,8 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     OFFSET: _Line("polynomial", "FixedOffset", {}, {}),
     "linear": _Line("polynomial", "PolynomialRegressor", {"degree": 1}, {}),
     "poly2": _Line("polynomial", "PolynomialRegressor", {}, {}),
-    "dnn": _Line("network", "NeuralNetwork", {}, {"epochs": 0}),
+    "dnn": _Line("network", "NeuralNetwork", {}, {"epochs": 0, "hidden_layer_sizes": (50, 50)}),
+    "linear_trees": _Line("combination", "Combination", {}, {}),
     "gru": _Line("recurrent", "RecurrentNetwork", {}),
     "lsm": _Line("yan2020", "CableLeastSquares", {}),
     "lsm_intercept": _Line("yan2020", "CableLeastSquares", {"intercept": True}),
@@ -42,6 +43,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf": _Line("yan2020", "JawFilter", {}),
     "ukf_compensated": _Line("yan2020", "JawFilter", {"compensation": "output"}),
     "play_motor": _Line("play", "Play", {"displacements": ("motor",)}),
+    "play_drive": _Line("play", "Play", {"displacements": ("drive",)}),
     "play_reset": _Line("play", "Play", {"displacements": ("reset",)}),
     "play_both": _Line("play", "Play", {"displacements": ("reset", "motor")}),
     "play_cables": _Line("play", "Play", {"displacements": ("reset", "drive")}),
@@ -55,7 +57,7 @@ _BOOSTED: Final = _Line(
     "HistGradientBoostingRegressor",
     {"early_stopping": False, "random_state": 0},
 )
-"""Of scikit-learn, what an automatic choice tries besides: it becomes arrays of ours."""
+"""Of scikit-learn; it becomes arrays of ours."""
 OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
 
 TITLES: Final = {
@@ -103,14 +105,19 @@ def parameter_names(name: str) -> tuple[str, ...]:
     return tuple(found)
 
 
+def linear_and_trees() -> list[Any]:
+    """Unfitted linear model, and boosted trees."""
+    boosted = getattr(import_module(_BOOSTED.module), _BOOSTED.cls)(**_BOOSTED.params)
+    return [registered(LINEAR), boosted]
+
+
 def tried() -> list[Any]:
-    """Unfitted estimators that an automatic choice tries: ours, then boosted trees."""
-    own = [
+    """Unfitted estimators that an automatic choice tries."""
+    return [
         registered(name).set_params(**line.tried)
         for name, line in _ESTIMATORS.items()
         if line.tried is not None
     ]
-    return [*own, getattr(import_module(_BOOSTED.module), _BOOSTED.cls)(**_BOOSTED.params)]
 
 
 def plugged_in() -> dict[str, EntryPoint]:

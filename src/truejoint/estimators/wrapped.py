@@ -21,7 +21,8 @@ from truejoint.models import scikit_learn
 from truejoint.models.family import EstimatorData, Family, Params, find_family
 from truejoint.plugins import call_plugin, load_plugin, origin
 
-_TRIED: Final = 1000  # most rows on which a regressor is tried before a long fit, and compared
+_TRIED: Final = 1000  # most rows on which a regressor is compared with what it becomes
+_FEWER: Final = 5  # times fewer rows, to which it is fitted for that before a long fit
 
 
 class Regressor(Protocol):
@@ -141,7 +142,8 @@ class WrappedRegressor(JointRegressor):
         every = -(-len(X) // _TRIED)
         tried = np.ascontiguousarray(X[::every])
         if every > 1:  # what fails, or cannot be kept, is refused before a long fit
-            self._fit_parts(tried, scaled[::every], lambda _fraction: None)
+            first = slice(None, None, _FEWER)
+            self._fit_parts(tried[first], scaled[::every][first], lambda _fraction: None)
             self._kept(tried, mean, scale)
         self._fit_parts(X, scaled, progress)
         return self._kept(tried, mean, scale)

@@ -20,6 +20,7 @@ from truejoint.models.jaw_filter import MECHANISM_NAMES, NOISE_NAMES, FilterNois
 
 _OBSERVED: Final = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
+ERROR_MARGIN: Final = 0.25  # share of the range of errors seen by which (25) may leave it
 SMALLEST_DENOMINATOR: Final = 0.3  # that fitting allows on the tube; 1 in the middle of the range
 
 _TUBE: Final = 0.15  # half-width round the curve that the data follow, of the scaled range
@@ -167,14 +168,15 @@ class CableLeastSquares(JawEstimator):
 def fit_rational(motor: Array, reset: Array, error: Array, method: str = "projection") -> Arrays:
     """Fit (25) to the error (n,) [rad] of an estimate at motor angles [rad] and displacements [m].
 
-    Gives ``scale`` (2,), the inverse largest motor angle and displacement, and ``error_coef``
-    (11,), p_1 to p_11 for the two times these. ``projection``: given the denominator the numerator
-    is a linear least-squares problem, so only five coefficients are searched (Golub and Pereyra
-    1973), from five starts, with a penalty that keeps the denominator above `SMALLEST_DENOMINATOR`
-    on a tube round the data. ``global``: the same by differential evolution. ``quasi_newton``: all
-    eleven by BFGS from zero in the units of the data, unconstrained, as the paper says it did.
-    Raises CalibrationError for fewer than 110 rows, a variable that does not vary, or an unknown
-    method.
+    Gives ``scale`` (2,), the inverse largest motor angle and displacement, ``error_coef`` (11,),
+    p_1 to p_11 for the two times these, and ``error_range`` (2,) [rad], within which it is
+    believed: that of the errors given, wider by a quarter. ``projection``: given the denominator
+    the numerator is a linear least-squares problem, so only five coefficients are searched (Golub
+    and Pereyra 1973), from five starts, with a penalty that keeps the denominator above
+    `SMALLEST_DENOMINATOR` on a tube round the data. ``global``: the same by differential evolution.
+    ``quasi_newton``: all eleven by BFGS from zero in the units of the data, unconstrained, as the
+    paper says it did. Raises CalibrationError for fewer than 110 rows, a variable that does not
+    vary, or an unknown method.
     """
     if method not in FIT_METHODS:
         raise CalibrationError(f"fit method {method!r:.60}; choose one of {', '.join(FIT_METHODS)}")
@@ -188,8 +190,10 @@ def fit_rational(motor: Array, reset: Array, error: Array, method: str = "projec
             "motor angle or reset cable never move, so an error model has nothing to depend on"
         )
     scale = 1.0 / np.array([np.abs(motor).max(), np.abs(reset).max()])
+    margin = ERROR_MARGIN * np.ptp(error)
+    arrays = {"scale": scale, "error_range": np.array([error.min() - margin, error.max() + margin])}
     if method == "quasi_newton":
-        return {"scale": scale, "error_coef": _quasi_newton(motor, reset, error, scale)}
+        return {**arrays, "error_coef": _quasi_newton(motor, reset, error, scale)}
     u, v = motor * scale[0], reset * scale[1]
     problem = _Projection.of(u, v, error)
     found = [
@@ -200,7 +204,7 @@ def fit_rational(motor: Array, reset: Array, error: Array, method: str = "projec
     design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ best.x)[:, None]
     p = np.empty(COEFFICIENTS)
     p[0::2], p[1::2] = np.linalg.lstsq(design, error, rcond=None)[0], best.x
-    return {"scale": scale, "error_coef": p}
+    return {**arrays, "error_coef": p}
 
 
 def _global_search(problem: _Projection) -> Array:

@@ -1,6 +1,7 @@
 from .comparison import Difference as Difference
 from .comparison import compare as compare
 from .comparison import simplest as simplest
+from .deployment import to_deploy as to_deploy
 from .evaluate import Corrects as Corrects
 from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate
@@ -10,6 +11,7 @@ from .metrics import percent_of as percent_of
 from .metrics import rmse as rmse
 from .metrics import tool_error as tool_error
 from .report import render_report as render_report
+from .report import write_comparison as write_comparison
 from .report import write_report as write_report
 from .report.curves import plot_corrected as plot_corrected
 from .results import CartesianScore as CartesianScore

@@ -10,13 +10,14 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation import scoring
-from truejoint.evaluation.comparison import compare, simplest
-from truejoint.evaluation.domain import domain_of, row_statuses
+from truejoint.evaluation.comparison import compare
+from truejoint.evaluation.deployment import PLAIN, to_deploy
+from truejoint.evaluation.domain import believable, domain_of, loop_status
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.metrics import rmse, tool_positions
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, Comparison, Evaluation, Trace
@@ -30,8 +31,6 @@ from truejoint.summary import json_values
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
-# What needs no proof that it is better than something simpler.
-_PLAIN = {RAW, OFFSET, "linear"}
 
 
 class Corrects(Protocol):
@@ -125,10 +124,9 @@ def evaluate(
     fitted = _models(calibrations, chosen)
     note = why_no_cartesian(robot, recordings)
     names = unique_names([recording.provenance.source for recording in recordings])
-    statuses = row_statuses(own, recordings)
     tested = [
-        _test(recording, name, status, fitted, joints, robot if not note else None, chosen, rezero)
-        for recording, name, status in zip(recordings, names, statuses, strict=True)
+        _test(recording, name, fitted, joints, robot if not note else None, chosen, rezero)
+        for recording, name in zip(recordings, names, strict=True)
     ]
     traces = [test.trace for test in tested]
     units = tuple(robot.joint(joint).unit for joint in joints)
@@ -136,7 +134,8 @@ def evaluate(
     check = check or check_data(
         recordings, joints=joints, model=own if isinstance(own, Calibration) else None
     )
-    domain = domain_of(own, traces)
+    domain = domain_of(traces)
+    simple = {name for name, seeds in calibrations.items() if _estimator(seeds[0]) in PLAIN}
     estimators = tuple(tested[0].errors)
     comparisons = tuple(_comparisons(traces, chosen, estimators, joints))
     verdict = judge(
@@ -144,7 +143,7 @@ def evaluate(
         chosen,
         tolerance=tolerance or {},
         comparisons=comparisons,
-        deploy=_to_deploy(traces, estimators),
+        deploy=to_deploy(traces, PLAIN | simple),
         objections=tuple(objections_to(metadata, recordings, domain)),
         doubts=tuple(doubts_about(metadata, recordings, domain, check, rezero)),
     )
@@ -191,27 +190,6 @@ def _comparisons(
         yield Comparison(other, joint, found.outcome, found.stretches, found.rows * step)
 
 
-def _to_deploy(traces: Sequence[Trace], estimators: Sequence[str]) -> str:
-    """Name the best of `_PLAIN` unless a richer one beats it, in rows that the loop would correct.
-
-    Joints count by their error as a multiple of the fixed offset's.
-    """
-    rows = [trace.inside for trace in traces]
-    if sum(map(np.sum, rows)) < 2:
-        rows = [np.ones(len(trace.t), dtype=bool) for trace in traces]
-    kept = {
-        name: [trace.error(name)[row] for trace, row in zip(traces, rows, strict=True)]
-        for name in estimators
-    }
-    scale = np.sqrt(np.mean(np.concatenate(kept[OFFSET]) ** 2, axis=0))
-    scale[scale == 0.0] = 1.0
-    scaled = {name: [error / scale for error in own] for name, own in kept.items()}
-    size = {name: sum(float(np.sum(e**2)) for e in scaled[name]) for name in _PLAIN & scaled.keys()}
-    plain = min(size, key=lambda name: size[name])
-    richer = {name: own for name, own in scaled.items() if name not in _PLAIN}
-    return simplest({plain: scaled[plain], **richer})
-
-
 def _by_estimator(
     models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
 ) -> Mapping[str, Sequence[JointCalibration]]:
@@ -227,6 +205,10 @@ def _by_estimator(
             )
         found.setdefault(model.estimator, []).append(model)
     return found
+
+
+def _estimator(model: JointCalibration) -> str:
+    return model.estimator if isinstance(model, Calibration) else ""
 
 
 def _fitted_for(
@@ -301,7 +283,6 @@ def _models(
 def _test(
     recording: Recording,
     name: str,
-    status: Integers | None,
     models: Mapping[str, Sequence[Corrects]],
     joints: tuple[str, ...],
     robot: Robot | None,
@@ -321,16 +302,24 @@ def _test(
             f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
         )
 
+    at_zero = {
+        estimator: [
+            zeroed(seed, recording, rezero) if isinstance(seed, Calibration) else seed
+            for seed in seeds
+        ]
+        for estimator, seeds in models.items()
+    }
+
     def positions(model: Corrects) -> Array:
-        if isinstance(model, Calibration):
-            return zeroed(model, recording, rezero).correct(recording)
         found = model.correct(recording)
-        return found + np.median((truth - found)[start], axis=0) if start.any() else found
+        if isinstance(model, Calibration) or not start.any():
+            return found
+        return found + np.median((truth - found)[start], axis=0)
 
     measured = recording.columns("measured", joints)
     estimates = {RAW: [_finite(measured, RAW, name)[known]]} | {
         estimator: [_finite(positions(seed), estimator, name)[known] for seed in seeds]
-        for estimator, seeds in models.items()
+        for estimator, seeds in at_zero.items()
     }
     truth = truth[known]
     errors = {key: [value - truth for value in seeds] for key, seeds in estimates.items()}
@@ -351,6 +340,7 @@ def _test(
             tool_errors[key] = [position - true for position in tools]
         tool = {"truth": true} | {key: true + tool_errors[key][0] for key in (OFFSET, chosen)}
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
+    status = loop_status(at_zero[chosen][0], recording)
     trace = Trace(
         name=name,
         provenance=recording.provenance.to_dict(),
@@ -365,6 +355,7 @@ def _test(
         estimates={key: seeds[0] for key, seeds in estimates.items()},
         tool=tool,
         status=None if status is None else status[known],
+        believable=believable(at_zero[chosen][0], truth - measured[known]),
     )
     return JudgedRecording(trace, errors, tool_errors)
 

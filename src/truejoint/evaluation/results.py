@@ -364,8 +364,10 @@ class Trace:
         Bounds of the stated interval [rad or m], NaN in rows that it says nothing of; None where
         no interval holds.
     status : ndarray, shape (n,), or None
-        Bits of `truejoint.runtime.Status` as the loop would give them once homed; None where no
-        loop takes the model.
+        Bits of `truejoint.runtime.Status` as the loop would give them once homed, and re-zeroed if
+        the test is; None where no loop takes the model.
+    believable : ndarray, shape (n,), or None
+        Whether truth minus measured position is a correction that the loop would believe.
 
     Examples
     --------
@@ -388,6 +390,7 @@ class Trace:
     lower: Array | None = None
     upper: Array | None = None
     status: Integers | None = None
+    believable: Mask | None = None
 
     @property
     def inside(self) -> Mask:

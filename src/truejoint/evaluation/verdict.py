@@ -268,7 +268,8 @@ def doubts_about(
     A homing that training has not seen is no doubt where `rezero` seconds of truth make up for it.
     """
     for finding in (finding for finding in check.findings if finding.level == "fail"):
-        yield f"The data check failed: {finding.what} ({finding.where})."
+        anyway = ", which was accepted" if finding.name in check.accepted else ""
+        yield f"The data check failed{anyway}: {finding.what} ({finding.where})."
     if domain and domain.inside < 1.0 - _FEW:
         yield f"The loop would refuse {_refused(domain)}, and pass the raw position through there."
     suspect = domain.flags.get("ZERO_SUSPECT", 0.0) if domain else 0.0

@@ -17,6 +17,7 @@ from truejoint.export.c_statements import (
     Variable,
     block_lines,
     names_in,
+    wrapped,
 )
 from truejoint.export.c_structs import Handle
 from truejoint.export.c_syntax import assigned, first_use
@@ -129,7 +130,15 @@ class Function(Expressions):
 
     def rename(self, name: str, other: str) -> None:
         """Call something at file scope by another name."""
-        self.text = NAME.sub(lambda m: other if m[0] == name else m[0], self.text)
+        lines = NAME.sub(lambda m: other if m[0] == name else m[0], self.text).splitlines()
+        pads = [
+            line[: len(line) - len(line.lstrip())] for line in lines
+        ]  # a longer name may not fit
+        self.text = "\n".join(
+            new
+            for line, pad in zip(lines, pads, strict=True)
+            for new in wrapped(line.lstrip(), pad)
+        )
         self.globals_used = self.globals_used - {name} | {other}
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from truejoint.errors import ExportError
 from truejoint.export.c_statements import wrapped
 from truejoint.export.c_values import Kind, Known, Scalar, Style, View, add, linear
-from truejoint.layout import Field, Memory
+from truejoint.layout import PART_SIZE, Field, Memory
 
 Side = Literal["numbers", "memory"]
-_PART: Final = 4  # numbers of a part's field
 
 
 class Unprintable(ExportError):
@@ -36,12 +35,12 @@ class Struct:
         self.fields: dict[tuple[Side, int], Field] = {}  # by the index that kernels use
         for f in self.memory.layout.fields.values():
             side: Side = "memory" if f.kind == "scalar" else "numbers"
-            size = _PART if f.kind == "part" else 1
+            size = PART_SIZE if f.kind == "part" else 1
             self.fields |= {(side, f.index + i): f for i in range(size)}
             if f.kind == "part":
                 name = f"{self.type.removesuffix('_state')}_{f.name}_state"
                 numbers, memory = self.memory.numbers, self.memory.memory
-                start, memory_start, n, m = numbers[f.index : f.index + _PART].tolist()
+                start, memory_start, n, m = numbers[f.index : f.index + PART_SIZE].tolist()
                 part = replace(
                     self.memory.parts[f.name],
                     numbers=numbers[start : start + n],

@@ -25,6 +25,7 @@ HOMING_UNKNOWN, HOMING_OF_CALIBRATION = 0, -1
 
 _QUIET: Final = 12  # ordinary samples between two faults
 _START: Final = 60  # ordinary samples before the first
+_SLOWLY: Final = 6  # signals that go out of range slowly
 _FASTEST: Final = 0.3  # Hz
 _LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes without that fault
 
@@ -50,15 +51,15 @@ def make_vectors(
     level: float,
     range_margin: float,
     dtype: type,
-) -> tuple[list[Vector], Array, float]:
+) -> tuple[list[Vector], Array, Array]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
     The calibration is given as itself and as plain data, `level` and `range_margin` as `Corrector`
     takes them; samples are numbers of type `dtype`. Gives the vectors, the offset (n_joints,)
-    [rad or m] for `REZERO`, and how far positions and half-widths [rad or m] move when all that the
-    corrector keeps is rounded to `dtype` after every sample, and the largest position once more.
-    Raises ExportError if fewer than half of the ordinary samples are corrected: they would check
-    little.
+    [rad or m] for `REZERO`, and how far positions and half-widths of each joint (n_joints,)
+    [rad or m] move when all that the corrector keeps is rounded to `dtype` after every sample, and
+    its largest position once more. Raises ExportError if fewer than half of the samples are
+    corrected: they would check little.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
@@ -72,29 +73,30 @@ def make_vectors(
             return answer(corrector, calibration.metadata, stream, offset)
 
         vectors = run(Corrector)
-        good = sum(v.status == 0 for v in vectors[:_START])
-        if good > _START / 2:
+        good = sum(v.status == 0 for v in vectors)
+        if 2 * good >= len(vectors):
             break
         scale /= 2
         if scale < 1e-2:
             raise ExportError(
-                f"only {good} of {_START} ordinary samples would be corrected, too few to check "
-                "the source by; calibrate with more data"
+                f"only {good} of {len(vectors)} samples would be corrected, too few to check the "
+                "source by; calibrate with more data"
             )
     if dtype is np.float64:
-        return vectors, offset, 0.0
+        return vectors, offset, np.zeros_like(offset)
     pairs = zip(vectors, run(_RoundedCorrector), strict=True)
     moved = [_difference(a, b) for a, b in pairs if a.status == b.status == 0]
     measured = [data.signals.index(f"measured/{joint}") for joint in data.joints]
-    bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]])
-    return vectors, offset, max(moved, default=np.inf) + np.finfo(np.float32).eps * bounds.max()
+    bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]]).max(axis=0)
+    nowhere = np.full_like(bounds, np.inf)
+    return vectors, offset, np.max(moved or [nowhere], axis=0) + np.finfo(np.float32).eps * bounds
 
 
-def _difference(a: Vector, b: Vector) -> float:
-    """Largest difference of positions and finite half-widths [rad or m]."""
+def _difference(a: Vector, b: Vector) -> Array:
+    """Difference of positions or, if it is larger, of finite half-widths [rad or m]."""
     known = np.isfinite(a.half_width) & np.isfinite(b.half_width)
-    widths = np.abs(a.half_width[known] - b.half_width[known])
-    return float(max(np.abs(a.position - b.position).max(), widths.max(initial=0.0)))
+    widths = np.subtract(a.half_width, b.half_width, out=np.zeros_like(a.position), where=known)
+    return np.maximum(np.abs(a.position - b.position), np.abs(widths))
 
 
 class _RoundedCorrector(Corrector):
@@ -151,7 +153,7 @@ def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
 
 
 def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> list[Vector]:
-    """Smooth motion of all signals about the middle of the training rows, broken by faults."""
+    """Smooth motion about the middle of the training rows, broken by faults, and as much whole."""
     motion = _Motion(data, limits, scale)
     vectors = [replace(motion.next(), action=SET_HOMING, is_homed=True,
                        homing_id=HOMING_OF_CALIBRATION)]  # fmt: skip
@@ -160,7 +162,7 @@ def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) 
         for one in fault(motion):
             vectors += one
             vectors += [replace(motion.next(), action=ACKNOWLEDGE), *motion.run(_QUIET)]
-    return vectors
+    return vectors + motion.run(len(vectors))
 
 
 class _Motion:
@@ -169,7 +171,7 @@ class _Motion:
     def __init__(self, data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> None:
         training_domain = data.training_domain
         assert training_domain is not None  # noqa: S101  # `limits_of` has refused it
-        self.limits = limits
+        self.limits, self.parity = limits, data.parity
         self.lower, self.upper = training_domain.signal_lower, training_domain.signal_upper
         self.middle = (self.lower + self.upper) / 2
         for feature, mean in zip(data.feature_set.features, limits.domain_mean, strict=True):
@@ -196,11 +198,13 @@ class _Motion:
 
     def agreeing(self, sample: Array) -> Array:
         """Sample with what is redundant to the measured positions changed so that it fits them."""
-        limits = self.limits
-        redundant = limits.parity.any(axis=0) & (limits.is_position_signal == 0)
-        wrong = limits.parity @ sample + limits.parity_intercept
+        if self.parity is None:
+            return sample
+        matrix = self.parity.matrix
+        redundant = matrix.any(axis=0) & (self.limits.is_position_signal == 0)
+        wrong = matrix @ sample + self.parity.intercept
         fitting = sample.copy()
-        fitting[redundant] -= np.linalg.lstsq(limits.parity[:, redundant], wrong, rcond=None)[0]
+        fitting[redundant] -= np.linalg.lstsq(matrix[:, redundant], wrong, rcond=None)[0]
         return fitting
 
     def run(self, n: int) -> list[Vector]:
@@ -230,29 +234,36 @@ def _faulty_stamps(motion: _Motion) -> Iterator[list[Vector]]:
 
 
 def _faulty_signals(motion: _Motion) -> Iterator[list[Vector]]:
-    """Of every moving signal in turn: a spike; far out of range; slowly out of it and back."""
+    """Of moving signals in turn: a spike; far out of range both ways; slowly out of it and back."""
     moving, span = np.flatnonzero(motion.limits.moves), motion.upper - motion.lower
+    sides = (motion.upper, span), (motion.lower, -span)
     spikes = []
     for i in moving:
-        vector, jump = motion.next(), 1.5 * motion.limits.reach[i]
+        vector, jump = motion.next(), 1.2 * motion.limits.reach[i]
         vector.sample[i] += jump if vector.sample[i] < motion.middle[i] else -jump
         spikes += [vector, motion.next()]
     yield spikes
-    yield [motion.with_signal(int(i), motion.upper[i] + 1.5 * span[i]) for i in moving]
-    slowly = []
-    for i in moving[:8]:
-        way = 1.3 * motion.upper[i] - 0.3 * motion.lower[i] - motion.middle[i]
-        for share in (*range(1, 9), *range(8, 0, -1)):
-            vector = motion.next()
-            vector.sample[i] += way * share / 8
-            slowly.append(replace(vector, sample=motion.agreeing(vector.sample)))
-    yield slowly
+    yield [motion.with_signal(int(i), at[i] + 1.1 * out[i]) for i in moving for at, out in sides]
+    for at, out in sides:
+        slowly = []
+        for i in moving[:_SLOWLY]:
+            way = at[i] + 0.3 * out[i] - motion.middle[i]
+            for share in (*range(1, 9), *range(8, 0, -1)):
+                vector = motion.next()
+                vector.sample[i] += way * share / 8
+                slowly.append(replace(vector, sample=motion.agreeing(vector.sample)))
+        yield slowly
 
 
 def _standstill(motion: _Motion) -> Iterator[list[Vector]]:
-    """Hold a signal while its partner moves, then all of them for long."""
+    """Hold a signal, but for its noise, while its partner moves, then all of them for long."""
     held, partner = motion.next(), np.flatnonzero(np.isfinite(motion.limits.travel))[:1]
-    yield [held, *(motion.with_signal(i, held.sample[i]) for i in partner for _ in range(100))]
+    noise = 0.9 * motion.limits.flicker
+    yield [held] + [
+        motion.with_signal(i, held.sample[i] + n % 2 * noise[i])
+        for i in partner
+        for n in range(100)
+    ]
     held, share = motion.next(), 0.5 * motion.limits.longest
     n = int(motion.limits.hold / share) + 3
     if n > _LONGEST_STANDSTILL:

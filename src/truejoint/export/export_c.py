@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
@@ -32,11 +33,11 @@ if TYPE_CHECKING:  # whoever fitted it has imported what learns
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""
 
-SINGLE_MARGIN: Final = 16.0
+SINGLE_MARGIN: Final = 4.0
 """How many times the effect of rounding what is kept a float source may be off by."""
 
-LARGEST_SHARE: Final = 0.1
-"""Of the largest correction, that a float source may be off by: its check must be able to
+LARGEST_SHARE: Final = 0.01
+"""Of a joint's largest correction, that a float source may be off by: its check must be able to
 fail."""
 
 _OWN: Final = {
@@ -108,8 +109,9 @@ def export_c(
         "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
     }  # fmt: skip
     context |= _calibration_context(data) | _precision_context(
-        precision, error, np.abs([limits.correction_lower, limits.correction_upper]).max()
-    )
+        precision, data.joints, error,
+        np.abs([limits.correction_lower, limits.correction_upper]).max(axis=0),
+    )  # fmt: skip
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in {
@@ -172,20 +174,24 @@ def _memory_context(
     }
 
 
-def _precision_context(precision: Precision, error: float, largest: float) -> dict[str, Any]:
-    """Values that say how much is rounded, and how much of it the check allows."""
+def _precision_context(
+    precision: Precision, joints: Sequence[str], error: Array, largest: Array
+) -> dict[str, Any]:
+    """Values that say how much is rounded, and how much of it the check allows each joint."""
     if precision == "double":
         notes = ["Double precision: equal to Python within 1e-12 (rad, m)."]
-        return {"tolerance": DOUBLE_TOLERANCE, "precision_notes": notes}
+        return {"tolerance": np.full(len(joints), DOUBLE_TOLERANCE), "precision_notes": notes}
     tolerance = SINGLE_MARGIN * error
-    if not tolerance <= LARGEST_SHARE * largest:
+    wide = ~(tolerance <= LARGEST_SHARE * largest)
+    if wide.any():
+        joint = int(np.argmax(wide))
         raise ExportError(
-            f"in float, positions would be off by up to {tolerance:.1e} (rad, m), too much for "
-            f"corrections of up to {largest:.1e}; export in double"
+            f"in float, {joints[joint]} would be off by up to {tolerance[joint]:.1e} (rad, m), too "
+            f"much for corrections of up to {largest[joint]:.1e}; export in double"
         )
     notes = [
         "Single precision, but for time stamps: positions and half-widths of the test vectors are",
-        f"within {tolerance:.1e} (rad, m) of those in double precision.",
+        f"within {tolerance.max():.1e} (rad, m) of those in double precision.",
     ]
     return {"tolerance": tolerance, "precision_notes": notes}
 
@@ -193,12 +199,12 @@ def _precision_context(precision: Precision, error: float, largest: float) -> di
 def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
     states = find_family(data.model.family).states_deviation
-    by_filter = states is not None and states(data.model.params)
+    by_itself = states is not None and states(data.model.params)
     return {
         "stated_by": "for such motions as the interval was made of"
         if data.interval is not None
-        else "as the filter itself reckons"
-        if by_filter
+        else "as the model itself reckons"
+        if by_itself
         else "",
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),

@@ -16,6 +16,7 @@ from truejoint.array_types import Array
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, check_precision, write_files
 from truejoint.extras import require
+from truejoint.models.combination import members
 from truejoint.models.family import EstimatorData
 from truejoint.models.polynomial import polynomial_factors
 
@@ -88,12 +89,7 @@ class _Graph:
     def build(self, calibration: Calibration) -> Any:
         """Build the checked model of a calibration."""
         features, measured, inputs, metadata = self._inputs(calibration)
-        data = calibration.model.data
-        if data.family not in _BUILDERS:
-            raise ExportError(
-                f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
-            )
-        predicted = _BUILDERS[data.family](self, features, data, len(calibration.feature_set))
+        predicted = self.predict(features, calibration.model.data, len(calibration.feature_set))
         if calibration.signal_shift.any():
             raise ExportError(
                 "its inputs are re-zeroed, which the ONNX graph leaves out; export C, or the model "
@@ -118,6 +114,14 @@ class _Graph:
         helper.set_model_props(model, metadata)
         self._onnx.checker.check_model(model, full_check=True)
         return model
+
+    def predict(self, features: str, data: EstimatorData, n_features: int) -> str:
+        """Predict by an estimator; raises ExportError if it has no graph."""
+        if data.family not in _BUILDERS:
+            raise ExportError(
+                f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
+            )
+        return _BUILDERS[data.family](self, features, data, n_features)
 
     def _inputs(self, calibration: Calibration) -> tuple[str, str, list[Any], dict[str, str]]:
         """Features, measured positions, the graph's inputs, and what is to be known of them."""
@@ -221,8 +225,22 @@ def _network(graph: _Graph, features: str, data: EstimatorData, _n_features: int
     return graph.node("Add", [scaled, graph.constant(arrays["target_mean"])])
 
 
+def _combination(graph: _Graph, features: str, data: EstimatorData, n_features: int) -> str:
+    weights = data.arrays["weights"]
+    n_outputs = 1 + max(max(outputs) for _, outputs in members(data.params, data.arrays))
+    total = ""
+    for member, outputs in members(data.params, data.arrays):
+        own, weights = np.split(weights, [len(outputs)])
+        spread = own[:, None] * (np.array(outputs)[:, None] == np.arange(n_outputs))
+        predicted = graph.predict(features, member, n_features)
+        weighted = graph.node("MatMul", [predicted, graph.constant(spread)])
+        total = graph.node("Add", [total, weighted]) if total else weighted
+    return total
+
+
 _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]] = {
     "offset": _offset,
     "polynomial": _polynomial,
     "network": _network,
+    "combination": _combination,
 }

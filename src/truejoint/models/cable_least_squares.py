@@ -14,11 +14,12 @@ from truejoint.models.family import Family, Params, Shape, one_of, only_joint
 from truejoint.models.jaw import (
     COEFFICIENTS,
     DRIVE,
+    ERROR_SHAPES,
     FIT_METHOD,
     MOTOR,
     NO_ERROR,
     RESET,
-    rational_error,
+    bounded_error,
 )
 from truejoint.models.products import weighted
 
@@ -31,6 +32,7 @@ CONSTANT: Final = LAYOUT.scalar("constant", "of the sum [rad]")
 COEF: Final = LAYOUT.array("coef", "of each column")
 SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
 ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
+ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
 LAST: Final = LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before")
 COLUMNS: Final = LAYOUT.array("columns", "of one row: x1 and x2 with derivatives, sign of a speed")
 
@@ -47,7 +49,10 @@ def cable_least_squares_row(
     error = 0.0
     if compensated == 1:
         scale = vector(memory, numbers[SCALE], 2)
-        error = rational_error(x[0], reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS))
+        error = bounded_error(
+            x[0], reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
+            vector(memory, numbers[ERROR_RANGE], 2), half_width,
+        )  # fmt: skip
     out[0] = weighted(columns, vector(memory, numbers[COEF], OBSERVED)) + memory[CONSTANT] - error
 
 
@@ -84,7 +89,7 @@ def observe_rows(dt: Array, drive: Array, reset: Array, out: Array) -> None:
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     shapes: dict[str, Shape] = {"coef": (OBSERVED,), "constant": (1,)}
     if params["compensated"]:
-        shapes |= {"scale": (2,), "error_coef": (COEFFICIENTS,)}
+        shapes |= ERROR_SHAPES
     return only_joint("cable_least_squares", shapes, n_outputs)
 
 

@@ -122,7 +122,8 @@ class Family:
     features `x` (k,); NaN where the model knows that it has none. `dt` is the time since the row
     before [s], 0 where a history starts. `half_width` (n_outputs,) is that of the calibration; a
     model that knows better overwrites it: its layout then has a scalar ``deviations``, by which the
-    row multiplies its own. Without row and `pack`, it only works offline.
+    row multiplies its own; a NaN says that the model was cut off at what it was fitted to, and
+    makes the sample OUT_OF_DOMAIN. Without row and `pack`, it only works offline.
     """
 
     name: str
@@ -135,6 +136,12 @@ class Family:
     inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
     targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
     states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
+    beside: tuple[str, ...] = ()
+    """Quantities that the row tells beside the position, in SI units: arrays of these names in its
+    layout, (2,), of the value and its half-width, ``beside_deviations`` of the model's own."""
+    bears_load: Callable[[Params], bool] | None = None
+    """Whether it still holds where a load moves the joint off what its motor says, so that signals
+    that disagree more than in training are no fault."""
     offline: str = "uses later rows"  # why there is no row, where there is none
 
     def check_params(self, params: Params) -> None:

@@ -2,12 +2,17 @@
 
 Slider, cables and jaw hold friction that depends on which way they last moved. A few elastoplastic
 elements, each a bristle that bends with the reset cable's motion until it slides, stand for it.
+
+A load stretches the drive cable beyond what it is stretched unloaded, which is the filter's last
+state. A rope's strands bed in as it is pulled, so its stiffness grows with its tension ``T``:
+``dT/ds = K_d + k T``, of which the spring sets what is there unloaded, ``K_sp x2``. While the jaw
+stands, its friction may hide a part of a load; so may the slider's a part of the angle.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import nan, sqrt
+from math import exp, expm1, nan, sqrt
 from typing import Final
 
 import numpy as np
@@ -19,19 +24,41 @@ from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
-from truejoint.models.family import POSITIVE, Family, Params, Shape, is_number, numbers, only_joint
+from truejoint.models.family import (
+    POSITIVE,
+    Family,
+    Params,
+    Shape,
+    is_number,
+    number,
+    numbers,
+    only_joint,
+)
+from truejoint.models.feature_kernels import play
 from truejoint.models.filtered import advance, quadratic
-from truejoint.models.jaw import MOTOR, RESET
+from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET
 
 DEGREE: Final = 4
 """Highest power of ``x2`` in both polynomials."""
+
+HIDDEN_LOAD: Final = 0.6
+"""Deviation of what stands hidden in the jaw's friction, in sizes of that friction. A load spread
+evenly over all that may hide, twice the friction, has 1.15; most loads show a part."""
+HIDDEN_ANGLE: Final = 0.3
+"""The same of the angle and the slider's friction."""
+STANDSTILL: Final = 0.5
+"""Time that the reset cable must stand for friction to have given way all it does [s]."""
+SLIDING: Final = 2e-5
+"""Motion of the reset cable after which friction is known again [m]."""
+FLICKER: Final = 2e-6
+"""Motion of the reset cable that is none, but counts of its encoder [m]."""
 
 _LARGEST: Final = 1e30
 
 
 @compiled
 def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) -> None:
-    """Bend each element by the reset cable's motion ``u[0]`` [m]; the load stays.
+    """Bend each element by the reset cable's motion ``u[0]`` [m]; the stretch stays.
 
     `parameters` begins with the number of elements and their widths [m].
     """
@@ -58,22 +85,88 @@ def response(place: float, x: Array, elements: int, weights: Array) -> float:
 def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     """Drive cable's displacement [m] where the reset cable's is ``u[1]`` [m].
 
-    `parameters` goes on with the inverse scale, constant and powers of a polynomial, a weight for
-    each element, and the drive cable's stretch per load [m/Nm].
+    `parameters` goes on with the inverse scale, constant and powers of a polynomial, and a weight
+    for each element.
     """
     n = int(parameters[0])
-    last = 3 + 2 * n + DEGREE
-    place = response(u[1] * parameters[1 + n], x, n, parameters[2 + n : last])
-    out[0] = place + parameters[last] * x[n]
+    weights = parameters[2 + n : 3 + 2 * n + DEGREE]
+    out[0] = response(u[1] * parameters[1 + n], x, n, weights) + x[n]
 
 
 @compiled
 def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array) -> None:
-    """Random walks: the last two parameters are variances per second of elements and load."""
+    """Random walks: the last two parameters are variances per second of elements and stretch."""
     n = int(parameters[0])
     for i in range(n):
-        out[i, i] = parameters[4 + 2 * n + DEGREE] * dt
-    out[n, n] = parameters[5 + 2 * n + DEGREE] * dt
+        out[i, i] = parameters[3 + 2 * n + DEGREE] * dt
+    out[n, n] = parameters[4 + 2 * n + DEGREE] * dt
+
+
+@compiled
+def stiffening(stretch: float, growth: float) -> float:
+    """Exponent by which a `stretch` [m] raises the stiffness; bounded, whatever comes in."""
+    return min(max(growth * stretch, -50.0), 50.0)
+
+
+@compiled
+def external_torque(stretch: float, tension: float, cable: Array) -> float:
+    """Torque on the jaw from outside [Nm].
+
+    Of the drive cable's `stretch` beyond that without a load [m] and its `tension` without one [N],
+    both from the jaw's zero. `cable` begins with ``K_d`` [N/m], its growth ``k`` [N/m per N] and
+    the jaw's radius [m].
+    """
+    stiffness = cable[0] + cable[1] * tension
+    return float(-stiffness / cable[1] * expm1(stiffening(stretch, cable[1])) * cable[2])
+
+
+@compiled
+def judge(
+    dt: float,
+    reset: float,
+    stretch: float,
+    stretch_variance: float,
+    cable: Array,
+    hold: Array,
+    load: Array,
+) -> float:
+    """Load on the jaw [Nm] and its deviation into `load` (2,); gives the variance hidden in angle.
+
+    `cable` (8,) goes on with the spring's stiffness [N/m], the share that the torque may be off by,
+    friction of the jaw [Nm] and of the slider, in terms of the angle [rad], and the largest load
+    [Nm]. `hold` (2,), where the reset cable stands [m] and how far friction has had the time to
+    hide something, 0 to 1, changes; `dt` is 0 where a history starts.
+    """
+    place = play(FLICKER, dt == 0.0, reset, hold[0])
+    moved = 0.0 if dt == 0.0 else abs(place - hold[0])
+    hold[1] = 1.0 if dt == 0.0 else min(hold[1] + dt / STANDSTILL, 1.0) * exp(-moved / SLIDING)
+    hold[0] = place
+    tension = cable[3] * reset
+    torque = external_torque(stretch, tension, cable)
+    slope = (cable[0] + cable[1] * tension) * exp(stiffening(stretch, cable[1])) * cable[2]
+    off, hidden = cable[4] * torque, HIDDEN_LOAD * hold[1] * cable[5]
+    load[0] = torque
+    load[1] = sqrt(slope * slope * max(stretch_variance, 0.0) + off * off + hidden * hidden)
+    return float((HIDDEN_ANGLE * hold[1] * cable[6]) ** 2)
+
+
+def jaw_friction(params: Params, arrays: Mapping[str, Array]) -> float:
+    """Friction torque of the jaw [Nm] that the unloaded motion shows.
+
+    Turning round, the drive side moves by both frictions, ``F_s (1/K_r + 1/K_d) + tau/(K_d r)``
+    each way, and the angle by the slider's alone, ``F_s / (K_r r)``; both cables are one rope's.
+    """
+    drive, angle = (float(arrays[name][1 + DEGREE :].sum()) for name in ("drive", "angle"))
+    radius = float(params["jaw_radius"])
+    return max((drive - 2.0 * radius * angle) * float(params["drive_stiffness"]) * radius, 0.0)
+
+
+def cable_numbers(params: Params, arrays: Mapping[str, Array]) -> Array:
+    """Numbers (8,) of `judge`."""
+    names = ("drive_stiffness", "stiffness_growth", "jaw_radius", "spring_stiffness")
+    known = [float(params[name]) for name in (*names, "stiffness_error")]
+    slider = abs(float(arrays["angle"][1 + DEGREE :].sum()))
+    return np.array([*known, jaw_friction(params, arrays), slider, float(params["largest_load"])])
 
 
 def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
@@ -83,8 +176,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
             raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
     widths = params["widths"]
     n = len(widths)
-    stretch = -1.0 / (params["drive_stiffness"] * params["jaw_radius"])
-    last = [stretch, params["friction_drift"] ** 2, params["load_drift"] ** 2]
+    last = [params["friction_drift"] ** 2, params["stretch_drift"] ** 2]
     parameters = np.concatenate([[float(n)], widths, arrays["scale"], arrays["drive"], last])
     # A misfit that lasts for a time tells in each row what it told in the row before.
     repeated = max(params["error_time"] / float(arrays["dt"][0]), 1.0)
@@ -93,7 +185,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
         measurement=measurement,
         process_noise=process_noise,
         measurement_noise=[[arrays["misfit"][0] ** 2 * repeated]],
-        states=(*(f"friction_{i}" for i in range(n)), "load"),
+        states=(*(f"friction_{i}" for i in range(n)), "stretch"),
         measurements=("drive",),
         inputs=("reset_motion", "reset"),
         parameters=parameters,
@@ -103,7 +195,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
 
 def friction_prior(elements: int) -> tuple[Array, Array]:
     """Mean (n + 1,) and covariance at first: unloaded, friction within half of what it can hold."""
-    return np.zeros(elements + 1), np.diag([*([0.25] * elements), 1e-8])
+    return np.zeros(elements + 1), np.diag([*([0.25] * elements), 4e-12])
 
 
 LAYOUT: Final = Layout()
@@ -113,8 +205,12 @@ LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 DRIVE_FACTOR: Final = LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
 INVERSE: Final = LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
 MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
+BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the load's half-width is")
 ANGLE: Final = LAYOUT.array("angle", "constant, powers and elements of the angle [rad]")
-FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the load [Nm]")
+LOAD: Final = LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]")
+CABLE: Final = LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest")
+HOLD: Final = LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide")
+FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the stretch [m]")
 
 
 @compiled
@@ -138,21 +234,43 @@ def friction_filter_row(
     weights = vector(memory, numbers[ANGLE], 1 + DEGREE + elements)
     estimate = vector(state, own[at.X], elements + 1)
     out[0] = response(reset * memory[INVERSE], estimate, elements, weights) if good else nan
+    spread = matrix(state, own[at.P], elements + 1, elements + 1)
+    cable, hold = vector(memory, numbers[CABLE], 8), vector(memory, numbers[HOLD], 2)
+    load = vector(memory, numbers[LOAD], 2)
+    hidden = judge(
+        dt, reset, estimate[elements], spread[elements, elements], cable, hold, load
+    )  # fmt: skip
+    load[1] *= memory[BESIDE]
     if memory[DEVIATIONS] > 0.0:
-        spread = matrix(state, own[at.P], elements + 1, elements + 1)
         variance = quadratic(weights[1 + DEGREE :], spread, elements) + memory[MISFIT] ** 2
-        half_width[0] = memory[DEVIATIONS] * sqrt(variance)
+        half_width[0] = memory[DEVIATIONS] * sqrt(variance + hidden)
+    if not abs(load[0]) <= cable[7]:
+        half_width[0] = nan  # no load is as large: a sensor has slipped, or the cable is slack
 
 
 @compiled
-def jaw_angles(
-    places: Array, X: Array, spread: Array, weights: Array, angle: Array, variance: Array
+def judge_rows(
+    dt: Array,
+    reset: Array,
+    scale: float,
+    X: Array,
+    spread: Array,
+    weights: Array,
+    cable: Array,
+    out: Array,
 ) -> None:
-    """Jaw angle and its variance in every row: states (n, m + 1), covariances, into (n,)."""
+    """Angle and load in every row, each with its variance, into `out` (4, n).
+
+    Of the reset cable's displacements (n,) [m], states (n, m + 1) and covariances.
+    """
     elements = X.shape[1] - 1
+    hold, load = np.zeros(2), np.empty(2)
     for i in range(X.shape[0]):
-        angle[i] = response(places[i], X[i], elements, weights)
-        variance[i] = quadratic(weights[1 + DEGREE :], spread[i], elements)
+        own = spread[i, elements, elements]
+        hidden = judge(dt[i], reset[i], X[i, elements], own, cable, hold, load)
+        out[0, i] = response(reset[i] * scale, X[i], elements, weights)
+        out[1, i] = quadratic(weights[1 + DEGREE :], spread[i], elements) + hidden
+        out[2, i], out[3, i] = load[0], load[1] * load[1]
 
 
 def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -172,6 +290,10 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         inverse_scale=arrays["scale"][0],
         misfit=arrays["misfit"][1],
         angle=arrays["angle"],
+        beside_deviations=1.0,
+        load=np.zeros(2),
+        cable=cable_numbers(params, arrays),
+        hold=np.zeros(2),
         filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
     )
 
@@ -179,8 +301,11 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 FAMILY: Final = Family(
     "friction_filter",
     rules={
-        **dict.fromkeys(("load_drift", "friction_drift", "error_time"), POSITIVE),
-        **dict.fromkeys(("drive_stiffness", "gear_ratio", "wheel_radius", "jaw_radius"), POSITIVE),
+        **dict.fromkeys(("stretch_drift", "friction_drift", "error_time"), POSITIVE),
+        **dict.fromkeys(("drive_stiffness", "largest_load"), POSITIVE),
+        "stiffness_growth": number(1e-3, 1e6),
+        "stiffness_error": number(0.0, 1.0),
+        **MECHANISM_RULES,
         "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
     },
     shapes=shapes,
@@ -190,4 +315,6 @@ FAMILY: Final = Family(
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position",),
     states_deviation=lambda _params: True,
+    beside=("load",),
+    bears_load=lambda _params: True,
 )

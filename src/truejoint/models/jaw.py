@@ -2,17 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from math import nan
 from typing import Final
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
-from truejoint.models.family import one_of
+from truejoint.models.family import LARGEST, POSITIVE, Rule, number, one_of
 
 MOTOR: Final = "motor/jaw"
 DRIVE: Final = "cable/drive"
 RESET: Final = "cable/reset"
+
+MECHANISM_RULES: Final[Mapping[str, Rule]] = {
+    "gear_ratio": number(1.0, LARGEST),
+    "spring_stiffness": POSITIVE,
+    "wheel_radius": POSITIVE,
+    "jaw_radius": POSITIVE,
+}
+"""What the values of yan2020, Table 1, must be."""
 
 COEFFICIENTS: Final = 11
 """Coefficients of the error model (25)."""
@@ -23,8 +33,10 @@ FIT_METHODS: Final = ("projection", "quasi_newton", "global")
 FIT_METHOD: Final = one_of(*FIT_METHODS)
 
 
-NO_ERROR: Final = {"scale": np.ones(2), "error_coef": np.zeros(COEFFICIENTS)}
-"""What stands for the arrays of (25) where there is none."""
+ERROR_SHAPES: Final = {"scale": (2,), "error_coef": (COEFFICIENTS,), "error_range": (2,)}
+"""What is learnt of (25), and how far it may go."""
+NO_ERROR: Final = {name: np.zeros(shape) for name, shape in ERROR_SHAPES.items()}
+"""What stands for these arrays where there is no (25)."""
 
 
 @compiled
@@ -37,3 +49,18 @@ def rational_error(motor: float, reset: float, scale: Array, p: Array) -> float:
     if abs(below) < NEAREST:
         below = NEAREST if below >= 0.0 else -NEAREST
     return float(above / below)
+
+
+@compiled
+def bounded_error(
+    motor: float, reset: float, scale: Array, p: Array, error_range: Array, half_width: Array
+) -> float:
+    """Error (25) kept within the (2,) that calibration saw [rad]: beyond, a pole may be near.
+
+    Where it is cut off, `half_width` becomes NaN: the model extrapolates.
+    """
+    error = rational_error(motor, reset, scale, p)
+    kept = min(max(error, error_range[0]), error_range[1])
+    if kept != error:
+        half_width[0] = nan
+    return float(kept)

@@ -18,7 +18,16 @@ from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
 from truejoint.models.filtered import advance
-from truejoint.models.jaw import COEFFICIENTS, FIT_METHOD, MOTOR, NO_ERROR, RESET, rational_error
+from truejoint.models.jaw import (
+    COEFFICIENTS,
+    ERROR_SHAPES,
+    FIT_METHOD,
+    MECHANISM_RULES,
+    MOTOR,
+    NO_ERROR,
+    RESET,
+    bounded_error,
+)
 from truejoint.models.jaw_dynamics import ForcepsModel
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
@@ -194,6 +203,7 @@ CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle [rad]")
 GAIN: Final = LAYOUT.scalar("loop_gain", "share of what is injected that stays")
 SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
 ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
+ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
 FILTER: Final = LAYOUT.part("filter", "of jaw [rad] and its speed, reset cable [m] and its speed")
 
 
@@ -222,11 +232,16 @@ def jaw_filter_row(
     u[0] = memory[LAST_MOTOR]
     u[1] = memory[INJECTED]
     good = advance(own, state, dt)
+    if memory[DEVIATIONS] > 0.0:
+        half_width[0] = memory[DEVIATIONS] * sqrt(max(vector(state, own[at.P], 1)[0], 0.0))
     injected = 0.0
     added = memory[CONSTANT]
     if numbers[COMPENSATION] > 0:
         scale = vector(memory, numbers[SCALE], 2)
-        error = rational_error(motor, reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS))
+        error = bounded_error(
+            motor, reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
+            vector(memory, numbers[ERROR_RANGE], 2), half_width,
+        )  # fmt: skip
         if numbers[COMPENSATION] == 1:
             added = -error
         elif numbers[COMPENSATION] == 2:
@@ -239,14 +254,12 @@ def jaw_filter_row(
     memory[LAST_RESET] = reset
     memory[INJECTED] = injected
     out[0] = estimate[0] + injected + added if good else nan
-    if memory[DEVIATIONS] > 0.0:
-        half_width[0] = memory[DEVIATIONS] * sqrt(max(vector(state, own[at.P], 1)[0], 0.0))
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     shapes: dict[str, Shape] = {"constant": (1,)}
     if params["compensation"] != "constant":
-        shapes = {"scale": (2,), "error_coef": (COEFFICIENTS,), "loop_gain": (1,)}
+        shapes = {**ERROR_SHAPES, "loop_gain": (1,)}
     return only_joint("jaw_filter", shapes, n_outputs)
 
 
@@ -266,6 +279,7 @@ FAMILY: Final = Family(
     "jaw_filter",
     rules={
         **dict.fromkeys((*MECHANISM_NAMES, *NOISE_NAMES), POSITIVE),
+        **MECHANISM_RULES,
         "lambda_": number(-4.0 + 1e-6, 1e6),
         "compensation": one_of(*COMPENSATIONS),
         "fit_method": FIT_METHOD,

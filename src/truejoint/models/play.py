@@ -11,7 +11,6 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, vector
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import (
-    POSITIVE,
     Family,
     Params,
     Rule,
@@ -22,7 +21,7 @@ from truejoint.models.family import (
     only_joint,
 )
 from truejoint.models.feature_kernels import play
-from truejoint.models.jaw import DRIVE, MOTOR, RESET
+from truejoint.models.jaw import DRIVE, MECHANISM_RULES, MOTOR, RESET
 from truejoint.models.products import weighted
 
 POWERS: Final = 4
@@ -214,8 +213,7 @@ FAMILY: Final = Family(
         "reset_widths": _WIDTH_RULE,
         "drive_widths": _WIDTH_RULE,
         "penalty": number(0.0, 1e12),
-        "gear_ratio": POSITIVE,
-        "wheel_radius": POSITIVE,
+        **{name: MECHANISM_RULES[name] for name in ("gear_ratio", "wheel_radius")},
     },
     shapes=_shapes,
     pack=_pack,
@@ -223,4 +221,5 @@ FAMILY: Final = Family(
     remembers=True,
     inputs=inputs,
     targets=("position", "error"),
+    bears_load=lambda params: tuple(params["displacements"]) == ("reset",),
 )

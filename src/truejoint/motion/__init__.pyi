@@ -1,3 +1,4 @@
+from .calibration_motions import nested_motion as nested_motion
 from .calibration_motions import random_motion as random_motion
 from .calibration_motions import zigzag as zigzag
 from .directions import DIRECTIONS as DIRECTIONS

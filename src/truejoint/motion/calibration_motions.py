@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from typing import Any, Final, Protocol
@@ -18,6 +18,13 @@ from truejoint.robots import Robot, Workspace
 
 _MOST_DIVISIONS: Final = 50
 _LONGEST: Final = 24 * 3600.0  # [s]
+_HOUR: Final = 3600.0  # [s]
+
+_NESTED: Final = (
+    -1.0, 1.0, -1.0, -0.2, -0.7, -0.4, -0.6, 0.3, -0.2, 0.1, -0.1, 0.8, 0.3, 0.6, 0.4, 1.0, -1.0,
+    1.0,
+)  # fmt: skip
+"""Where nested loops turn, as shares of half the workspace about its centre."""
 
 # The laboratory's random motion: 1200 cycles of its loop of 500 Hz until full speed after a turn,
 # and the time that the rest of the way would take at the speed of the moment [s].
@@ -144,14 +151,12 @@ def random_motion(
     """
     if not 1.0 <= duration <= _LONGEST:
         raise TrajectoryError(f"duration {duration} s must be within [1, {_LONGEST:.0f}] s")
-    if not 1.0 <= rate <= 1000.0:
-        raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
     if seed < 0:
         raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
     if profile not in PROFILES:
         raise TrajectoryError(unknown("profile", profile, PROFILES))
     space = workspace or workspace_of(robot)
-    times = np.arange(round(duration * rate) + 1) / rate
+    times = _times(duration, rate)
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
     positions = [
@@ -161,6 +166,60 @@ def random_motion(
     name = f"random {duration / 60:.3g} min, seed {seed}"
     meta = {"kind": "random", "duration": duration, "seed": seed, "profile": profile}
     return _generated(robot, space, np.column_stack(positions), times, name=name, meta=meta)
+
+
+def nested_motion(
+    robot: Robot,
+    duration: float = 65.0,
+    *,
+    rate: float = 20.0,
+    workspace: Workspace | None = None,
+) -> Trajectory:
+    """Loops of three sizes, one inside the other, of a robot with one joint.
+
+    The joint goes over its whole workspace, with loops of a quarter of that in its lower, middle
+    and upper part, and one of less than a tenth in each of these: friction and hysteresis depend on
+    how far back a joint last turned, and on the tension there, which one amplitude does not show.
+    Every swing is half a period of a cosine with the same peak speed; the motion starts at the
+    centre.
+
+    Parameters
+    ----------
+    robot : Robot
+    duration : float
+        Of the whole, 10 s to an hour.
+    rate : float
+        Points per second [Hz], 1 to 1000.
+    workspace : Workspace, optional
+        Where to move; by default `workspace_of(robot)`.
+
+    Raises
+    ------
+    TrajectoryError
+        If a value is out of range, or the workspace has not one joint, or none is known.
+
+    Examples
+    --------
+    >>> nested_motion(truejoint.get_robot("forceps")).joints
+    ('jaw',)
+    """
+    space = workspace or workspace_of(robot)
+    if len(space.joints) != 1:
+        raise TrajectoryError(
+            f"nested loops are for one joint; the workspace of {robot.title} has "
+            f"{len(space.joints)}: use a zig-zag or a random motion"
+        )
+    if not 10.0 <= duration <= _HOUR:
+        raise TrajectoryError(f"duration {duration} s must be within [10, {_HOUR:.0f}] s")
+    times = _times(duration, rate)
+    middle, half = (space.upper[0] + space.lower[0]) / 2, (space.upper[0] - space.lower[0]) / 2
+    knots = [middle, *(middle + share * half for share in _NESTED)]
+    ways = np.abs(np.diff(knots))
+    peak = np.pi * ways.sum() / (2.0 * duration)
+    swings = [_Cosine(way, peak, 0.0) for way in ways]
+    meta = {"kind": "nested", "duration": duration}
+    positions = _travelled(times, knots, swings)[:, None]
+    return _generated(robot, space, positions, times, name=f"nested {duration:g} s", meta=meta)
 
 
 def zigzag_box(direction: str) -> Array:
@@ -220,6 +279,13 @@ def _unit_snake(divisions: int) -> Array:
     return np.column_stack([along, across])
 
 
+def _times(duration: float, rate: float) -> Array:
+    """Time stamps (n,) [s] of a motion, or refuse a rate."""
+    if not 1.0 <= rate <= 1000.0:
+        raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
+    return np.arange(round(duration * rate) + 1) / rate
+
+
 def _swings(
     times: Array,
     random: np.random.Generator,
@@ -230,16 +296,22 @@ def _swings(
 ) -> Array:
     """Positions (n,) at `times` (n,) of one joint that starts at the centre."""
     widest, slowest, fastest, crawl = ranges
-    turns, knots, swings = [0.0], [(lower + upper) / 2], []
+    end, knots, swings = 0.0, [(lower + upper) / 2], []
     upwards = bool(random.integers(2))
-    while turns[-1] <= times[-1]:
+    while end <= times[-1]:
         margin = random.uniform(0.0, widest)
         target = upper - margin if upwards else lower + margin
         peak = random.uniform(slowest, fastest)
         swings.append(profile(abs(target - knots[-1]), peak, crawl))
-        turns.append(turns[-1] + swings[-1].duration)
+        end += swings[-1].duration
         knots.append(target)
         upwards = not upwards
+    return _travelled(times, knots, swings)
+
+
+def _travelled(times: Array, knots: Sequence[float], swings: Sequence[_Swing]) -> Array:
+    """Positions (n,) at `times` (n,) of a joint that swings from knot to knot."""
+    turns = np.concatenate([[0.0], np.cumsum([swing.duration for swing in swings])])
     positions = np.empty(len(times))
     parts = np.split(np.arange(len(times)), np.searchsorted(times, turns[1:-1]))
     for part, begin, start, end, swing in zip(parts, turns, knots, knots[1:], swings, strict=False):

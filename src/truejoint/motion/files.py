@@ -13,11 +13,17 @@ import pandas as pd
 
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
-from truejoint.files import write_atomically
+from truejoint.files import (
+    UNHASHED,
+    content_hash,
+    is_as_written,
+    require_ordinary,
+    write_atomically,
+)
 from truejoint.motion.trajectory import Trajectory
 
 _MARK: Final = "# truejoint trajectory "
-_FORMAT: Final = 1
+_FORMAT: Final = 2  # format 1 has no hash
 _LAB_JOINTS: Final = ("shoulder", "elbow", "insertion")
 _LAB_UNITS: Final = ("rad", "rad", "m")
 # A day at 50 Hz of seven joints is below both.
@@ -70,10 +76,10 @@ def write_trajectory(
             )
         first, table = "", pd.DataFrame(trajectory.densified(1e-3).positions)
     else:
-        first = _header(trajectory, path)
         table = pd.DataFrame(trajectory.positions, columns=list(trajectory.joints))
         if trajectory.times is not None:
             table.insert(0, "t", trajectory.times)
+        first = _header(trajectory, table.to_numpy(), path)
 
     def write(part: Path) -> None:
         with part.open("w", encoding="utf-8", newline="") as file:
@@ -83,15 +89,16 @@ def write_trajectory(
     write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
 
 
-def _header(trajectory: Trajectory, path: Path) -> str:
-    header = {
+def _header(trajectory: Trajectory, rows: Array, path: Path) -> str:
+    header: dict[str, Any] = {
         "format": _FORMAT,
         "name": trajectory.name,
         "units": dict(zip(trajectory.joints, trajectory.units, strict=True)),
         "meta": dict(trajectory.meta),
     }
     try:
-        text = json.dumps(header, allow_nan=False)
+        header = json.loads(json.dumps(header, allow_nan=False))  # as it will be read
+        text = json.dumps(header | {"sha256": content_hash(header, {"rows": rows})})
     except (TypeError, ValueError) as error:
         raise TrajectoryError(f"{path}: meta cannot be written as JSON: {error}") from None
     if len(text) + len(_MARK) >= _MAX_HEADER:
@@ -105,7 +112,9 @@ def read_trajectory(path: str | Path) -> Trajectory:
     Raises
     ------
     TrajectoryError
-        If the file is missing, too large, damaged or of another layout.
+        If the file is missing, too large, damaged, edited (its content differs from its hash) or
+        of another layout. One from before there were hashes is read, and its ``meta["notes"]``
+        say so.
 
     Examples
     --------
@@ -113,6 +122,7 @@ def read_trajectory(path: str | Path) -> Trajectory:
     ('rad', 'rad', 'm')
     """
     path = Path(path)
+    require_ordinary(path, TrajectoryError)
     try:
         size = path.stat().st_size
         with path.open(encoding="utf-8", newline="") as file:
@@ -144,6 +154,14 @@ def _read_own(path: Path, first: str, second: str) -> Trajectory:
             f"columns {columns} do not match the joints {list(units)} of its first line"
         )
     values = _read_numbers(path, len(columns), skip=2)
+    digest = header.pop("sha256", None)
+    if digest is None and header["format"] == 1:
+        header["meta"] = {"notes": UNHASHED} | header["meta"]
+    elif not is_as_written(digest, header, {"rows": values}):
+        raise TrajectoryError(
+            "its content does not match its hash; get the file again, or, if it was edited on "
+            'purpose, write "format": 1 into its first line and take "sha256" out'
+        )
     times, positions = (values[:, 0], values[:, 1:]) if timed else (None, values)
     kinds = tuple(units.values())
     return Trajectory(joints, kinds, positions, times, header["name"], header["meta"])
@@ -158,8 +176,10 @@ def _parse_header(first: str) -> dict[str, Any]:
     known = header if isinstance(header, dict) else {}
     if not all(isinstance(known.get(key), kind) for key, kind in kinds.items()):
         raise TrajectoryError(f"its first line must hold {', '.join(kinds)}")
-    if known["format"] > _FORMAT:
-        raise TrajectoryError(f"format {known['format']} is newer than {_FORMAT}; update truejoint")
+    if not 1 <= known["format"] <= _FORMAT:
+        raise TrajectoryError(
+            f"format {known['format']!s:.20} is none of 1 to {_FORMAT}; update truejoint"
+        )
     return known
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -10,13 +11,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk import SERVO_RATE, Arm, StateBlock, TimeLaw, TruthBlock
+from truejoint.crtk import (
+    BLEND,
+    BLOCK_DURATION,
+    SERVO_RATE,
+    Arm,
+    StateBlock,
+    TimeLaw,
+    TruthBlock,
+)
 from truejoint.crtk.states import check_ready
-from truejoint.errors import CommandRefused, TrajectoryError
+from truejoint.errors import CommandRefused, MotionStopped, TrajectoryError
 from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.units import display_unit
 
+_POLL: Final = 0.02  # [s] between two looks at the state of a paused arm
 _SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
 
 
@@ -80,6 +90,7 @@ def follow(
     *,
     speed_scale: float = 1.0,
     speed: ArrayLike | None = None,
+    resume_within: float = 0.0,
     progress: Callable[[float], None] | None = None,
 ) -> TrackingReport:
     """Move an arm to the start of a trajectory and along it; blocks until it is at rest again.
@@ -87,8 +98,11 @@ def follow(
     A path is followed at the speed caps, so that on every line one joint moves at its cap; a
     trajectory with times keeps to them. Either way corners are rounded
     (`truejoint.crtk.TimeLaw`): acceleration stays below eight times the cap per second. Joints
-    that the trajectory does not name hold still. Set-points are made and sent in blocks of 10 s,
-    whatever the duration.
+    that the trajectory does not name hold still. Set-points are made in blocks of 10 s, whatever
+    the duration.
+
+    `Arm.pause`, from another thread, stops the arm within 20 ms and the time that it needs to
+    brake. After a `resume` it goes back to where it left the trajectory, and on from there.
 
     Parameters
     ----------
@@ -100,15 +114,17 @@ def follow(
     speed : array_like, shape (n_joints,), optional
         Speed caps along a path [rad/s or m/s]; by default those of `workspace_of(arm.robot)`.
         A trajectory with times needs none.
+    resume_within : float
+        How long a pause may last [s, this computer's clock]; by default a pause ends the run.
     progress : callable, optional
-        Called with the share done, from 0 to 1.
+        Called with the share done, from 0 to 1; in the thread that moves the arm.
 
     Raises
     ------
     TrajectoryError
         Before any motion, if the trajectory leaves the arm's limits or speeds are out of range.
     CommandRefused
-        If the arm is not ready, or stops being so on the way.
+        If the arm is not ready, or stops being so on the way (MotionStopped).
 
     Examples
     --------
@@ -121,21 +137,17 @@ def follow(
     columns = arm.robot.index(trajectory.joints)
     pose = arm.setpoint_js().position.copy()
     pose[columns] = trajectory.positions[0]
-    arm.move_jp(pose)
+    arm.move_jp(pose).wait()
     tally = _Tally(arm.robot, trajectory.joints)
-    setpoint_speed = np.zeros(len(columns))
-    arm.subscribe(tally)
+    run = _Run(law, pose, columns, progress)
+    arm.subscribe(tally, every=1.0)
     try:
-        sent, total = 0, law.duration * SERVO_RATE
-        for block in law.blocks():
-            rows = np.tile(pose, (len(block), 1))
-            steps = np.diff(block, axis=0, prepend=arm.setpoint_js().position[None, columns])
-            setpoint_speed = np.maximum(setpoint_speed, np.abs(steps).max(axis=0) * SERVO_RATE)
-            rows[:, columns] = block
-            arm.servo_jp_stream(rows)
-            sent += len(rows)
-            if progress is not None:
-                progress(min(sent / total, 1.0))
+        while not run.is_over:
+            try:
+                run.go_on(arm)
+            except MotionStopped:
+                if not _resumed(arm, resume_within):
+                    raise
     finally:
         arm.unsubscribe(tally)
     if tally.count == 0:
@@ -146,11 +158,76 @@ def follow(
         units=trajectory.units,
         rms=np.sqrt(tally.squares / tally.count),
         max=tally.max,
-        setpoint_speed=setpoint_speed,
+        setpoint_speed=run.setpoint_speed,
         max_speed=tally.max_speed,
         speed_caps=caps,
         duration=law.duration,
     )
+
+
+class _Run:
+    """One passage along a time law, however often it is stopped on the way."""
+
+    def __init__(
+        self,
+        law: TimeLaw,
+        pose: Array,
+        columns: list[int],
+        progress: Callable[[float], None] | None,
+    ) -> None:
+        self._law, self._pose, self._columns, self._progress = law, pose, columns, progress
+        self._at = 0.0  # of the law [s]
+        self.is_over = False
+        self.setpoint_speed = np.zeros(len(columns))
+
+    def go_on(self, arm: Arm) -> None:
+        """Move from where the arm was stopped to the end; raises MotionStopped if stopped again."""
+        start = self._at
+        if start > 0.0:
+            arm.move_jp(self._rows(np.array([start]))[0]).wait()
+        lost = BLEND / 2 if start > 0.0 else 0.0  # while the speed builds up again
+        duration = self._law.duration - start + lost
+        motion = arm.stream(self._pieces(start, duration), duration, "follow")
+        try:
+            motion.wait()
+            self.is_over = True
+        finally:
+            self._at = float(self._time(start, np.array([motion.elapsed]))[0])
+
+    def _pieces(self, start: float, duration: float) -> Iterator[Array]:
+        before = self._rows(np.array([start]))
+        periods = round(np.ceil(duration * SERVO_RATE - 1e-6))
+        size = round(BLOCK_DURATION * SERVO_RATE)
+        for first in range(0, periods, size):
+            elapsed = np.arange(first + 1, min(first + size, periods) + 1) / SERVO_RATE
+            rows = self._rows(self._time(start, elapsed))
+            steps = np.abs(np.diff(rows, axis=0, prepend=before))[:, self._columns]
+            self.setpoint_speed = np.maximum(self.setpoint_speed, steps.max(axis=0) * SERVO_RATE)
+            before = rows[-1:]
+            yield rows
+            if self._progress is not None:
+                done = self._time(start, elapsed[-1:])[0] / self._law.duration
+                self._progress(min(float(done), 1.0))
+
+    def _time(self, start: float, elapsed: Array) -> Array:
+        """Time of the law (n,) [s], `elapsed` after it was taken up at `start`."""
+        if start == 0.0:
+            return elapsed  # the law starts at rest
+        soft = np.where(elapsed < BLEND, elapsed**2 / (2 * BLEND), elapsed - BLEND / 2)
+        return np.asarray(start + soft)
+
+    def _rows(self, t: Array) -> Array:
+        rows = np.tile(self._pose, (len(t), 1))
+        rows[:, self._columns] = self._law.at(t)
+        return rows
+
+
+def _resumed(arm: Arm, within: float) -> bool:
+    """Whether a paused arm is resumed within some time [s, this computer's clock]."""
+    end = time.monotonic() + within
+    while (state := arm.operating_state().state) == "PAUSED" and time.monotonic() < end:
+        time.sleep(_POLL)
+    return state == "ENABLED"
 
 
 def nominal_duration(trajectory: Trajectory, robot: Robot, speed_scale: float = 1.0) -> float:

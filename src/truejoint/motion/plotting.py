@@ -32,7 +32,9 @@ _PAGE: Final = {
 }
 
 
-def plot_trajectories(trajectories: Sequence[Trajectory], path: str | Path) -> None:
+def plot_trajectories(
+    trajectories: Sequence[Trajectory], path: str | Path, *, overwrite: bool = False
+) -> None:
     """Draw trajectories of the same three joints into one figure, in deg and mm.
 
     A single one is coloured from its start (dark) to its end (bright), several by trajectory.
@@ -43,12 +45,14 @@ def plot_trajectories(trajectories: Sequence[Trajectory], path: str | Path) -> N
     trajectories : sequence of Trajectory
     path : str or Path
         ``.png`` for a picture, ``.html`` for a self-contained page that works offline.
+    overwrite : bool
+        Whether a file that is there may be replaced.
 
     Raises
     ------
     TrajectoryError
-        If the joints are not the same three, for another file type, or if the file cannot be
-        written.
+        If the joints are not the same three, for another file type, or if the file exists or
+        cannot be written.
     TruejointError
         If the extra ``plots`` is not installed.
 
@@ -70,7 +74,7 @@ def plot_trajectories(trajectories: Sequence[Trajectory], path: str | Path) -> N
     lines = [(trajectory.name, _points(trajectory)) for trajectory in trajectories]
     shown = [display_unit(unit).name for unit in units]
     write = partial(draw, lines, joints, shown)
-    write_atomically(Path(path), write, overwrite=True, error=TrajectoryError)
+    write_atomically(Path(path), write, overwrite=overwrite, error=TrajectoryError)
 
 
 def _points(trajectory: Trajectory) -> Array:

@@ -12,7 +12,9 @@ from .formats import format_names as format_names
 from .joining import ClockOffset as ClockOffset
 from .joining import join_truth as join_truth
 from .map_sketch import sketch_column_map as sketch_column_map
+from .parquet import read_corrected as read_corrected
 from .parquet import read_parquet as read_parquet
+from .parquet import write_corrected as write_corrected
 from .parquet import write_parquet as write_parquet
 from .readers.mapped import read_truth as read_truth
 from .reading import detect_format as detect_format

@@ -20,7 +20,7 @@ from scipy.io import loadmat
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
-from truejoint.recordings.files import read_bounded
+from truejoint.recordings.files import MAX_BINARY_BYTES, most_unpacked, read_bounded
 
 MatValue = Array | dict[str, Array]
 
@@ -64,6 +64,11 @@ def read_npy(path: Path) -> tuple[Array, str]:
         raise RecordingError(
             f"{path}: holds {left} bytes, its header announces {expected}; "
             "the file is empty, cut short or damaged"
+        )
+    if 8 * math.prod(shape) > MAX_BINARY_BYTES:
+        raise RecordingError(
+            f"{path}: {math.prod(shape)} numbers take more than {MAX_BINARY_BYTES} bytes as "
+            "float64, the most that is read; cut the recording into parts"
         )
     values = np.frombuffer(data, dtype, offset=file.tell()).astype(np.float64)
     return values.reshape(shape, order="F" if fortran_order else "C"), digest
@@ -112,7 +117,7 @@ def _unpacked(data: bytes) -> bytes:
         raise _MatError("its header is cut short")
     order = "<" if data[126:128] == b"IM" else ">"
     pieces: list[bytes | memoryview] = [data[:_HEADER_BYTES]]
-    left = MAX_MAT_BYTES
+    limit = left = min(MAX_MAT_BYTES, most_unpacked(len(data)))
     for element in _elements(memoryview(data)[_HEADER_BYTES:], order, aligned=False):
         kind, body = element
         if kind == _COMPRESSED:
@@ -120,7 +125,7 @@ def _unpacked(data: bytes) -> bytes:
             content = unpack.decompress(body, left + 1)
             left -= len(content)
             if left < 0:
-                raise _MatError(f"unpacks to more than {MAX_MAT_BYTES} bytes")
+                raise _MatError(f"unpacks to more than {limit} bytes")
             if not unpack.eof:
                 raise _MatError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))

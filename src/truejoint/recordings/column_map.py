@@ -125,6 +125,7 @@ def read_column_map(source: MapSource) -> ColumnMap:
     return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
+_LARGEST_SCALE: Final = 1e30
 _TEXTS: Final = ("robot", "arm", "delimiter", "comment")
 
 
@@ -158,15 +159,15 @@ def _column(name: str, value: Any) -> MappedColumn:
     _check_keys(name, value, ("column", "unit", "scale"))
     column, unit, scale = value["column"], value.get("unit", ""), value.get("scale", 1.0)
     if isinstance(column, bool) or not isinstance(column, str | int):
-        raise RecordingError(f"{name}: column is {column!r}; want a name or a position")
+        raise RecordingError(f"{name}: column is {column!r:.40}; want a name or a position")
     if isinstance(column, int) and column < 0:
-        raise RecordingError(f"{name}: column is {column}; positions count from 0")
+        raise RecordingError(f"{name}: column is {column!s:.40}; positions count from 0")
     if unit and unit not in SI_UNITS:
         raise RecordingError(f"{name}: unit {unit!r} is not known; use {', '.join(SI_UNITS)}")
-    if not _is_number(scale):
-        raise RecordingError(f"{name}: scale is {scale!r}; want a number")
-    if not (math.isfinite(scale) and scale != 0):
-        raise RecordingError(f"{name}: scale is {scale}; want a number other than 0")
+    if not _is_number(scale) or not 0 < abs(scale) <= _LARGEST_SCALE:
+        raise RecordingError(
+            f"{name}: scale is {scale!r:.40}; want a number, not 0 and up to {_LARGEST_SCALE:g}"
+        )
     return MappedColumn(column, unit, float(scale))
 
 

@@ -12,7 +12,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.checks.columns import judge_columns
 from truejoint.recordings.checks.coverage import JointCoverage, joint_coverage, judge_coverage
-from truejoint.recordings.checks.finding import ORDER, Defect, Finding, one_line_each
+from truejoint.recordings.checks.finding import ORDER, Defect, Finding, Level, one_line_each
 from truejoint.recordings.checks.positions import judge_positions
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.summary import Summarised, json_values
@@ -21,6 +21,8 @@ if TYPE_CHECKING:  # what it is called on says the rest
     from truejoint.calibration import Calibration
 
 _EVERYWHERE: Final = "all recordings"
+_STRANGE: Final = 10.0  # times as far from the middle as training rows: other motions reach 2 to 27
+_ANOTHER: Final = 100.0  # no other motion does
 
 
 @dataclass(frozen=True, repr=False)
@@ -36,25 +38,22 @@ class DataCheck(Summarised):
 
     findings: tuple[Finding, ...]
     coverage: tuple[JointCoverage, ...]
+    accepted: tuple[str, ...] = ()  # names of failures that the user goes on with
 
     @property
     def failed(self) -> bool:
-        """Whether a finding is of level ``"fail"``."""
+        """Whether a finding is of level ``"fail"`` and not accepted."""
         return bool(self.failures)
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """Names of the findings of level ``"fail"``, each once."""
-        return tuple(dict.fromkeys(f.name for f in self.findings if f.level == "fail"))
+        """Names of the findings of level ``"fail"`` that are not accepted, each once."""
+        failed = dict.fromkeys(f.name for f in self.findings if f.level == "fail")
+        return tuple(name for name in failed if name not in self.accepted)
 
     def accept(self, names: Iterable[str]) -> DataCheck:
-        """Count failures of these `names` for no more than a warning."""
-        known = set(names)
-        findings = [
-            replace(f, level="warn") if f.level == "fail" and f.name in known else f
-            for f in self.findings
-        ]
-        return replace(self, findings=_sorted(findings))
+        """Go on though there are failures of these `names`; a verdict keeps its reservation."""
+        return replace(self, accepted=tuple(names))
 
     def summary(self) -> dict[str, str]:
         """Joints, and the findings' names by level."""
@@ -128,11 +127,7 @@ def check_data(
         *_judge_sessions(recordings),
         *(_judge_extrapolation(recordings, model) if model else ()),
     ]
-    return DataCheck(_sorted(findings), coverage)
-
-
-def _sorted(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    return tuple(sorted(findings, key=lambda finding: ORDER[finding.level]))
+    return DataCheck(tuple(sorted(findings, key=lambda found: ORDER[found.level])), coverage)
 
 
 def _broken(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:
@@ -176,7 +171,9 @@ def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
 
 def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) -> Iterable[Finding]:
     features = model.feature_set
-    rows = np.concatenate([features.compute(r, model.gap_limit) for r in recordings])
+    by_recording = [features.compute(r, model.gap_limit) for r in recordings]
+    yield from one_line_each(_strange(recordings, by_recording, model), recordings)
+    rows = np.concatenate(by_recording)
     worst: dict[str, tuple[float, str]] = {}
     ranges = zip(features.names, model.lower, model.upper, strict=True)
     for column, (name, low, high) in enumerate(ranges):
@@ -189,3 +186,29 @@ def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) ->
             what = f"{100 * share:.0f} % of the rows lie outside the range seen in training"
             advice = "the model extrapolates there; train on a wider range or expect less"
             yield Finding("fail" if share > 0.5 else "warn", "range", what, name, advice)
+
+
+def _strange(
+    recordings: Sequence[Recording], rows: Sequence[Array], model: Calibration
+) -> Iterable[tuple[Defect, Recording]]:
+    """Find recordings whose signals are far from the training's, as another instrument's are.
+
+    The Mahalanobis distance of half of a recording's `rows` (n, k), in that of a training row.
+    """
+    seen = model.training_domain
+    if seen is None:
+        return
+    usual = np.sqrt(np.count_nonzero(np.abs(seen.whitening).sum(axis=0)))
+    for recording, own in zip(recordings, rows, strict=True):
+        away = np.linalg.norm((own - seen.feature_mean) @ seen.whitening.T, axis=1)
+        times = float(np.median(away) / max(usual, 1.0))
+        if times > _STRANGE:
+            another = times > _ANOTHER
+            what = f"they lie {times:.0f} times as far from the training's middle as those in it"
+            advice = (
+                "it is of another instrument, mounting or unit: calibrate that one"
+                if another
+                else "is it of another instrument, mounting, unit or motion than the training?"
+            )
+            level: Level = "fail" if another else "warn"
+            yield Defect(level, "instrument", what, "signals", advice, size=times), recording

@@ -10,12 +10,17 @@ from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
+from truejoint.files import require_ordinary
 
 # Most bytes of a text file once unpacked: 6 h of the 252-column layout is 4.5 GB.
 MAX_UNPACKED_BYTES: Final = 8 * 2**30
 MAX_BINARY_BYTES: Final = 2**30  # of a file that is read in one go (.npy, .mat)
 MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes 6.3 kB a line
 HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
+# What a packed file may unpack to, however small it is, and as a multiple of its size. Recordings
+# pack to a quarter or a twentieth; what packs to less than a hundredth is no measurement.
+_SMALL_BYTES: Final = 1 << 26
+_MOST_PACKED: Final = 100
 
 
 class BoundedFile(io.RawIOBase):
@@ -32,6 +37,8 @@ class BoundedFile(io.RawIOBase):
         self._hash = hashlib.sha256()
         with path.open("rb") as start:
             self._packed = start.read(2) == b"\x1f\x8b"  # whatever the file is called
+        if self._packed:
+            self._limit = min(limit, most_unpacked(path.stat().st_size))
         self._file: Any = gzip.GzipFile(path) if self._packed else io.FileIO(path)
 
     def readable(self) -> bool:
@@ -77,12 +84,16 @@ class BoundedFile(io.RawIOBase):
         super().close()
 
 
+def most_unpacked(size: int) -> int:
+    """Most bytes that a packed file of `size` bytes may unpack to."""
+    return max(_SMALL_BYTES, _MOST_PACKED * size)
+
+
 def require_file(path: Path) -> Path:
     """`path` if it is a file with something in it; raises RecordingError if not."""
+    require_ordinary(path, RecordingError)
     if not path.exists():
         raise RecordingError(f"{path}: there is no such file; check the path")
-    if not path.is_file():
-        raise RecordingError(f"{path}: is not a file; name one recording")
     if path.stat().st_size == 0:
         raise RecordingError(f"{path}: the file is empty; was the recording ever started?")
     return path

@@ -1,28 +1,37 @@
-"""Recordings on disk: one Parquet file with units and provenance in its schema."""
+"""Recordings on disk: one Parquet file with units, provenance and a hash in its schema."""
 
 from __future__ import annotations
 
 import json
 import os
+from collections.abc import Collection, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError
-from truejoint.files import write_atomically
-from truejoint.recordings.files import require_file
+from truejoint.files import UNHASHED, content_hash, is_as_written, write_atomically
+from truejoint.recordings.files import most_unpacked, require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording, as_recording
 from truejoint.robots import adopt_robot
 
 METADATA_KEY: Final = b"truejoint"
-VERSION: Final = 1  # of the JSON under `METADATA_KEY`; a newer one is refused
+# Of the JSON under `METADATA_KEY`: a newer one is refused; that of version 1 has no hash.
+VERSION: Final = 2
 PARQUET_MAGIC: Final = b"PAR1"
 
+_DAMAGED: Final = "its metadata is damaged; copy or record it again"
+_CORRECTED: Final = "corrected"
+_TEXTS: Final = ("recording", "status")  # columns of text, of a corrected table alone
 _MAX_COLUMNS: Final = 4096
 _MAX_METADATA_BYTES: Final = 1 << 22
 
@@ -57,14 +66,7 @@ def write_parquet(
         "provenance": recording.provenance.to_dict(),
         "robot": recording.robot.to_dict(),
     }
-    table = pa.table(
-        {str(name): column.to_numpy() for name, column in recording.table.items()},
-        metadata={METADATA_KEY: json.dumps(header, allow_nan=False).encode()},
-    )
-    # Values that change a little from row to row pack best with their bytes split apart.
-    packing = {"compression": "zstd", "use_dictionary": False, "use_byte_stream_split": True}
-    write = partial(pq.write_table, table, **packing)
-    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
+    _write(target, header, recording.table, overwrite=overwrite)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Recording:
@@ -73,8 +75,9 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     Raises
     ------
     RecordingError
-        If the file is not there, cut short, damaged, larger than is read, from a newer version,
-        or was not written by truejoint.
+        If the file is not there, cut short, damaged, edited (its content differs from its hash),
+        larger than is read, from a newer version, or was not written by truejoint. One from before
+        there were hashes is read, and its notes say so.
 
     Examples
     --------
@@ -83,21 +86,14 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     'motion_9.csv'
     """
     source = require_file(Path(path))
-    try:
-        with pq.ParquetFile(
-            source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
-        ) as file:
-            _check_size(source, file)
-            header = _header(source, file.schema_arrow)
-            table = file.read(use_threads=False)
-    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise RecordingError(
-            f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
-            "it was cut short or damaged: copy or record it again"
-        ) from None
+    header, table, unhashed = _read(source, ())
     columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    _check_described(source, header, columns)
     try:
         provenance = Provenance.from_dict(header["provenance"])
+        if unhashed and UNHASHED not in provenance.notes:
+            notes = "; ".join(filter(None, (provenance.notes, UNHASHED)))
+            provenance = replace(provenance, notes=notes)
         if "robot" in header:
             adopt_robot(header["robot"], source.name)
         return Recording.from_columns(columns, provenance, header["units"])
@@ -105,7 +101,121 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
         raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
 
 
-def _check_size(source: Path, file: Any) -> None:
+def write_corrected(
+    table: pd.DataFrame, path: str | os.PathLike[str], *, overwrite: bool = False
+) -> None:
+    """Write a table of corrected positions, as ``truejoint correct`` makes it, with its hash.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``recording`` and ``status``, if it has them, are text; the other columns numbers [SI].
+    path : path-like
+        Any program that reads Parquet reads it.
+    overwrite : bool
+        Replace a file that is there; refused by default.
+
+    Raises
+    ------
+    RecordingError
+        If `path` exists and may not be replaced, or its folder does not exist.
+
+    Examples
+    --------
+    >>> write_corrected(model.correct_table(test).assign(status="OK"), "corrected.parquet")
+    """
+    _write(Path(path), {"version": VERSION, "kind": _CORRECTED}, table, overwrite=overwrite)
+
+
+def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
+    """Read what `write_corrected` wrote, if it still is what was written.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not there, damaged, edited, larger than is read, or something else.
+
+    Examples
+    --------
+    >>> write_corrected(model.correct_table(test).assign(status="OK"), "corrected.parquet")
+    >>> read_corrected("corrected.parquet")["status"].iloc[0]
+    'OK'
+    """
+    source = require_file(Path(path))
+    header, table, unhashed = _read(source, _TEXTS)
+    if unhashed or header.get("kind") != _CORRECTED:
+        raise RecordingError(f"{source}: is no table of corrected positions that states its hash")
+    frame: pd.DataFrame = table.to_pandas()
+    return frame
+
+
+def is_corrected(path: Path) -> bool:
+    """Whether a file says that it is a table of corrected positions."""
+    with suppress(pa.ArrowException, OSError):
+        text = (pq.read_schema(path).metadata or {}).get(METADATA_KEY, b"")
+        return f'"kind": "{_CORRECTED}"'.encode() in text
+    return False
+
+
+def _write(path: Path, header: Mapping[str, Any], table: pd.DataFrame, *, overwrite: bool) -> None:
+    columns = {
+        str(name): pa.array(list(column), pa.string())
+        if name in _TEXTS
+        else pa.array(column.to_numpy(np.float64))
+        for name, column in table.items()
+    }
+    signed = {**header, "sha256": content_hash(*_content(header, columns))}
+    metadata = {METADATA_KEY: json.dumps(signed, allow_nan=False).encode()}
+    # Numbers that change a little from row to row pack best with their bytes split apart.
+    packing = {
+        "compression": "zstd",
+        "use_dictionary": [name for name in columns if name in _TEXTS],
+        "use_byte_stream_split": [name for name in columns if name not in _TEXTS],
+    }
+    write = partial(pq.write_table, pa.table(columns, metadata=metadata), **packing)
+    write_atomically(path, write, overwrite=overwrite, error=RecordingError)
+
+
+def _content(
+    header: Mapping[str, Any], columns: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Give what the hash is taken of: the header with the columns of text, and the numbers."""
+    texts = {name: column.to_pylist() for name, column in columns.items() if name in _TEXTS}
+    numbers = {name: c.to_numpy() for name, c in columns.items() if name not in _TEXTS}
+    return {**header, **texts}, numbers
+
+
+def _read(source: Path, texts: Collection[str]) -> tuple[dict[str, Any], Any, bool]:
+    """Header and table of a file, of which the columns `texts` are text, and if it has no hash."""
+    try:
+        with pq.ParquetFile(
+            source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
+        ) as file:
+            _check_size(source, file, texts)
+            header = _header(source, file.schema_arrow)
+            table = file.read(use_threads=False)
+    except MemoryError:
+        raise RecordingError(
+            f"{source}: takes more memory than there is; close other programs, or read it where "
+            "there is more"
+        ) from None
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
+            "it was cut short or damaged: copy or record it again"
+        ) from None
+    digest = header.pop("sha256", None)
+    unhashed = digest is None and header["version"] == 1
+    content = _content(header, dict(zip(table.column_names, table.columns, strict=True)))
+    if not unhashed and not is_as_written(digest, *content):
+        raise RecordingError(
+            f"{source}: its content does not match its hash; it was damaged or edited: copy or "
+            "record it again"
+        )
+    return header, table, unhashed
+
+
+def _check_size(source: Path, file: Any, texts: Collection[str]) -> None:
     metadata, schema = file.metadata, file.schema_arrow
     values = metadata.num_rows * metadata.num_columns
     if metadata.num_columns > _MAX_COLUMNS or values > MAX_VALUES:
@@ -113,10 +223,17 @@ def _check_size(source: Path, file: Any) -> None:
             f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
             f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
         )
-    other = [field.name for field in schema if field.type != pa.float64()]
+    size = source.stat().st_size
+    if 8 * values > most_unpacked(size):
+        raise RecordingError(
+            f"{source}: its {size} bytes unpack to {8 * values}, which no measurement does; "
+            "is it one?"
+        )
+    kinds = {name: pa.string() for name in texts}
+    other = [f.name for f in schema if f.type != kinds.get(f.name, pa.float64())]
     if other:
         raise RecordingError(
-            f"{source}: columns {other[:5]} are not float64; was it written by truejoint?"
+            f"{source}: columns {other[:5]} are not float64; is it a recording of truejoint's?"
         )
     if len(set(schema.names)) != len(schema.names):
         raise RecordingError(f"{source}: two columns have the same name; was the file edited?")
@@ -129,22 +246,28 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
             f"{source}: was not written by truejoint: it states neither robot nor units; "
             "save it as CSV and read that with a column map"
         )
-    damaged = RecordingError(f"{source}: its metadata is damaged; copy or record it again")
     header = None
     with suppress(ValueError, RecursionError):
         header = json.loads(text)
-    if not isinstance(header, dict) or not isinstance(header.get("version"), int):
-        raise damaged
-    if header["version"] > VERSION:
+    version = header.get("version") if isinstance(header, dict) else None
+    if not (isinstance(header, dict) and isinstance(version, int) and version >= 1):
+        raise RecordingError(f"{source}: {_DAMAGED}")
+    if version > VERSION:
         raise RecordingError(
-            f"{source}: is of version {header['version']}, this truejoint reads up to {VERSION}; "
+            f"{source}: is of version {version!s:.20}, this truejoint reads up to {VERSION}; "
             "update truejoint"
         )
+    return header
+
+
+def _check_described(source: Path, header: Mapping[str, Any], columns: Collection[str]) -> None:
+    """Refuse a recording whose header does not describe its columns."""
     units = header.get("units", {})
     others = header.get("robot", {}), header.get("provenance")
-    if not all(isinstance(part, dict) for part in (units, *others)):
-        raise damaged
-    texts = all(isinstance(unit, str) for unit in units.values())
-    if not texts or set(units) != set(schema.names) - {"t"}:
-        raise damaged
-    return header
+    whole = all(isinstance(part, dict) for part in (units, *others))
+    if not (
+        whole
+        and all(isinstance(unit, str) for unit in units.values())
+        and set(units) == set(columns) - {"t"}
+    ):
+        raise RecordingError(f"{source}: {_DAMAGED}")

@@ -14,10 +14,12 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
+from truejoint.files import check_target, free_name, uninterrupted
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
 
+_PIECE: Final = 1.0  # [s] that are worked on at a time
 PAST_END: Final = "state: past the longest duration"
 
 
@@ -55,7 +57,9 @@ class Recorder:
 
     The state is thinned out to `state_rate` as it arrives, so memory grows by about 10 kB per
     second of motion whatever the arm's own rate. If the block is left by an exception or by
-    Ctrl-C, what was recorded is kept, and written if a `path` was given.
+    Ctrl-C, what was recorded is kept; with a `path` it is written beside it, as
+    ``<name>.partial.parquet``, and no whole recording is replaced. Where `path` cannot be written
+    at the end, the recording is kept as ``<name>.kept.parquet`` if that can be.
 
     Parameters
     ----------
@@ -69,7 +73,9 @@ class Recorder:
     max_duration : float
         Rows later than this after the first are counted and not kept [s].
     path : path-like, optional
-        Parquet file to write when the block is left, whichever way; must not exist yet.
+        Parquet file to write when the block is left; where it was written is in `written`.
+    overwrite : bool
+        Whether a file at `path` may be replaced by a whole recording.
     homing_id : str, optional
         What the positions count from; by default the arm's own name of its homing.
     session, command : str
@@ -79,7 +85,7 @@ class Recorder:
     Examples
     --------
     >>> with Recorder(arm, state_rate=10.0) as recorder:
-    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0])
+    ...     arm.move_jp(arm.robot.home + [0.1, 0, 0, 0, 0, 0, 0]).wait()
     >>> recorder.recording().joints_of("truth")
     ('shoulder', 'elbow', 'insertion')
     """
@@ -91,6 +97,7 @@ class Recorder:
     gap_limit: float = 0.05
     max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
+    overwrite: bool = False
     session: str = ""
     homing_id: str | None = None
     load: float = math.nan
@@ -102,15 +109,16 @@ class Recorder:
                 f"recorder: gap limit {self.gap_limit} s and longest duration {self.max_duration} "
                 "s; both must be above 0 s"
             )
-        if self.path is not None and Path(self.path).exists():
-            raise RecordingError(f"{self.path}: exists already; choose another name")
+        self.written: Path | None = None
+        if self.path is not None:
+            check_target(Path(self.path), overwrite=self.overwrite, error=RecordingError)
         if self.homing_id is None:
             self.homing_id = self.arm.homing_id
         self._clear()
 
     def __enter__(self) -> Self:
         self._clear()
-        self.arm.subscribe(self._receive)
+        self.arm.subscribe(self._receive, every=_PIECE)
         return self
 
     def __exit__(
@@ -123,7 +131,8 @@ class Recorder:
         if kind is not None:
             self._stopped = f"stopped by {kind.__name__}" + (f": {error}" if str(error) else "")
         if self.path is not None and self.rows >= 2:
-            write_parquet(self.recording(), self.path)
+            with uninterrupted():
+                self._write(Path(self.path))
 
     @property
     def rows(self) -> int:
@@ -162,6 +171,7 @@ class Recorder:
             session=self.session,
             homing_id=self.homing_id or "",
             load=self.load,
+            mechanism=vars(self.arm.robot.mechanism) if self.arm.robot.mechanism else {},
             rates=rates,
             dropped=dropped,
             start=start,
@@ -169,6 +179,24 @@ class Recorder:
             notes=self._stopped,
         )
         return Recording.from_columns(columns, provenance)
+
+    def _write(self, path: Path) -> None:
+        """Write what there is; a part of a recording gets a name of its own."""
+        stopped = bool(self._stopped)
+        if stopped:
+            path = free_name(path, "partial")
+        recording = self.recording(str(path))
+        try:
+            write_parquet(recording, path, overwrite=self.overwrite and not stopped)
+        except RecordingError as error:
+            kept = free_name(path, "kept")
+            try:
+                write_parquet(recording, kept)
+            except RecordingError:
+                raise error from None
+            self.written = kept
+            raise RecordingError(f"{error}; the recording is in {kept}") from None
+        self.written = path
 
     def _clear(self) -> None:
         self._state = _Rows(self.state_rate)

@@ -20,6 +20,7 @@ from truejoint.summary import Summarised
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
 EPOCH: Final = 1e8
 
+_LARGEST: Final = 1e15  # number in a provenance: seconds, hertz, kilograms, rows
 _SHOWN: Final = 8  # quantities that a summary lists with their channels
 
 _MAX_MISSING: Final = 1 / 3  # share of rows that may lack a value
@@ -49,6 +50,9 @@ class Provenance:
         Which homing the positions refer to; positions of two homings differ by an offset.
     load : float
         Mass hung on the tool [kg]; NaN when not known.
+    mechanism : mapping
+        What is known of a cable-driven jaw by the names of `ForcepsMechanism`, in SI units; where
+        it is empty, that of the robot counts.
     rates : mapping
         Nominal rate [Hz] of each stream, for instance ``{"state": 30.0, "truth": 100.0}``.
     dropped : mapping
@@ -74,6 +78,7 @@ class Provenance:
     session: str = ""
     homing_id: str = ""
     load: float = math.nan
+    mechanism: Mapping[str, float] = field(default_factory=dict)
     rates: Mapping[str, float] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
     start: float = math.nan
@@ -81,12 +86,16 @@ class Provenance:
     notes: str = ""
 
     def __post_init__(self) -> None:
+        for name, text in vars(self).items():
+            if isinstance(text, str):  # half a character, as of a file's name, can go nowhere
+                whole = text.encode("utf-8", "backslashreplace").decode()
+                object.__setattr__(self, name, whole)
         # A reason for which nothing was dropped need not be told.
         object.__setattr__(self, "dropped", {k: n for k, n in self.dropped.items() if n})
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values = {**vars(self), "rates": dict(self.rates), "dropped": dict(self.dropped)}
+        values = {k: dict(v) if isinstance(v, Mapping) else v for k, v in vars(self).items()}
         return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
 
     @classmethod
@@ -114,7 +123,9 @@ def _fits(kind: str, value: object) -> bool:
     if kind == "str":
         return isinstance(value, str)
     if kind == "float":
-        return value is None or (isinstance(value, int | float) and not isinstance(value, bool))
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            return value is None
+        return -_LARGEST <= value <= _LARGEST
     return isinstance(value, dict) and all(
         isinstance(k, str) and v is not None and _fits("float", v) for k, v in value.items()
     )

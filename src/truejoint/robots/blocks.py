@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -57,6 +57,16 @@ class StateBlock:
         by_name = {f"{q}/{c}": v[:, k] for q, v in known.items() for k, c in enumerate(self.name)}
         return {**by_name, **self.extra}
 
+    @staticmethod
+    def joined(blocks: Sequence[StateBlock]) -> StateBlock:
+        """Put blocks of the same channels, one or more, one after the other."""
+        first = blocks[0]
+        return StateBlock(
+            name=first.name,
+            extra={name: np.concatenate([b.extra[name] for b in blocks]) for name in first.extra},
+            **{n: np.concatenate([getattr(b, n) for b in blocks]) for n in ("t", *QUANTITIES)},
+        )
+
     def rows(self, selection: slice | NDArray[np.bool_]) -> StateBlock:
         """Copy of some rows, which keeps no other row alive."""
         return StateBlock(
@@ -88,3 +98,12 @@ class TruthBlock:
     t: Array
     name: tuple[str, ...]
     position: Array
+
+    @staticmethod
+    def joined(blocks: Sequence[TruthBlock]) -> TruthBlock:
+        """Put blocks of the same joints, one or more, one after the other."""
+        return TruthBlock(
+            np.concatenate([block.t for block in blocks]),
+            blocks[0].name,
+            np.concatenate([block.position for block in blocks]),
+        )

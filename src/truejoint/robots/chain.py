@@ -5,14 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.errors import RobotError
+
+_RIGID_TOLERANCE: Final = 1e-6
+# Of the search for joint positions: how many steps, how far one may turn or shift the tool [rad, m]
+# and how near is there, far below what any joint encoder resolves.
+_STEPS: Final = 100
+_LONGEST_STEP: Final = 0.3
+_THERE: Final = 1e-11
 
 
 @dataclass(frozen=True)
@@ -60,6 +68,30 @@ class SerialChain:
         jacobian: Array = by_axis @ self.axis_from_joint
         return jacobian.reshape(*shape, 6, rows.shape[1])
 
+    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
+        """Joint positions (n_joints,) that reach a tool pose (4, 4) [m], found from `seed`.
+
+        By Newton steps along the Jacobian, the shortest ones where there are more joints than the
+        tool can tell; of several solutions one near the seed. Raises RobotError if `pose` is not
+        rigid or no solution is found.
+        """
+        target, (rows, _) = rigid(pose), self._rows(seed)
+        joint: Array = rows[0].copy()
+        for _step in range(_STEPS):
+            now = self.forward(joint)
+            turn = Rotation.from_matrix(target[:3, :3] @ now[:3, :3].T).as_rotvec()
+            error = np.concatenate([target[:3, 3] - now[:3, 3], turn])
+            size = float(np.abs(error).max())
+            if size < _THERE:
+                return joint
+            shortened = error * min(1.0, _LONGEST_STEP / size)
+            joint = joint + np.linalg.lstsq(self.jacobian(joint), shortened, rcond=1e-9)[0]
+        x, y, z = 1e3 * target[:3, 3]
+        raise RobotError(
+            f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached from where "
+            "the joints are; approach it in smaller steps"
+        )
+
     def _frames(self, joint: ArrayLike, last: int) -> Array:
         """Frames of the last axes (..., last, 4, 4)."""
         rows, shape = self._rows(joint)
@@ -86,7 +118,23 @@ class SerialChain:
         return np.array(rows), prismatic, mapping
 
 
-@njit(cache=True, error_model="numpy")
+def rigid(pose: ArrayLike) -> Array:
+    """Pose (4, 4) as floats; raises RobotError unless it is a finite rigid transform."""
+    target = np.ascontiguousarray(pose, dtype=float)
+    if target.shape != (4, 4) or not np.isfinite(target).all():
+        raise RobotError(f"pose of shape {target.shape} must be 4 x 4 and finite")
+    rotation = target[:3, :3]
+    skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    bottom = np.array_equal(target[3], [0.0, 0.0, 0.0, 1.0])
+    if not (skew < _RIGID_TOLERANCE and np.linalg.det(rotation) > 0 and bottom):
+        raise RobotError(
+            "pose is not a rigid transform: its upper left 3 x 3 must be a rotation matrix "
+            f"(off by {skew:.1e}) and its last row 0 0 0 1"
+        )
+    return target
+
+
+@compiled
 def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
     """Move `frame` (3, 4) in place from one axis to the next: Rx(alpha) Tx(a) Rz(theta) Tz(d).
 
@@ -108,7 +156,7 @@ def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
         frame[i, 3] += a * x + d * along
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     value = 0.0
     for j in range(joint.size):
@@ -118,7 +166,7 @@ def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _link_frames(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
 ) -> None:
@@ -135,7 +183,7 @@ def _link_frames(
         frames[n, :, 3, 3] = 1.0
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _jacobian(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
 ) -> None:

@@ -2,23 +2,50 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final, TypeVar
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Final, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+
+from truejoint.errors import RobotError
 
 Angle = TypeVar("Angle", float, NDArray[np.float64])
 
 
 @dataclass(frozen=True)
 class ForcepsMechanism:
-    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1."""
+    """What turns the motor's angle into the jaw's; symbols of yan2020, Table 1.
+
+    Raises RobotError for a value that is not above 0, or a gear below 1.
+    """
 
     gear_ratio: float  # motor turns per turn of the winding wheel, ``z_i``
     spring_stiffness: float  # reset spring ``K_sp`` [N/m]
     wheel_radius: float  # effective radius of the winding wheel ``R`` [m]
     jaw_radius: float  # radius at which both cables act on the jaw ``r`` [m]
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            least = 1.0 if name == "gear_ratio" else 0.0
+            number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if not (number and math.isfinite(value) and value >= least and value > 0.0):
+                rule = "1 or more" if least else "above 0, in SI units"
+                raise RobotError(f"mechanism: {name} is {value!r:.40}; it must be {rule}")
+
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> Self:
+        """Mechanism of plain values; what they do not state is Table 1's.
+
+        Raises RobotError for a name that is none of the four, or a value that cannot be.
+        """
+        known = [field.name for field in fields(cls)]
+        for name in values:
+            if name not in known:
+                raise RobotError(f"mechanism: {name!r:.60} is not known; use {', '.join(known)}")
+        return cls(**{**vars(TABLE_1), **values})
 
     @property
     def motor_per_jaw(self) -> float:

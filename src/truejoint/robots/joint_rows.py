@@ -12,6 +12,8 @@ from truejoint.errors import CommandRefused
 from truejoint.robots.robot import Robot
 
 SETPOINT_DT: Final = 1e-3  # [s] between set-points: RAVEN's servo period (peng2024 IV-A)
+GRAIN: Final = 0.01
+"""Longest piece of a motion [s]: what is asked meanwhile takes effect after it."""
 
 
 def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:

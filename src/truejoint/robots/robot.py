@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
+from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
@@ -37,7 +38,7 @@ _MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
 _CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
 _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
-                "kinematics", "workspace")  # fmt: skip
+                "gear", "kinematics", "workspace", "mechanism", "grasper")  # fmt: skip
 _FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
 _WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
@@ -98,11 +99,14 @@ class Transmission:
     matrix : ndarray, shape (n_joints, n_joints)
         Motor-shaft angle per joint position, rad/rad or rad/m; off-diagonal terms are the
         cable coupling between joints.
+    gear : tuple of float, optional
+        Turns of each motor's shaft per turn of where its effort is stated, behind a gearbox; by
+        default 1.
 
     Raises
     ------
     RobotError
-        If `matrix` is not square, finite and invertible.
+        If `matrix` is not square, finite and invertible, or `gear` is not as many positive numbers.
 
     Examples
     --------
@@ -111,6 +115,7 @@ class Transmission:
     """
 
     matrix: Array
+    gear: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
         matrix, shape = self.matrix, self.matrix.shape
@@ -120,6 +125,10 @@ class Transmission:
                 f"transmission matrix of shape {shape} must be square, finite and "
                 "invertible: each joint needs a motor of its own"
             )
+        if self.gear and not (len(self.gear) == len(matrix) and min(self.gear) > 0):
+            raise RobotError(
+                f"transmission gear {self.gear} must be {len(matrix)} numbers above 0, one a motor"
+            )
 
     def motor_from_joint(self, joint: ArrayLike) -> Array:
         """Motor-shaft angles (..., n_joints) [rad] of joint positions (..., n_joints)."""
@@ -128,6 +137,15 @@ class Transmission:
     def joint_from_motor(self, motor: ArrayLike) -> Array:
         """Joint positions (..., n_joints) [rad or m] of motor-shaft angles [rad]."""
         return np.asarray(motor, dtype=float) @ self.inverse.T
+
+    def joint_effort(self, effort: ArrayLike) -> Array:
+        """Torque or force (..., n_joints) on the joints [Nm or N] of efforts at the motors [Nm].
+
+        By virtual work: what the motors do in a small motion is what the joints receive.
+        """
+        gear = np.array(self.gear or np.ones(len(self.matrix)))
+        joint: Array = np.asarray(effort, dtype=float) @ (self.matrix / gear[:, None])
+        return joint
 
     @cached_property
     def inverse(self) -> Array:
@@ -202,6 +220,12 @@ class Kinematics(Protocol):
     def forward(self, joint: ArrayLike) -> Array:
         """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
 
+    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
+        """Joint positions (n_joints,) near `seed` that reach a tool pose (4, 4) [m].
+
+        Raises RobotError if `pose` is not rigid or out of reach.
+        """
+
     def jacobian(self, joint: ArrayLike) -> Array:
         """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
 
@@ -226,6 +250,10 @@ class Robot(Summarised):
         None where unknown; the workspace is where a calibration moves.
     effort : {"joint", "motor"}
         Where the effort that the robot reports acts: on the joint itself, or at the motor.
+    mechanism : ForcepsMechanism, optional
+        Of a jaw that a motor's cable opens and a spring's shuts; None where it is not stated.
+    grasper : tuple of str
+        Joints that are jaws, whose positions add up to the opening; empty where there are none.
 
     Raises
     ------
@@ -249,6 +277,8 @@ class Robot(Summarised):
     kinematics: Kinematics | None = None
     effort: Effort = "joint"
     workspace: Workspace | None = None
+    mechanism: ForcepsMechanism | None = None
+    grasper: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -263,7 +293,8 @@ class Robot(Summarised):
                 f"{self.name}: its channels must hold every joint, in order: "
                 f"{', '.join(self.joint_names)}"
             )
-        self.index(self.positioning)
+        _check_once(self.grasper, f"{self.name}: grasper")
+        self.index((*self.positioning, *self.grasper))
         n = len(self.joints)
         if self.transmission is not None and self.transmission.matrix.shape != (n, n):
             raise RobotError(
@@ -302,16 +333,21 @@ class Robot(Summarised):
             names = tuple(joint.name for joint in made)
             matrix = values.get("transmission")
             kinematics, workspace = values.get("kinematics"), values.get("workspace")
+            mechanism = values.get("mechanism")
+            if not isinstance(mechanism, Mapping | None):
+                raise RobotError(f"mechanism is {mechanism!r:.40}; want a table")
             return cls(
                 _name(values["name"], "name"),
                 made,
                 _name(values.get("arm", ""), "arm") if values.get("arm") else "",
                 _names(values.get("channels", names), "channels"),
                 _names(values.get("positioning", names), "positioning"),
-                None if matrix is None else Transmission(_matrix(matrix, "transmission")),
+                None if matrix is None else _transmission(matrix, values.get("gear", ())),
                 None if kinematics is None else _kinematics(kinematics, made, folder),
                 values.get("effort", "joint"),
                 None if workspace is None else _workspace(workspace, joints),
+                None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
+                _names(values.get("grasper", ()), "grasper"),
             )
         except RobotError as error:
             raise RobotError(f"{source}: {error}") from None
@@ -322,10 +358,14 @@ class Robot(Summarised):
         values: dict[str, Any] = {
             "joints": [{k: v for k, v in joint.items() if v not in limitless} for joint in joints],
             **{key: getattr(self, key) for key in ("name", "arm", "effort")},
-            **{key: list(getattr(self, key)) for key in ("channels", "positioning")},
+            **{key: list(getattr(self, key)) for key in ("channels", "positioning", "grasper")},
         }
         if self.transmission is not None:
             values["transmission"] = self.transmission.matrix.tolist()
+            if self.transmission.gear:
+                values["gear"] = list(self.transmission.gear)
+        if self.mechanism is not None:
+            values["mechanism"] = dict(vars(self.mechanism))
         space = self.workspace
         if space is not None:
             rows = {key: getattr(space, key) for key in _WORKSPACE_KEYS}
@@ -447,6 +487,13 @@ def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
                 "or for none"
             )
     return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
+
+
+def _transmission(matrix: Any, gear: Any) -> Transmission:
+    if not isinstance(gear, list | tuple) or len(gear) > MAX_JOINTS:
+        raise RobotError(f"gear is {gear!r:.40}; want a number for each motor")
+    turns = tuple(_number(value, "gear") for value in gear)
+    return Transmission(_matrix(matrix, "transmission"), turns)
 
 
 def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:

@@ -12,8 +12,8 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import RobotError
 from truejoint.extras import require
+from truejoint.files import read_small
 from truejoint.robots.chain import Axis, SerialChain
-from truejoint.toml_file import read_small
 
 MAX_BYTES: Final = 1 << 24
 _KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}
@@ -28,6 +28,8 @@ def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "
     """
     urdf = require("pytransform3d.urdf", "urdf", "a URDF")
     data = read_small(path, RobotError, MAX_BYTES, "a URDF")
+    if b"<!" in data.replace(b"<!--", b""):  # entities: files of others, texts without end
+        raise RobotError(f"{path}: no document type or CDATA is read; take out what begins with <!")
     try:
         _, _, found = urdf.parse_urdf(data.decode("utf-8"))
     except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise

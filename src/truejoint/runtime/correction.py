@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
+from math import inf, isfinite, isnan, nan
 from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
-from truejoint.compiled import compiled, fill, inlined, matrix, vector
+from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
 from truejoint.layout import part_memory, part_numbers
 from truejoint.models.family import call_row
 from truejoint.models.feature_kernels import feature_row
-from truejoint.models.products import add_triangle, weighted
+from truejoint.models.products import add_triangle
 from truejoint.runtime import fields as at
 from truejoint.runtime.limits import BRIEFLY, SLIP_SHARE
 from truejoint.runtime.status import Status
@@ -73,9 +73,10 @@ def pass_through(numbers: Integers, memory: Array) -> None:
 @compiled
 def move_signals(numbers: Integers, memory: Array) -> None:
     """Add to the signals by how much their zero has moved since the training."""
-    shift = vector(memory, numbers[at.SHIFT], numbers[at.N_SIGNALS])
-    for i in range(numbers[at.N_SIGNALS]):
-        memory[numbers[at.SAMPLE] + i] += shift[i]
+    n = numbers[at.N_SHIFTED]
+    sample, shift = vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.SHIFT], n)
+    for i in range(n):
+        sample[i] += shift[i]
 
 
 @compiled
@@ -114,8 +115,7 @@ def forget(numbers: Integers, memory: Array) -> None:
     """Let the next sample be the first."""
     numbers[at.HAS_STAMP] = 0
     numbers[at.HAS_LAST] = 0
-    for i in range(numbers[at.N_SIGNALS]):
-        numbers[numbers[at.SPIKED] + i] = 0
+    forget_spikes(numbers)
     vector(memory, numbers[at.CLOCK], 2)[0] = 0.0
     restart_standstill(numbers, memory)
 
@@ -128,6 +128,14 @@ def restart_standstill(numbers: Integers, memory: Array) -> None:
     memory[at.PARITY_T] = memory[at.T]
 
 
+@inlined
+def forget_spikes(numbers: Integers) -> None:
+    """Let no signal have jumped."""
+    numbers[at.HAS_SPIKED] = 0
+    for i in range(numbers[at.N_SIGNALS]):
+        numbers[numbers[at.SPIKED] + i] = 0
+
+
 @compiled
 def judge_signals(numbers: Integers, memory: Array) -> int:
     """Status bits of signals that cannot be believed."""
@@ -136,24 +144,53 @@ def judge_signals(numbers: Integers, memory: Array) -> int:
     lower = vector(memory, numbers[at.SIGNAL_LOWER], n)
     upper = vector(memory, numbers[at.SIGNAL_UPPER], n)
     last = vector(memory, numbers[at.LAST], n)
-    status = 0
+    reach = vector(memory, numbers[at.REACH], n)
+    jump = vector(memory, numbers[at.JUMP], n)
+    steps = steps_passed(memory)
+    # No branch for each signal here: a processor cannot guess what noise decides.
+    outside, far = False, False
     for i in range(n):
-        if sample[i] < lower[i] or sample[i] > upper[i]:
-            status |= _OUT_OF_RANGE
-        elif numbers[at.HAS_LAST] and abs(sample[i] - last[i]) > farthest(numbers, memory, i):
-            status |= _SPIKE
-            numbers[numbers[at.SPIKED] + i] = 1
-    if status:
-        return status
+        outside = outside | (sample[i] < lower[i]) | (sample[i] > upper[i])
+        change = abs(sample[i] - last[i])
+        far = far | (change > max(jump[i], reach[i] * steps))
+    if outside or (far and numbers[at.HAS_LAST]):
+        return name_signals(numbers, memory)
     return judge_standstill(numbers, memory)
+
+
+@inlined
+def steps_passed(memory: Array) -> float:
+    """Training time steps since the last used sample: at least one, unless it was much less."""
+    elapsed = (memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT]
+    return float(min(BRIEFLY * elapsed, max(elapsed, 1.0)))
 
 
 @inlined
 def farthest(numbers: Integers, memory: Array, i: int) -> float:
     """How far a signal may be from the last used sample."""
-    elapsed = (memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT]
-    steps = min(BRIEFLY * elapsed, max(elapsed, 1.0))
+    steps = steps_passed(memory)
     return float(max(memory[numbers[at.JUMP] + i], memory[numbers[at.REACH] + i] * steps))
+
+
+@compiled
+def name_signals(numbers: Integers, memory: Array) -> int:
+    """Status bits of signals out of range or too far from the last ones, which are kept in mind."""
+    status = 0
+    for i in range(numbers[at.N_SIGNALS]):
+        value = memory[numbers[at.SAMPLE] + i]
+        outside = (
+            value < memory[numbers[at.SIGNAL_LOWER] + i]
+            or value > memory[numbers[at.SIGNAL_UPPER] + i]
+        )
+        if outside:
+            status |= _OUT_OF_RANGE
+        elif numbers[at.HAS_LAST] and abs(value - memory[numbers[at.LAST] + i]) > farthest(
+            numbers, memory, i
+        ):
+            status |= _SPIKE
+            numbers[numbers[at.SPIKED] + i] = 1
+            numbers[at.HAS_SPIKED] = 1
+    return status
 
 
 @compiled
@@ -166,39 +203,41 @@ def judge_standstill(numbers: Integers, memory: Array) -> int:
     low = vector(memory, numbers[at.PARTNER_LOW], n)
     high = vector(memory, numbers[at.PARTNER_HIGH], n)
     travel = vector(memory, numbers[at.TRAVEL], n)
-    status = 0
+    partner = vector(numbers, numbers[at.PARTNER], n)
+    moves = vector(numbers, numbers[at.MOVES], n)
+    frozen, changed = False, False
     for i in range(n):
-        other = sample[numbers[numbers[at.PARTNER] + i]]
+        other = sample[partner[i]]
         # `not (a <= b)` holds for NaN too.
-        if not (abs(sample[i] - stood[i]) <= flicker[i]):
-            stood[i] = sample[i]
-            low[i] = other
-            high[i] = other
-            if numbers[numbers[at.MOVES] + i]:
-                memory[at.CHANGED_T] = memory[at.T]
-        else:
-            low[i] = min(low[i], other)
-            high[i] = max(high[i], other)
-            if high[i] - low[i] > travel[i]:
-                status = _FROZEN
-    if memory[at.T] - memory[at.CHANGED_T] > memory[at.HOLD]:
-        status = _FROZEN
-    return status
+        moved = not (abs(sample[i] - stood[i]) <= flicker[i])
+        stood[i] = sample[i] if moved else stood[i]
+        low[i] = other if moved else min(low[i], other)
+        high[i] = other if moved else max(high[i], other)
+        frozen = frozen | (high[i] - low[i] > travel[i])
+        changed = changed | (moved & (moves[i] != 0))
+    if changed:
+        memory[at.CHANGED_T] = memory[at.T]
+    if frozen or memory[at.T] - memory[at.CHANGED_T] > memory[at.HOLD]:
+        return _FROZEN
+    return 0
 
 
 @compiled
 def judge_parity(numbers: Integers, memory: Array) -> int:
     """Status bit of positions that have slipped, or contradict what is redundant to them."""
-    n, n_parity = numbers[at.N_SIGNALS], numbers[at.N_PARITY]
-    sample = vector(memory, numbers[at.SAMPLE], n)
-    equations = matrix(memory, numbers[at.PARITY], n_parity, n)
+    n_parity, n_terms = numbers[at.N_PARITY], numbers[at.N_TERMS]
+    sample = vector(memory, numbers[at.SAMPLE], numbers[at.N_SIGNALS])
+    terms = matrix(numbers, numbers[at.PARITY_TERMS], n_parity, n_terms)
+    weights = matrix(memory, numbers[at.PARITY], n_parity, n_terms)
     intercept = vector(memory, numbers[at.PARITY_INTERCEPT], n_parity)
     shift = vector(memory, numbers[at.PARITY_SHIFT], n_parity)
     lower = vector(memory, numbers[at.PARITY_LOWER], n_parity)
     upper = vector(memory, numbers[at.PARITY_UPPER], n_parity)
     status = 0
     for i in range(n_parity):
-        rest = weighted(sample, equations[i]) + intercept[i] - shift[i]
+        rest = intercept[i] - shift[i]
+        for k in range(n_terms):
+            rest += weights[i, k] * sample[terms[i, k]]
         if rest < lower[i] or rest > upper[i]:
             if numbers[at.ANCHOR]:
                 shift[i] += rest - 0.5 * (lower[i] + upper[i])
@@ -209,7 +248,8 @@ def judge_parity(numbers: Integers, memory: Array) -> int:
         memory[at.PARITY_T] = memory[at.T]
     elif memory[at.T] - memory[at.PARITY_T] > memory[at.PATIENCE]:
         numbers[at.SUSPECT] = status
-    judge_slips(numbers, memory)
+    if numbers[at.HAS_SPIKED]:
+        judge_slips(numbers, memory)
     return status | int(numbers[at.SUSPECT])
 
 
@@ -222,15 +262,14 @@ def judge_slips(numbers: Integers, memory: Array) -> None:
     n = numbers[at.N_SIGNALS]
     sample, last = vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.LAST], n)
     for i in range(n):
-        if numbers[numbers[at.SPIKED] + i]:
-            numbers[numbers[at.SPIKED] + i] = 0
-            slipped = abs(sample[i] - last[i]) > SLIP_SHARE * farthest(numbers, memory, i)
-            if (
-                slipped
-                and numbers[numbers[at.IS_POSITION_SIGNAL] + i]
-                and not numbers[at.WAS_STALE]
-            ):
-                numbers[at.SUSPECT] = _ZERO_SUSPECT
+        if (
+            numbers[numbers[at.SPIKED] + i]
+            and abs(sample[i] - last[i]) > SLIP_SHARE * farthest(numbers, memory, i)
+            and numbers[numbers[at.IS_POSITION_SIGNAL] + i]
+            and not numbers[at.WAS_STALE]
+        ):
+            numbers[at.SUSPECT] = _ZERO_SUSPECT
+    forget_spikes(numbers)
 
 
 @compiled
@@ -253,8 +292,8 @@ def trust(numbers: Integers, memory: Array) -> None:
 @compiled
 def remember(numbers: Integers, memory: Array) -> None:
     """Make this sample the one that the next is compared with."""
-    for i in range(numbers[at.N_SIGNALS]):
-        memory[numbers[at.LAST] + i] = memory[numbers[at.SAMPLE] + i]
+    n = numbers[at.N_SIGNALS]
+    copy(vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.LAST], n), n)
     numbers[at.HAS_LAST] = 1
     numbers[at.WAS_STALE] = 0
     memory[at.LAST_T] = memory[at.T]
@@ -290,20 +329,18 @@ def judge_features(numbers: Integers, memory: Array) -> int:
     n_white = numbers[at.N_WHITE]
     centred = vector(memory, numbers[at.CENTRED], n_white)
     white = vector(memory, numbers[at.WHITE], n_white)
-    status = 0
     memory[at.EXCESS] = range_excess(
         features,
         vector(memory, numbers[at.TRAINED_LOWER], k),
         vector(memory, numbers[at.TRAINED_UPPER], k),
         vector(memory, numbers[at.PER_SPAN], k),
     )
-    if memory[at.EXCESS] > 0.0:
-        for i in range(k):
-            # `not (a and b)` holds for NaN too.
-            if not (features[i] >= lower[i] and features[i] <= upper[i]):
-                status = _OUT_OF_RANGE
+    inside = True
     for i in range(k):
-        centred[i] = features[i] - mean[i]
+        value = features[i]
+        inside = inside & (value >= lower[i]) & (value <= upper[i])  # NaN is not
+        centred[i] = value - mean[i]
+    status = 0 if inside else _OUT_OF_RANGE
     fill(white, n_white, 0.0)
     add_triangle(centred, matrix(memory, numbers[at.WHITENING], n_white, n_white), white)
     square = 0.0
@@ -339,7 +376,7 @@ def predict(numbers: Integers, memory: Array, dt: float) -> None:
 
 @compiled
 def judge_correction(numbers: Integers, memory: Array) -> int:
-    """Status bit of a correction larger than any error in training."""
+    """Status bits of a correction larger than any error in training, or of a model cut off."""
     status = 0
     for j in range(numbers[at.N_JOINTS]):
         correction = memory[numbers[at.PREDICTED] + j]
@@ -348,7 +385,9 @@ def judge_correction(numbers: Integers, memory: Array) -> int:
         memory[numbers[at.CORRECTION] + j] = correction
         lower = memory[numbers[at.CORRECTION_LOWER] + j]
         if not (correction >= lower and correction <= memory[numbers[at.CORRECTION_UPPER] + j]):
-            status = _IMPLAUSIBLE
+            status |= _IMPLAUSIBLE
+        if isnan(memory[numbers[at.PREDICTED_WIDTH] + j]):
+            status |= _OUT_OF_DOMAIN
     return status
 
 

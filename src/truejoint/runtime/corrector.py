@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.interval import check_level
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.layout import refuse_copy
@@ -40,6 +42,8 @@ class CorrectionTrace:
         As `Corrector.position` and `Corrector.half_width` [rad or m].
     status : ndarray, shape (n,)
         Bits of `Status`.
+    beside : mapping of str to ndarray, shape (n, 2)
+        As `Corrector.beside`, with a row each.
 
     Examples
     --------
@@ -51,9 +55,11 @@ class CorrectionTrace:
     position: Array
     half_width: Array
     status: Integers
+    beside: Mapping[str, Array]
 
 
 _FLOAT: Final = np.dtype(np.float64)
+_T: Final = at.T
 
 
 class Corrector(Summarised):
@@ -93,6 +99,9 @@ class Corrector(Summarised):
         Features of the last sample that was used.
     offset : ndarray, shape (n_joints,)
         Given to `rezero` [rad or m].
+    beside : mapping of str to ndarray, shape (2,)
+        What else the model tells, and its half-width at `level`, of the last sample that was used:
+        of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm].
 
     Raises
     ------
@@ -119,8 +128,8 @@ class Corrector(Summarised):
 
     __slots__ = (
         "_base_width", "_homing", "_memory", "_n_signals", "_needs_rezero", "_numbers", "_packed",
-        "_sample", "_statuses", "correction", "features", "half_width", "joints", "offset",
-        "position", "signals",
+        "_sample", "_statuses", "beside", "correction", "features", "half_width", "joints",
+        "offset", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -131,8 +140,7 @@ class Corrector(Summarised):
         range_margin: float = RANGE_MARGIN,
         rezeroing: bool = False,
     ) -> None:
-        if not 0.0 < level < 1.0:
-            raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
+        check_level(level)
         data = _read(model, rezeroing)
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
@@ -145,6 +153,8 @@ class Corrector(Summarised):
         self.correction = packed.view("correction")
         self.offset = packed.view("offset")
         self.features = packed.view("features")
+        told = find_family(data.model.family).beside
+        self.beside: dict[str, Array] = {name: packed.part_view("model", name) for name in told}
         self._base_width = packed.view("base_width").copy()
         self._needs_rezero = data.interval is not None and data.interval.rezero > 0.0
         self._homing = Homing(data.metadata)
@@ -175,14 +185,15 @@ class Corrector(Summarised):
         """
         memory = self._memory
         try:
-            if type(sample) is not np.ndarray or sample.dtype is not _FLOAT:
+            # By exact type first: a look at a type costs as much as looking at ten signals.
+            if type(sample) is not ndarray or sample.dtype is not _FLOAT:
                 sample = _real(sample)
-            if not isinstance(t, (float, int)):
+            if type(t) is not float and not isinstance(t, (float, int)):
                 t = float(_real(t))
             if len(sample) != self._n_signals:
                 return self._refuse()
             self._sample[:] = sample
-            memory[at.T] = t
+            memory[_T] = t
         except Exception:  # noqa: BLE001  # what is given may be anything
             return self._refuse()
         return self._statuses[correct_sample(self._numbers, memory)]
@@ -239,10 +250,13 @@ class Corrector(Summarised):
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         position, half_width = np.empty((2, len(t), len(self.joints)))
         status = np.empty(len(t), dtype=np.int64)
+        beside = {name: np.empty((len(t), 2)) for name in self.beside}
         for i in range(len(t)):
             status[i] = self.step(t[i], samples[i])
             position[i], half_width[i] = self.position, self.half_width
-        return CorrectionTrace(t, position, half_width, status)
+            for name, rows in beside.items():
+                rows[i] = self.beside[name]
+        return CorrectionTrace(t, position, half_width, status, beside)
 
     def warm_up(self) -> None:
         """Compile what is not compiled yet; `step` finds everything ready."""

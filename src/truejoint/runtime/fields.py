@@ -17,13 +17,16 @@ LAYOUT: Final = Layout()
 N_SIGNALS: Final = LAYOUT.integer("n_signals", "in a sample")
 N_FEATURES: Final = LAYOUT.integer("n_features", "inputs of the model")
 N_JOINTS: Final = LAYOUT.integer("n_joints", "outputs of the model")
+N_SHIFTED: Final = LAYOUT.integer("n_shifted", "first signals whose zero may have moved")
 N_PARITY: Final = LAYOUT.integer("n_parity", "parity equations")
+N_TERMS: Final = LAYOUT.integer("n_terms", "signals in a parity equation")
 N_WHITE: Final = LAYOUT.integer("n_white", "features, filled up to a multiple of 4")
 IS_POSITION: Final = LAYOUT.integer("is_position", "1: the model predicts it, 0: the error")
 HOMING: Final = LAYOUT.integer("homing", "status bits of the homing")
 HAS_STAMP: Final = LAYOUT.integer("has_stamp", "whether there was a sample")
 HAS_LAST: Final = LAYOUT.integer("has_last", "whether a sample was used")
 WAS_STALE: Final = LAYOUT.integer("was_stale", "whether stamps were since a sample was used")
+HAS_SPIKED: Final = LAYOUT.integer("has_spiked", "whether a signal jumped since then")
 SUSPECT: Final = LAYOUT.integer("suspect", "status bit of a zero that may have moved")
 ANCHOR: Final = LAYOUT.integer("anchor", "1: parity as it is now counts as right")
 ROW: Final = LAYOUT.address("row", "the model's prediction")
@@ -71,7 +74,7 @@ FLICKER: Final = LAYOUT.array("flicker", "change below which a signal stands sti
 SIGNAL_LOWER: Final = LAYOUT.array("signal_lower", "below it a sample is not believed")
 SIGNAL_UPPER: Final = LAYOUT.array("signal_upper", "above it a sample is not believed")
 TRAVEL: Final = LAYOUT.array("travel", "of the partner while a signal stands still")
-PARITY: Final = LAYOUT.array("parity", "weight of each signal in each equation")
+PARITY: Final = LAYOUT.array("parity", "weight of each term in each equation")
 PARITY_INTERCEPT: Final = LAYOUT.array("parity_intercept", "of each equation [rad or m]")
 PARITY_SHIFT: Final = LAYOUT.array("parity_shift", "since then, that counts as right [rad or m]")
 PARITY_LOWER: Final = LAYOUT.array("parity_lower", "below it an equation does not hold")
@@ -88,6 +91,7 @@ CORRECTION_UPPER: Final = LAYOUT.array("correction_upper", "above it a correctio
 WHITENING: Final = LAYOUT.array("whitening", "row i is what feature i adds to columns 0 to i")
 SPIKED: Final = LAYOUT.integers("spiked", "1 for signals that jumped since the last used sample")
 IS_POSITION_SIGNAL: Final = LAYOUT.integers("is_position_signal", "1 for measured positions")
+PARITY_TERMS: Final = LAYOUT.integers("parity_terms", "signal of each of these terms")
 PARTNER: Final = LAYOUT.integers("partner", "signal of the same channel; itself: none")
 MOVES: Final = LAYOUT.integers("moves", "1 for signals that changed in training")
 OPERATION: Final = LAYOUT.integers("operation", "of each feature")
@@ -111,19 +115,24 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         base, growth = data.interval.half_width(level), data.interval.growth
     family = find_family(data.model.family)
     model = family.memory(data.model, k, n_joints)
-    states = family.states_deviation
+    states, deviations = family.states_deviation, NormalDist().inv_cdf(0.5 + 0.5 * level)
     if data.interval is None and states is not None and states(data.model.params):
         own = model.layout.fields["deviations"].index
-        model.memory[own] = NormalDist().inv_cdf(0.5 + 0.5 * level)
+        model.memory[own] = deviations
+    if family.beside:
+        model.memory[model.layout.fields["beside_deviations"].index] = deviations
     n_white = len(limits.whitening)
     shift = np.pad(data.signal_shift, (0, n_signals - len(data.signals)))
     # Parity is that of the signals as they come, whatever is added to them for the model.
-    intercept = limits.parity_intercept - limits.parity @ shift
+    moved = (limits.parity * shift[limits.parity_terms]).sum(axis=1)
+    n_parity, n_terms = limits.parity.shape
     per_signal = ("sample", "last", "stood", "partner_low", "partner_high", "spiked")
     return LAYOUT.pack(
-        {"row": family.row}, **(vars(limits) | {"parity_intercept": intercept}),
-        n_signals=n_signals, n_features=k, n_joints=n_joints,
-        n_white=n_white, n_parity=len(limits.parity), parity_shift=np.zeros(len(limits.parity)),
+        {"row": family.row},
+        **(vars(limits) | {"parity_intercept": limits.parity_intercept - moved}),
+        n_signals=n_signals, n_features=k, n_joints=n_joints, n_white=n_white,
+        n_shifted=len(data.signals) if shift.any() else 0,
+        n_parity=n_parity if data.parity else 0, n_terms=n_terms, parity_shift=np.zeros(n_parity),
         is_position=data.target == "position", row=family.row_address(),
         growth=growth, **dict.fromkeys(per_signal, np.zeros(n_signals)),
         **dict.fromkeys(("centred", "white"), np.zeros(n_white)), features=np.zeros(k),

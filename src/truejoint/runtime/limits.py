@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.training_domain import TrainingDomain, partners
 from truejoint.errors import CalibrationError, ModelFileError
@@ -23,6 +23,9 @@ training, its random motion leaves the range of the shoulder by up to a third, w
 four times less accurate than inside, and still ten times more accurate than a fixed offset."""
 REJECT_MARGIN: Final = 1.0
 """Share of its trained range by which a signal may lie outside before nothing remembers it."""
+HELD_MARGIN: Final = 0.1
+"""Share of the least trained range of a measured position by which one may move, in the same unit,
+that stood still throughout the training: nothing is known of the model where it is elsewhere."""
 DISTANCE_MARGIN: Final = 1.5
 """How much further from the middle than the furthest trained row a sample may be."""
 SPIKE_MARGIN: Final = 3.0
@@ -73,20 +76,21 @@ class Limits:
     reach: Array  # (n_signals,), as what follows
     jump: Array  # change that takes no time
     flicker: Array
-    signal_lower: Array  # infinite for signals that never changed
+    signal_lower: Array  # infinite for signals that never changed and are no position
     signal_upper: Array
     partner: Integers  # see `partners`; itself where there is none
     travel: Array  # infinite where there is no partner, or a signal or its partner never changed
     moves: Integers
     is_position_signal: Integers  # 1 for measured positions
-    parity: Array  # (n_equations, n_signals)
+    parity: Array  # (n_equations, n_terms), weight of the signals `parity_terms`; 0 of any at last
+    parity_terms: Integers  # (n_equations, n_terms)
     parity_intercept: Array  # (n_equations,)
     parity_lower: Array
     parity_upper: Array
     patience: float
     domain_mean: Array  # (k,)
     whitening: Array  # lower triangle (n_white, n_white)
-    feature_lower: Array  # (k,), infinite for features that never changed
+    feature_lower: Array  # (k,)
     feature_upper: Array
     correction_lower: Array  # (n_joints,)
     correction_upper: Array
@@ -109,7 +113,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
+    family = find_family(data.model.family)
+    counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
     moves = high > low
@@ -122,10 +127,13 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     jump = np.where(is_position, np.minimum(JUMP_MARGIN * seen.signal_bend, reach), reach)
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
-    used = np.abs(seen.whitening).sum(axis=0) > 0.0
+    held = _held(data, is_position & ~moves, high - low)
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = believable_corrections(seen)
+    bears, far = family.bears_load, np.full(len(data.joints), np.inf)
+    if bears is not None and bears(data.model.params):
+        distance, correction_lower, correction_upper = np.inf, -far, far
     return Limits(
         shortest=shortest * seen.dt,
         longest=data.gap_limit,
@@ -135,8 +143,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         reach=reach,
         jump=jump,
         flicker=seen.signal_flicker,
-        signal_lower=np.where(moves, lower, -np.inf),
-        signal_upper=np.where(moves, upper, np.inf),
+        signal_lower=np.where(moves, lower, low - held),
+        signal_upper=np.where(moves, upper, high + held),
         partner=partner,
         travel=np.where(watched, allowed * (high - low)[partner], np.inf),
         moves=moves.astype(np.int64),
@@ -146,15 +154,29 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         domain_mean=seen.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
         whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
-        feature_lower=np.where(used, feature_lower, -np.inf),
-        feature_upper=np.where(used, feature_upper, np.inf),
+        feature_lower=feature_lower,
+        feature_upper=feature_upper,
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )
 
 
-def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[str, Array]:
-    """Parity equations with their bounds; one that always holds where there are none."""
+def _held(data: CalibrationData[EstimatorData], standing: Mask, span: Array) -> Array:
+    """How far (n_signals,) positions that stood in training may move; others do as they like."""
+    found = np.full(len(standing), np.inf)
+    for i in np.flatnonzero(standing):
+        unit = data.units[data.loop_signals[i]]
+        alike = [
+            float(span[k])
+            for k, signal in enumerate(data.loop_signals)
+            if signal.startswith("measured/") and data.units[signal] == unit and span[k] > 0.0
+        ]
+        found[i] = HELD_MARGIN * min(alike, default=np.inf)
+    return found
+
+
+def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[str, Any]:
+    """Parity equations with their bounds; one that says nothing where there are none."""
     equations = data.parity
     if equations is None:
         one, far = np.zeros(1), np.full(1, np.inf)
@@ -168,8 +190,13 @@ def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[
         margin = np.where(late, SETPOINT_MARGIN, PARITY_MARGIN)
         half = margin * (equations.upper - middle) + floor
         lower, upper = middle - half, middle + half
-    names = ("parity", "parity_intercept", "parity_lower", "parity_upper")
-    return dict(zip(names, (matrix, intercept, lower, upper), strict=True))
+    used = matrix != 0.0
+    n_terms = max(int(used.sum(axis=1).max()), 1)
+    terms = np.argsort(~used, axis=1, kind="stable")[:, :n_terms]
+    return {
+        "parity": np.take_along_axis(matrix, terms, axis=1), "parity_terms": terms,
+        "parity_intercept": intercept, "parity_lower": lower, "parity_upper": upper,
+    }  # fmt: skip
 
 
 def believable_corrections(seen: TrainingDomain) -> tuple[Array, Array]:

@@ -23,7 +23,6 @@ from truejoint.calibration.effort_baseline import (
     MOVED,
     N_TRAVEL,
     TIME,
-    WINDOW_FILLED,
     average_effort,
     effort_terms,
     travelled,
@@ -67,7 +66,6 @@ GAP_LIMIT: Final = LAYOUT.scalar("gap_limit", "time that nothing is told of [s]"
 WORKING_TIME: Final = LAYOUT.scalar("working_time", "after which a comparison is due [s]")
 OUTSIDE: Final = LAYOUT.scalar("outside", "averaged share of samples far outside")
 RATIO: Final = LAYOUT.scalar("ratio", "averaged innovation")
-RATIO_WEIGHT: Final = LAYOUT.scalar("ratio_weight", "of that average")
 WORKED: Final = LAYOUT.scalar("worked", "time of motion since the last comparison [s]")
 LAST: Final = LAYOUT.scalar("last", "stamp of the last sample [s]")
 LAST_STEP: Final = LAYOUT.scalar("last_step", "when a joint last moved a step [s]")
@@ -81,7 +79,6 @@ TERMS: Final = LAYOUT.array("terms", "of one joint's effort")
 POSITION: Final = LAYOUT.array("position", "measured")
 TRAVEL: Final = LAYOUT.array("travel", "see `effort_baseline.travelled`")
 MEAN: Final = LAYOUT.array("mean", "of the efforts' deviations, each way")
-WEIGHT: Final = LAYOUT.array("weight", "of those means")
 SHIFTS: Final = LAYOUT.array("shifts", "shares of their limits")
 FRICTIONS: Final = LAYOUT.array("frictions", "shares of their limits")
 MEASURES: Final = LAYOUT.array("measures", "in the order of `Reason`")
@@ -91,7 +88,7 @@ MONITORED: Final = LAYOUT.integers("monitored", "1 where efforts are compared")
 LEVELS: Final = LAYOUT.integers("levels", "of each measure")
 
 _CHECK: Final = np.array([1.0, 1.0, 0.1, 2.0, 1.0])
-_RECALIBRATE: Final = np.array([3.0, 3.0, 0.5, 4.0, math.inf])
+_RECALIBRATE: Final = np.array([6.0, 3.0, 0.5, 4.0, math.inf])
 
 
 class Alarm(IntEnum):
@@ -176,8 +173,8 @@ class Monitor:
         far outside the trained range; mean normalised innovation squared per degree of freedom;
         working time as a share of `working_time`.
     shifts, frictions : ndarray, shape (n_joints,)
-        Deviation of the efforts as shares of their limits; NaN until a joint has travelled about
-        half its range each way, and for joints whose efforts are not known (`watched`).
+        Deviation of the efforts as shares of their limits, averaged over about two of the joint's
+        ranges each way; NaN for joints whose efforts are not known (`watched`).
 
     Raises
     ------
@@ -218,7 +215,7 @@ class Monitor:
             effort=[signals.index(name) if name in signals else -1 for name in names],
             levels=np.zeros(N_MEASURES),
             **dict.fromkeys(("position", "shifts", "frictions"), np.zeros(n)),
-            **dict.fromkeys(("mean", "weight"), np.zeros((2, n))),
+            mean=np.zeros((2, n)),
             **{name: getattr(baseline, name) for name in learnt},
         )
         self._numbers, self._memory = self._packed.numbers, self._packed.memory
@@ -255,13 +252,15 @@ class Monitor:
 
     def reset(self) -> None:
         """Forget everything seen."""
-        self.shifts[:] = self.frictions[:] = np.nan
+        unknown = self._packed.view("monitored") == 0
+        self.shifts[:] = self.frictions[:] = np.where(unknown, np.nan, 0.0)
         self.measures[:] = 0.0
         self._levels[:] = 0
-        for name in ("travel", "mean", "weight"):
-            self._packed.view(name)[:] = 0.0
+        self._packed.view("travel")[:] = 0.0
+        self._packed.view("mean")[:] = 0.0
         self._packed.view("travel")[ANCHOR] = np.nan
-        self._memory[[OUTSIDE, RATIO, RATIO_WEIGHT, WORKED, LAST, LAST_STEP]] = 0.0
+        self._memory[[OUTSIDE, WORKED, LAST, LAST_STEP]] = 0.0
+        self._memory[RATIO] = 1.0
         self._numbers[HAS_LAST] = 0
         self._features: FeatureState = self._calibration.feature_set.start()
 
@@ -353,7 +352,7 @@ def watch(numbers: Integers, memory: Array, t: float, values: Array, excess: flo
         position[j] = values[numbers[numbers[MEASURED] + j]]
     terms = vector(memory, numbers[TERMS], n_terms)
     coef = matrix(memory, numbers[COEF], n, n_terms)
-    mean, weight = matrix(memory, numbers[MEAN], 2, n), matrix(memory, numbers[WEIGHT], 2, n)
+    mean = matrix(memory, numbers[MEAN], 2, n)
     shifts, frictions = vector(memory, numbers[SHIFTS], n), vector(memory, numbers[FRICTIONS], n)
     for j in range(n):
         before = travel[TIME, j]
@@ -365,11 +364,9 @@ def watch(numbers: Integers, memory: Array, t: float, values: Array, excess: flo
         effort_terms(position, speed, lower, upper, terms)
         deviation = values[numbers[numbers[EFFORT] + j]] - weighted(terms, coef[j])
         deviation /= memory[numbers[SCALE] + j]
-        average_effort(deviation, speed, travel[MOVED, j], j, mean, weight)
-        if min(weight[0, j], weight[1, j]) > WINDOW_FILLED:
-            down, up = mean[0, j] / weight[0, j], mean[1, j] / weight[1, j]
-            shifts[j] = 0.5 * (up + down) / memory[numbers[SHIFT_LIMIT] + j]
-            frictions[j] = 0.5 * (up - down) / memory[numbers[FRICTION_LIMIT] + j]
+        shift, friction = average_effort(deviation, speed, travel[MOVED, j], j, mean)
+        shifts[j] = shift / memory[numbers[SHIFT_LIMIT] + j]
+        frictions[j] = friction / memory[numbers[FRICTION_LIMIT] + j]
     if numbers[HAS_LAST] != 0 and t - memory[LAST_STEP] <= REST:
         memory[WORKED] += elapsed
     outside = 1.0 if excess > FAR_OUTSIDE else 0.0
@@ -399,11 +396,8 @@ def take_innovation(numbers: Integers, memory: Array, ratio: float) -> int:
     """Take one innovation, squared and normalised per degree of freedom, into its average."""
     measures = vector(memory, numbers[MEASURES], N_MEASURES)
     if np.isfinite(ratio):
-        gain = 1.0 / INNOVATION_SAMPLES
-        memory[RATIO] += gain * (ratio - memory[RATIO])
-        memory[RATIO_WEIGHT] += gain * (1.0 - memory[RATIO_WEIGHT])
-        if memory[RATIO_WEIGHT] > WINDOW_FILLED:
-            measures[INNOVATION] = memory[RATIO] / memory[RATIO_WEIGHT]
+        memory[RATIO] += (ratio - memory[RATIO]) / INNOVATION_SAMPLES
+        measures[INNOVATION] = memory[RATIO]
     return grade(measures, vector(numbers, numbers[LEVELS], N_MEASURES))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Generator, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -12,8 +13,8 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 from truejoint.simulation.parameter_file import Parameters
 
 
@@ -37,21 +38,14 @@ class TwinOutput(StateBlock):
     truth: TruthBlock
     joint: Array
 
-    def joined(self, later: TwinOutput) -> TwinOutput:
-        """Put a `later` stretch of time after this one."""
-        parts = (self, later)
+    @staticmethod
+    def whole(parts: Sequence[TwinOutput]) -> TwinOutput:
+        """Put consecutive stretches of time, one or more, one after the other."""
+        states = StateBlock.joined(parts)
         return TwinOutput(
-            name=self.name,
-            extra={n: np.concatenate([part.extra[n] for part in parts]) for n in self.extra},
-            truth=TruthBlock(
-                np.concatenate([part.truth.t for part in parts]),
-                self.truth.name,
-                np.concatenate([part.truth.position for part in parts]),
-            ),
-            **{
-                name: np.concatenate([getattr(part, name) for part in parts])
-                for name in ("t", *QUANTITIES, "joint")
-            },
+            **vars(states),
+            truth=TruthBlock.joined([part.truth for part in parts]),
+            joint=np.concatenate([part.joint for part in parts]),
         )
 
 
@@ -93,8 +87,15 @@ class Twin(Protocol):
     def homing_count(self) -> int:
         """How often the robot has been homed."""
 
+    def homing(self) -> Generator[TwinOutput]:
+        """Register the encoders anew and go to the home pose; only the last rows mean something.
+
+        In pieces of at most `GRAIN`, each run as it is asked for: one who asks for no more leaves
+        the robot where it is, and not homed.
+        """
+
     def home(self) -> TwinOutput:
-        """Register the encoders anew and go to the home pose; only the last rows mean something."""
+        """Give all of `homing` in one piece."""
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
@@ -116,6 +117,13 @@ def glide(start: Array, end: Array, duration: float) -> Array:
 def hold(position: Array, duration: float) -> Array:
     """Set-points (n, n_joints) that stay at `position` (n_joints,) for `duration` [s]."""
     return np.tile(position, (round(duration / SETPOINT_DT), 1))
+
+
+def in_grains(rows: Array) -> Iterator[Array]:
+    """Pieces of set-points (n, n_joints), at most `GRAIN` long."""
+    size = round(GRAIN / SETPOINT_DT)
+    for start in range(0, len(rows), size):
+        yield rows[start : start + size]
 
 
 def checked_seed(seed: int) -> int:

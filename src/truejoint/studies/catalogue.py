@@ -10,9 +10,17 @@ from truejoint.studies.study import Option, Study
 _SPECIMEN: Final = Option(
     "specimen", "A", "nominal, A, B, or a TOML file of your own, which states what is not nominal"
 )
+_COUNT: Final = Option("count", 0, "so many of a population instead; 0: the specimen")
 _MASSES: Final = Option("masses_g", (30.0, 50.0, 100.0, 200.0, 250.0), "weights [g]")
 _DIRECTIONS: Final = Option(
     "directions", ("opposing", "along"), "whether weights pull against the motion or along it"
+)
+
+
+_PRIOR: Final = "lugre, capstan, between, or mixed: what frictions are drawn from"
+_DRAWN: Final = Option("prior", "mixed", _PRIOR)
+_CALIBRATED: Final = Option(
+    "motion", "nested", "to calibrate on: nested loops, or calibration, (27)"
 )
 
 
@@ -25,7 +33,7 @@ _UNLOADED: Final = _methods(
     "play_reset", "play_both", "play_gated", "ukf_friction", "ukf_friction_smoothed",
 )  # fmt: skip
 _CHOICES: Final = _methods(
-    "rigid", "poly2_motor", "play_motor",
+    "rigid", "poly2_motor", "play_motor", "poly2_drive", "play_drive",
     "poly2", "ukf_compensated", "play_reset", "play_both", "play_gated", "ukf_friction",
     "lsm", "lsm_compensated", "play_cables",
 )  # fmt: skip
@@ -61,16 +69,27 @@ _FORCEPS: Final = (
         "population", "Does it hold on other specimens? Every method on each",
         "yan2020, Table 2",
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
+        Option("prior", "lugre", _PRIOR),
         Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
         _UNLOADED,
     ),
     _study(
+        "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
+        "",
+        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
+        _DRAWN,
+        _CALIBRATED,
+        _MASSES, _DIRECTIONS,
+        _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
+    ),
+    _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _MASSES, _DIRECTIONS,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
     ),
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
-        "", _SPECIMEN, Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+        "", _SPECIMEN, _COUNT, _DRAWN,
+        Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
     ),
     _study(
         "closed-loop", "How closely does the jaw follow, with an estimate in the loop?",

@@ -48,11 +48,11 @@ def test_streams_agree_with_the_twin_itself(backend):
     path = arm.robot.home + np.linspace(0, 0.02, 500)[:, None] * np.array([1, 1, 0.1, 0, 0, 0, 0])
     arm.servo_jp_stream(path)
     output = twin.run(path)
-    assert len(states) == len(truths) == 1
+    state, truth = StateBlock.joined(states), TruthBlock.joined(truths)
     for name in ("t", "measured", "velocity", "effort", "setpoint", "motor", "motor_velocity"):
-        assert np.array_equal(getattr(states[0], name), getattr(output, name))
-    assert np.array_equal(truths[0].t, output.truth.t)
-    assert np.array_equal(truths[0].position, output.truth.position)
+        assert np.array_equal(getattr(state, name), getattr(output, name))
+    assert np.array_equal(truth.t, output.truth.t)
+    assert np.array_equal(truth.position, output.truth.position)
     assert arm.time == twin.time
 
 
@@ -61,7 +61,7 @@ def test_time_goes_on_over_blocks_moves_and_brakes():
     arm.enable()
     arm.home()
     states, truths = record(arm)
-    arm.move_jp(arm.robot.home + 0.01)
+    arm.move_jp(arm.robot.home + 0.01).wait()
     arm.pause()
     arm.wait(3600.0)
     arm.resume()
@@ -111,7 +111,7 @@ def test_the_forceps_stands_behind_the_same_arm():
     states, truths = record(arm)
     arm.enable()
     arm.home()
-    arm.move_jp([np.radians(20.0)])
+    arm.move_jp([np.radians(20.0)]).wait()
     assert arm.homing_id == "seed 2, homing 1"
     state = arm.measured_js()
     assert state.position == pytest.approx(arm.setpoint_js().position, abs=1e-3)
@@ -137,9 +137,12 @@ class RigidWrist:
     def time(self):
         return self.ticks * 1e-3
 
-    def home(self):
+    def homing(self):
         self.homing_count += 1
-        return self.run(self.robot.home[None])
+        yield self.run(self.robot.home[None])
+
+    def home(self):
+        return TwinOutput.whole(list(self.homing()))
 
     def run(self, setpoint):
         rows = np.asarray(setpoint, dtype=float)

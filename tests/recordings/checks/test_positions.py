@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truejoint.recordings import DataCheck, Finding, Recording, check_data
+from truejoint.calibration import calibrate
+from truejoint.recordings import DataCheck, Finding, Provenance, Recording, check_data
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -109,6 +110,31 @@ def test_a_late_truth_is_measured(healthy: list[Recording]) -> None:
     assert "behind" in finding.what
 
 
+def test_one_late_recording_is_named(healthy: list[Recording]) -> None:
+    late = list(healthy)
+    for joint in ("shoulder", "elbow", "insertion"):
+        t = late[0].t
+        late = _in_first(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
+    (finding,) = _found(check_data(late), "delay")
+    assert 55 <= float(finding.what.split()[3]) <= 65
+    assert finding.where.endswith("in synthetic-0.csv")
+
+
+def test_the_delay_of_slow_rows_is_told_with_its_uncertainty() -> None:
+    t = 0.5 * np.arange(2000)
+    rng = np.random.default_rng(0)
+    columns = {"t": t}
+    for joint, period in (("shoulder", 17.0), ("elbow", 23.0)):
+        position = 0.5 + 0.2 * np.sin(2 * np.pi * t / period) + 0.1 * np.sin(t)
+        rate = np.gradient(position, t)
+        columns[f"measured/{joint}"] = position
+        columns[f"truth/{joint}"] = position - 0.1 * rate + 1e-3 * rng.normal(size=len(t))
+    recording = Recording.from_columns(columns, Provenance("raven2", arm="left", source="a.csv"))
+    (finding,) = _found(check_data([recording]), "delay")
+    assert finding.level == "warn"
+    assert float(finding.what.split()[3]) == pytest.approx(100.0, abs=5.0)
+
+
 def test_a_zero_that_moved_is_found_in_its_recording(healthy: list[Recording]) -> None:
     check = check_data(_in_first(healthy, "truth/elbow", lambda truth: truth + 0.05))
     (finding,) = _found(check, "zero")
@@ -151,6 +177,15 @@ def test_a_recording_unlike_the_others_is_named(
     foreign = _in_first(recordings, "effort/jaw", lambda effort: 40.0 + effort)
     (finding,) = _found(check_data(foreign), "instrument")
     assert finding.where == "synthetic-0.csv"
+
+
+def test_another_instrument_than_the_training_s_is_named(healthy: list[Recording]) -> None:
+    model = calibrate(healthy[:2], "linear")
+    assert not _found(check_data(healthy[2:], model=model), "instrument")
+    for shift, level in ((60.0, "warn"), (600.0, "fail")):
+        other = _in_first(healthy[2:], "effort/elbow", lambda x, by=shift: x + by * x.std())
+        (finding,) = _found(check_data(other, model=model), "instrument")
+        assert finding.level == level
 
 
 def test_failures_can_be_accepted_by_name(healthy: list[Recording]) -> None:

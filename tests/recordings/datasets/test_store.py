@@ -160,6 +160,9 @@ def test_no_network(dataset: Dataset, cache: Path, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(catalogue, "RAW_HOST", "http://127.0.0.1:9")
     with pytest.raises(RecordingError, match=r"cannot be fetched \(ConnectionError\)"):
         fetch(NAME)
+    assert not (cache / NAME).exists()
+    with pytest.raises(RecordingError, match="no copy on this machine"):
+        locate(NAME)
 
 
 def test_no_copy_says_how_to_get_one(dataset: Dataset, cache: Path) -> None:

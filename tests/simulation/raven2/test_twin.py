@@ -107,9 +107,7 @@ def test_a_motion_in_pieces_is_the_same_motion() -> None:
     expected = whole.run(goal)
     cuts = [0, 1, 2, 777, 2000, 2001, 3999, 4000]
     outputs = [pieces.run(goal[a:b]) for a, b in pairwise(cuts)]
-    joined = outputs[0]
-    for output in outputs[1:]:
-        joined = joined.joined(output)
+    joined = TwinOutput.whole(outputs)
     assert_same(joined, expected)
 
 

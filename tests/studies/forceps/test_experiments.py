@@ -122,6 +122,24 @@ def test_a_larger_population_begins_with_the_smaller(tmp_path):
         run_study("forceps-population", {"homing_um": -1})
 
 
+def test_other_frictions_and_weights_are_judged_together(tmp_path):
+    options = {"count": 1, "masses_g": "100", "methods": "ukf_compensated,play_gated"}
+    result = run_study("forceps-mixed", options)
+    for part in result.parts.values():
+        ours, paper = (part.numbers["unloaded"][key] for key in ("play_gated", "ukf_compensated"))
+        assert np.degrees(ours["rms"]) < 0.05
+        assert ours["rms"] < paper["rms"]
+        assert list(part.numbers["loaded"]["play_gated"]) == ["100 g opposing", "100 g along"]
+        assert 0.85 < part.numbers["inside"]["unloaded"] < 0.98
+    (table,) = result.summary.tables
+    assert table.notes[1].startswith("gated plays (our default): a stated 90 % holds in")
+    assert drawn(result, tmp_path)
+    with pytest.raises(TruejointError, match="no prior called 'dahl'"):
+        run_study("forceps-mixed", {"prior": "dahl"})
+    with pytest.raises(TruejointError, match="a load of 9 kg"):
+        run_study("forceps-mixed", {"masses_g": "9000"})
+
+
 def test_shares_count_specimens():
     rms = {
         "ukf_compensated": np.array([2.0, 1.0, 4.0, 3.0]),

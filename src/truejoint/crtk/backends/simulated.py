@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -10,9 +12,10 @@ from truejoint.array_types import Array
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import OperatingState, StateCommand, next_state
+from truejoint.errors import CommandRefused, MotionStopped
 from truejoint.robots import Robot
 from truejoint.robots.catalogue import DEFAULT
-from truejoint.simulation import Twin, make_twin
+from truejoint.simulation import Twin, TwinOutput, make_twin
 
 
 class SimulatedBackend:
@@ -33,12 +36,14 @@ class SimulatedBackend:
         self.twin = twin
         self.robot: Final[Robot] = twin.robot
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
-        self._listener: Listener = lambda _: None
+        self._listener: Listener | None = None
+        self._lock = threading.RLock()  # of the twin, whose time one thread at a time lets pass
 
     @property
     def time(self) -> float:
         """Simulated time [s]."""
-        return self.twin.time
+        with self._lock:  # a twin may try a motion before it makes it
+            return self.twin.time
 
     @property
     def homing_id(self) -> str:
@@ -46,31 +51,86 @@ class SimulatedBackend:
         return f"seed {self.twin.seed}, homing {self.twin.homing_count}"
 
     def connect(self, listener: Listener) -> None:
-        """Deliver all blocks from now on to `listener`, the only one."""
+        """Deliver all blocks from now on to `listener`; raises CommandRefused if there is one."""
+        if self._listener is not None:
+            raise CommandRefused(
+                f"{self.robot.title} refused: another Arm controls it; close that one first"
+            )
         self._listener = listener
+
+    def disconnect(self) -> None:
+        """Deliver no more blocks."""
+        self._listener = None
 
     def operating_state(self) -> OperatingState:
         """State of the simulated controller."""
-        return replace(self._state, t=self.twin.time)
+        return replace(self._state, t=self.time)
 
-    def state_command(self, command: StateCommand) -> None:
-        """Carry out a state command; raises CommandRefused where the state forbids it."""
-        after = next_state(self._state, command)
-        if command == "home":
-            # Positions before the registration mean nothing, so only the end pose is reported.
-            self._listener(self.twin.home().rows(slice(-1, None)))
-        self._state = after
+    def state_command(self, command: StateCommand, timeout: float) -> None:
+        """Carry out a state command; raises CommandRefused where the state forbids it.
+
+        Homing gives up after `timeout` [s] of simulated time, and where the arm is paused or
+        disabled meanwhile.
+        """
+        with self._lock:
+            after = next_state(self._state, command)
+            homing = command == "home"
+            self._state = replace(after, is_homed=False, is_busy=True) if homing else after
+        if homing:
+            self._home(timeout)
 
     def servo_jp(self, position: Array) -> None:
         """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz."""
-        output = self.twin.run(position)
-        self._listener(output)
-        if len(output.truth.t):
-            self._listener(output.truth)
+        with self._lock:
+            output = self.twin.run(position)
+        self._deliver(output)
+
+    def flush(self) -> None:
+        """Return at once: what is sent is executed."""
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on."""
-        self.twin.idle(duration)
+        with self._lock:
+            self.twin.idle(duration)
+
+    def _home(self, timeout: float) -> None:
+        start, last, pieces = self.twin.time, None, self.twin.homing()
+        try:
+            while (piece := self._piece(pieces)) is not None:
+                last = piece
+                self._passed(piece)
+                if self.twin.time - start > timeout:
+                    raise CommandRefused(f"'home' stopped: not done after {timeout:g} s")
+        finally:
+            with self._lock:
+                pieces.close()
+                self._state = replace(self._state, is_busy=False)
+        # Positions before the registration mean nothing, so only the end pose is reported.
+        if last is not None and self._listener is not None:
+            self._listener(last.rows(slice(-1, None)))
+
+    def _piece(self, pieces: Iterator[TwinOutput]) -> TwinOutput | None:
+        """Next piece of the homing; after the last one the arm is homed."""
+        with self._lock:
+            state = self._state.state
+            if state != "ENABLED":
+                raise MotionStopped(
+                    f"'home' stopped at t = {self.twin.time:.3f} s: {state}; the arm is not homed"
+                )
+            piece = next(pieces, None)
+            if piece is None:
+                self._state = replace(self._state, is_homed=True)
+        return piece
+
+    def _passed(self, piece: TwinOutput) -> None:
+        """Note that a piece of the homing is over; it takes no longer than to compute it."""
+
+    def _deliver(self, output: TwinOutput) -> None:
+        if self._listener is None:
+            return
+        self._listener(output)
+        if len(output.truth.t):
+            self._listener(output.truth)
 
 
 def simulated_arm(
@@ -91,7 +151,7 @@ def simulated_arm(
     >>> arm = simulated_arm("forceps", seed=1)
     >>> arm.enable()
     >>> arm.home()
-    >>> arm.move_jp([0.1])
+    >>> arm.move_jp([0.1]).wait()
     >>> print(arm.measured_js().position.round(2))
     [0.1]
     """

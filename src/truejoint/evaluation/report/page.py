@@ -6,7 +6,7 @@ import base64
 import importlib.metadata
 import json
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from importlib.resources import files
@@ -71,10 +71,16 @@ def write_report(
         raise CalibrationError(
             f"a {type(evaluation).__name__} is no Evaluation; give what `evaluate` gives"
         )
+    render = partial(render_report, evaluation, training=training, checks=checks, command=command)
+    return write_page(path, render, overwrite=overwrite)
+
+
+def write_page(path: str | Path, render: Callable[[], str], *, overwrite: bool) -> Path:
+    """Write the page that `render` gives, whole or not at all; checks the path before it does."""
     target = check_name(path)
     check_target(target, overwrite=overwrite, error=RecordingError)
-    page = render_report(evaluation, training=training, checks=checks, command=command)
-    write = partial(Path.write_text, data=page, encoding="utf-8")
+    # Half a character, of somebody's name, becomes its number.
+    write = partial(Path.write_text, data=render(), encoding="utf-8", errors="backslashreplace")
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
     return target
 
@@ -116,24 +122,22 @@ def render_report(
         "tool": curves.cartesian_errors(evaluation),
         "intervals": residuals.stated_interval(evaluation),
     }
-    shown = (figure for part in drawn.values() for figure in part)
-    figures = [{"key": f.key, "variants": f.variants} for f in shown]
+    seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
+    several = f", {seeds} seeds" if seeds > 1 else ""
     recordings = view.recording_rows(evaluation)
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
     tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
-    return render_page(
+    return render_figures(
         "report.html.j2",
+        drawn,
         evaluation=evaluation,
-        title_of=estimator_title,
         chosen_phrase=estimator_phrase(evaluation.chosen),
-        drawn=drawn,
         menu=[evaluation.traces[i].name for i in curves.menu_order(evaluation)],
-        view=view,
         recording_rows=recordings,
         told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
         checks={"test": evaluation.check, **(checks or {})},
-        facts=_facts(evaluation),
+        facts=facts(evaluation, estimator_title(evaluation.chosen) + several),
         origin=view.origin(evaluation.training),
         downloads=[
             (table.name, suffix, f"{table.stem}.{suffix}", _data_uri(text))
@@ -142,8 +146,21 @@ def render_report(
         ],
         sources=used + tested,
         command=command,
+    )
+
+
+def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **values: Any) -> str:
+    """Fill a template that extends ``figures.html.j2`` with what is drawn, by section."""
+    shown = (figure for part in drawn.values() for figure in part)
+    figures = [{"key": f.key, "variants": f.variants} for f in shown]
+    return render_page(
+        template,
+        drawn=drawn,
+        view=view,
+        title_of=estimator_title,
         plotly=_asset("plotly-gl3d.min.js"),
         figures=script_json({"figures": figures, "dark": plot.DARK}),
+        **values,
     )
 
 
@@ -173,14 +190,13 @@ def script_json(value: Any) -> str:
     return text
 
 
-def _facts(evaluation: Evaluation) -> list[str]:
-    """Provenance in a line: what was trained, on what it was tested, and when."""
+def facts(evaluation: Evaluation, what: str) -> list[str]:
+    """Provenance in a line: `what` was trained, on what it was tested, and when."""
     rows = sum(len(trace.t) for trace in evaluation.traces)
     seconds = sum(float(trace.t[-1] - trace.t[0]) for trace in evaluation.traces)
-    seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
     count = len(evaluation.traces)
     return [
-        estimator_title(evaluation.chosen) + (f", {seeds} seeds" if seeds > 1 else ""),
+        what,
         f"tested on {rows:,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
         f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",

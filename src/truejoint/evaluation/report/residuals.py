@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import cycle
 from typing import Final
@@ -20,6 +20,7 @@ _POINTS: Final = 3600  # of each direction in a panel of every joint together, a
 _BINS: Final = 24
 _FEW: Final = 8  # rows below which a bin has no median
 _COLOURS: Final = (BLUE, ORANGE, plot.GREEN, plot.PURPLE, plot.SKY, plot.GREY)  # of joints
+_WAYS: Final = (("moving up", BLUE, 1), ("moving down", ORANGE, -1))
 _HEIGHT: Final = 320  # of the figures of the interval
 _EQUAL: Final = {"width": 1.0, "dash": "dash", "hoverinfo": "skip"}
 
@@ -93,16 +94,47 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str, most: in
             ticks = {"tickvals": list(panel.steps), "range": around}
         errors: Spec = {"title": "" if i else title, "range": [low - margin, high + margin]}
         errors |= {"showticklabels": i == 0, "zeroline": True}
-        curves: list[Spec] = []
-        for name, colour, side in (("moving up", BLUE, 1), ("moving down", ORANGE, -1)):
-            rows = moves == side
-            x, y = panel.values[rows], error[rows]
-            if rows.any() and panel.steps:
-                curves.append(_bars(x, y, panel.steps, 0.04 * side * apart, name, colour))
-            elif rows.any():
-                curves += _cloud(x, y, name, colour, most, legend=i == 0)
+        if panel.steps:
+            curves = [
+                _bars(panel.values[rows], error[rows], panel.steps, 0.04 * side * apart, *way)
+                for *way, side in _WAYS
+                if (rows := moves == side).any()
+            ]
+        else:
+            curves = _both_ways(panel.values, error, moves, most, legend=i == 0)
         drawn.append(({"title": panel.title, "domain": domain, **ticks}, errors, curves))
     return plot.panels(drawn, 270)
+
+
+def error_panels(
+    position: Array, errors: Mapping[str, Array], moves: Array, unit: DisplayUnit
+) -> Spec:
+    """Panels side by side of errors (n,) by title against the same `position` (n,), on one scale.
+
+    `moves` (n,) is the direction of motion: 1, -1 or 0.
+    """
+    every = np.concatenate(list(errors.values()))
+    low, high = np.quantile(every, [0.001, 0.999])
+    margin = 0.05 * (high - low) or 1e-9
+    drawn = []
+    domains = plot.columns(len(errors), 0.035)
+    for i, ((name, error), domain) in enumerate(zip(errors.items(), domains, strict=True)):
+        across = {"title": f"{name}: position [{unit.name}]", "domain": domain, "nticks": 6}
+        up: Spec = {"title": "" if i else f"error [{unit.name}]", "zeroline": True}
+        up |= {"range": [low - margin, high + margin], "showticklabels": i == 0}
+        curves = _both_ways(position, error, moves, _POINTS // len(errors), legend=i == 0)
+        drawn.append((across, up, curves))
+    return plot.panels(drawn, 270)
+
+
+def _both_ways(x: Array, y: Array, moves: Array, most: int, *, legend: bool) -> list[Spec]:
+    """Clouds of `y` (n,) along `x` (n,) of either direction of motion."""
+    curves: list[Spec] = []
+    for name, colour, side in _WAYS:
+        rows = moves == side
+        if rows.any():
+            curves += _cloud(x[rows], y[rows], name, colour, most, legend=legend)
+    return curves
 
 
 def _cloud(

@@ -14,6 +14,7 @@ from truejoint.recordings.recording import Recording, runs
 from truejoint.recordings.signals import GAP_STEPS, gaps
 
 _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
+_OFTEN: Final = 3  # times that it does so by half of that, which tell as much
 _FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
 _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
@@ -147,12 +148,13 @@ def _stands(
         if not repeats or span == 0.0:
             continue
         way = float(np.sign(np.corrcoef(truth, measured)[0, 1])) if np.ptp(still) > 0.0 else 0.0
-        clipped = [
-            run
-            for end, outwards in ((still.max(), way), (still.min(), -way))
-            for run in repeats
-            if still[run[0]] == end and _moves_on(outwards * other, *run) > _SATURATED * span
-        ]
+        clipped = []
+        for end, outwards in ((still.max(), way), (still.min(), -way)):
+            at_end = [run for run in repeats if still[run[0]] == end]
+            ways = [_moves_on(outwards * other, *run) / span for run in at_end]
+            often = sum(share > 0.5 * _SATURATED for share in ways) >= _OFTEN
+            least = 0.5 * _SATURATED if often else _SATURATED
+            clipped += [run for run, share in zip(at_end, ways, strict=True) if share > least]
         first, last = max(repeats, key=lambda run: run[1] - run[0])
         if clipped:
             held = sum(b + 1 - a for a, b in clipped)

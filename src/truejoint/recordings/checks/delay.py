@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.recordings.checks.explained import Explained
+from truejoint.recordings.checks.explained import SLOW, Explained
 from truejoint.recordings.recording import Recording
+
+LATE: Final = 0.015  # s, below which nothing is said
 
 _SHIFTS: Final = np.linspace(-0.4, 0.4, 41)  # s
 _NEAR: Final = np.linspace(-0.02, 0.02, 11)  # s, about the best of those
 _BLOCKS: Final = 4  # of each recording, left out in turn for the uncertainty
 _RIDGE: Final = 1e-7
+_APART: Final = 2.0  # uncertainties of two delays that differ
 
 
 @dataclass(frozen=True)
@@ -23,8 +26,9 @@ class Delay:
     """By how much the truth is late."""
 
     seconds: float
-    uncertainty: float  # standard deviation by leaving parts out in turn [s]
+    uncertainty: float  # standard deviation by leaving parts out in turn, or between joints [s]
     drop: float  # share by which the residual's variance falls when the truth is shifted back
+    slow: bool = False  # whether rows are too far apart to shift the truth between them
 
 
 def estimate_delay(
@@ -33,9 +37,12 @@ def estimate_delay(
     """Delay of all truth joints together: the shift at which the signals explain most.
 
     For each shift the truth is interpolated and the regression of `explain` made anew, with its
-    weights; the logarithms of the residual's variance are added over joints.
+    weights; the logarithms of the residual's variance are added over joints. Where rows are far
+    apart, interpolating would average more noise than a shift explains: see `_by_velocity`.
     """
     pairs = list(zip(recordings, explained, strict=True))
+    if np.median(np.diff(recordings[0][0].t)) > SLOW:
+        return _by_velocity(pairs)
     squares = [_squares(*pair, _SHIFTS) for pair in pairs]  # (blocks, shifts) each
     coarse, drop = _lowest(_SHIFTS, [s.sum(axis=0) for s in squares])
     blocks = range(len(squares[0]))
@@ -43,6 +50,62 @@ def estimate_delay(
     near = coarse + _NEAR
     seconds, _ = _lowest(near, [_squares(*pair, near).sum(axis=0) for pair in pairs])
     return Delay(seconds, float(np.sqrt((len(blocks) - 1) * np.var(left_out))), drop)
+
+
+def delays_apart(
+    recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]
+) -> list[tuple[int, Delay]]:
+    """Find recordings, by number, late by another time than the others.
+
+    Each has a regression of its own.
+    """
+    count = len(recordings[0])
+    if count < 2:
+        return []
+    alone = []
+    for k in range(count):
+        own = [replace(e, samples=e.samples[k : k + 1]) for e in explained]
+        alone.append(estimate_delay([[each[k]] for each in recordings], own))
+    values = np.array([(delay.seconds, delay.uncertainty) for delay in alone])
+    found = []
+    for k, delay in enumerate(alone):
+        usual, uncertainty = np.median(np.delete(values, k, axis=0), axis=0)
+        least = max(LATE, _APART * (delay.uncertainty + float(uncertainty)))
+        if abs(delay.seconds - usual) > least:
+            found.append((k, delay))
+    return found
+
+
+def _by_velocity(pairs: Sequence[tuple[Sequence[Recording], Explained]]) -> Delay:
+    """Delay by what velocity explains of the error, as much as it is late; mean of the joints.
+
+    What a joint itself lags by differs between joints, so their scatter tells the uncertainty.
+    """
+    found, deviations = [], []
+    for recordings, explained in pairs:
+        names = [*explained.features.names, "square", "cube"]
+        kept = [i for i, name in enumerate(names) if not name.startswith("lag(")]
+        normal, right = [], []
+        for recording, sample in zip(recordings, explained.samples, strict=True):
+            measured = recording.column(f"measured/{explained.joint}")
+            velocity = np.gradient(measured, recording.t)[sample.rows, None]
+            rows = np.hstack([velocity, explained.scaled(sample.inputs)[:, kept]])
+            weights = sample.weights[:, None]
+            rows -= (weights * rows).sum(axis=0) / weights.sum()
+            for part in np.array_split(np.arange(len(rows)), _BLOCKS):
+                normal.append(rows[part].T @ (weights[part] * rows[part]))
+                right.append(rows[part].T @ (sample.weights * sample.error)[part])
+        penalty = np.diag(np.r_[0.0, np.full(len(kept), _RIDGE * len(rows))])
+        every = np.sum(normal, axis=0) + penalty, np.sum(right, axis=0)
+        found.append(-float(np.linalg.solve(*every)[0]))
+        left_out = [
+            -np.linalg.solve(every[0] - n, every[1] - r)[0]
+            for n, r in zip(normal, right, strict=True)
+        ]
+        deviations.append(float(np.sqrt((len(left_out) - 1) * np.var(left_out))))
+    own = float(np.sqrt(np.mean(np.square(deviations))))
+    between = float(np.std(found, ddof=1)) if len(found) > 1 else 0.0
+    return Delay(float(np.mean(found)), max(own, between) / len(found) ** 0.5, 0.0, slow=True)
 
 
 def _lowest(shifts: Array, squares: Sequence[Array]) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.recordings.checks.delay import estimate_delay
+from truejoint.recordings.checks.delay import LATE, Delay, delays_apart, estimate_delay
 from truejoint.recordings.checks.explained import SLOW, Explained, explain
 from truejoint.recordings.checks.finding import (
     Defect,
@@ -35,9 +35,10 @@ _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
 _MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
 _STEP_OF_REDUNDANT: Final = 0.6  # of the step that counts for the truth, which is noisier
-_LATE: Final = 0.015  # s
 _LATE_DROP: Final = 0.05  # of the residual's variance
+_PERHAPS_DROP: Final = 0.02  # of that, for a word only
 _SURE: Final = 5.0  # uncertainties
+_PERHAPS: Final = 2.0  # of those, for a word only
 
 
 def judge_positions(
@@ -65,7 +66,7 @@ def judge_positions(
         for quantity in REDUNDANT:
             seen += _judge_redundant(whole, joint, quantity)
     yield from one_line_each(seen, recordings)
-    yield from _judge_delay(truths)
+    yield from _judge_delay(truths, recordings)
     if truths:
         yield from _judge_instruments(*truths[0])
 
@@ -159,15 +160,36 @@ def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str)
     return seen + _judge_zeros(known, explained, "redundant", seen)
 
 
-def _judge_delay(truths: Sequence[tuple[list[Recording], Explained]]) -> Iterable[Finding]:
-    """Truth that is late or early in all joints and recordings together."""
+def _judge_delay(
+    truths: Sequence[tuple[list[Recording], Explained]], every: Sequence[Recording]
+) -> Iterable[Finding]:
+    """Truth that is late or early in all joints together, in single recordings or in all."""
     sources = [[r.provenance.source for r in recordings] for recordings, _ in truths]
     alike = [pair for pair, names in zip(truths, sources, strict=True) if names == sources[0]]
-    if not alike or np.median(np.diff(alike[0][0][0].t)) > SLOW:
+    if not alike:
         return
-    delay = estimate_delay([recordings for recordings, _ in alike], [e for _, e in alike])
-    sure = abs(delay.seconds) > _SURE * delay.uncertainty
-    if abs(delay.seconds) < _LATE or delay.drop < _LATE_DROP:
+    recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
+    where = ", ".join(f"truth/{e.joint}" for e in explained)
+    together = estimate_delay(recordings, explained)
+    single = [
+        (replace(found, where=where, size=abs(delay.seconds)), recordings[0][number])
+        for number, delay in ([] if together.slow else delays_apart(recordings, explained))
+        for found in _late(delay)
+    ]
+    if 0 < len(single) <= len(recordings[0]) / 2:
+        yield from one_line_each(single, every)
+    else:
+        found = (replace(found, where=where) for found in _late(together))
+        yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in found)
+
+
+def _late(delay: Delay) -> Iterable[Defect]:
+    """Say how late the truth is, if that is not nothing; where rows are far apart, in any case."""
+    beyond = abs(delay.seconds) >= LATE
+    sure = beyond and delay.drop >= _LATE_DROP and abs(delay.seconds) > _SURE * delay.uncertainty
+    likely = beyond and abs(delay.seconds) > _PERHAPS * delay.uncertainty
+    likely = likely and (delay.slow or delay.drop >= _PERHAPS_DROP)
+    if not (likely or delay.slow):
         return
     late = "behind" if delay.seconds > 0.0 else "ahead of"
     what = (
@@ -175,8 +197,7 @@ def _judge_delay(truths: Sequence[tuple[list[Recording], Explained]]) -> Iterabl
         f"(+- {1e3 * delay.uncertainty:.0f} ms)"
     )
     advice = "correct the clocks or shift the truth" if sure else "look at the clocks"
-    where = ", ".join(f"truth/{explained.joint}" for _, explained in alike)
-    yield Finding("fail" if sure else "warn", "delay", what, where, advice)
+    yield Defect("fail" if sure else "warn" if likely else "info", "delay", what, "", advice)
 
 
 def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:

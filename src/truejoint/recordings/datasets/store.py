@@ -141,7 +141,18 @@ def fetch(
                 progress(done / total)
     finally:
         logger.setLevel(level)
+        _remove_empty(folder)
     return folder
+
+
+def _remove_empty(folder: Path) -> None:
+    """Leave no folder without a file: `locate` would take it for a copy."""
+    if folder.is_dir():
+        for inner in folder.iterdir():
+            if inner.is_dir():
+                _remove_empty(inner)
+        if not any(folder.iterdir()):
+            folder.rmdir()
 
 
 def read_dataset(

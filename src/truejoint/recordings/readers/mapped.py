@@ -248,7 +248,8 @@ def _in_si(
                 f"{path}: column {name!r} is in {expected}, which {mapped.unit!r} cannot be; "
                 "correct the column map"
             )
-        columns[name] = values * (mapped.scale * factor)
+        with np.errstate(over="ignore"):  # an infinite one is refused in its row
+            columns[name] = values * (mapped.scale * factor)
     units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}

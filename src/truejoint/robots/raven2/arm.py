@@ -53,8 +53,16 @@ WORKSPACE: Final = Workspace(
 @cache
 def build(side: Literal["left", "right"]) -> Robot:
     """Give the arm of a side."""
-    arm = side, CHANNELS, POSITIONING, Transmission(_motor_from_joint(side)), kinematics(side)
-    return Robot("raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE)
+    arm = side, CHANNELS, POSITIONING, _transmission(side), kinematics(side)
+    return Robot(
+        "raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE, grasper=("jaw1", "jaw2")
+    )
+
+
+def _transmission(arm: Literal["left", "right"]) -> Transmission:
+    """Cables of an arm; its state message has the torques at the capstans, behind the gearboxes."""
+    gear = tuple(drive.gear_ratio for drive in hardware.drives(arm))
+    return Transmission(_motor_from_joint(arm), gear)
 
 
 def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled
 from truejoint.errors import RobotError
-from truejoint.robots.chain import Axis, SerialChain, advance
+from truejoint.robots.chain import Axis, SerialChain, advance, rigid
 
 Arm = Literal["left", "right"]
 
@@ -42,7 +42,6 @@ _AXIS_FROM_JOINT: Final = np.vstack([np.eye(5, 7), [0, 0, 0, 0, 0, -0.5, 0.5]])
 # A pose is refused where the wrist is nearer than this to the remote centre [m]: the shaft's
 # direction, and with it shoulder and elbow, is lost there.
 _REMOTE_CENTRE: Final = 1e-3
-_RIGID_TOLERANCE: Final = 1e-6
 # How much 1 m of insertion counts against 1 rad when the nearest solution is chosen; the
 # weight that the robot's own controller uses (r2_kinematics.cpp, check_solutions).
 _WEIGHTS: Final = np.array([1.0, 1.0, 100.0, 1.0, 1.0, 1.0])
@@ -75,7 +74,7 @@ class Raven2Kinematics(SerialChain):
         positions [rad], on which it does not depend. Raises RobotError if `pose` is not rigid or
         out of reach.
         """
-        target = _rigid(pose)
+        target = rigid(pose)
         axes = np.full((8, 6), np.nan)
         status = _solve(target, self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
@@ -135,22 +134,7 @@ def _wrapped(angle: Array) -> Array:
     return np.asarray(np.remainder(angle + np.pi, 2 * np.pi) - np.pi)
 
 
-def _rigid(pose: ArrayLike) -> Array:
-    target = np.ascontiguousarray(pose, dtype=float)
-    if target.shape != (4, 4) or not np.isfinite(target).all():
-        raise RobotError(f"pose of shape {target.shape} must be 4 x 4 and finite")
-    rotation = target[:3, :3]
-    skew = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    bottom = np.array_equal(target[3], [0.0, 0.0, 0.0, 1.0])
-    if not (skew < _RIGID_TOLERANCE and np.linalg.det(rotation) > 0 and bottom):
-        raise RobotError(
-            "pose is not a rigid transform: its upper left 3 x 3 must be a rotation matrix "
-            f"(off by {skew:.1e}) and its last row 0 0 0 1"
-        )
-    return target
-
-
-@njit(cache=True, error_model="numpy")
+@compiled
 def _solve(pose: Array, table: Array, out: Array) -> int:
     """Fill `out` (8, 6) with the axis values that reach `pose`; rows stay NaN where none does.
 
@@ -193,7 +177,7 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
     return status
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _finish(
     theta2: float,
     v_x: float,

@@ -14,9 +14,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numba import njit
 
 from truejoint.array_types import Array
+from truejoint.compiled import compiled, jit
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import CableConstants, PlantConstants
 from truejoint.simulation.forceps.parameters import Friction, Jaw
@@ -31,7 +31,7 @@ _FIRST_SHARE = 1.0 / sum(1.0 / (i + 1) for i in range(N_ELEMENTS))
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[float, float]:
     """Tension above the pretension [N] of a cable at rest, and its slope [N/m].
 
@@ -43,7 +43,7 @@ def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[
     return force, cable.elastic * cable.growth * growth
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def drive_stretch(
     distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
 ) -> tuple[float, float, float]:
@@ -62,7 +62,7 @@ def drive_stretch(
     return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def guide_travel(
     before: float, behind: float, ratio: float, stiffness_before: float, stiffness_behind: float
 ) -> float:
@@ -78,7 +78,7 @@ def guide_travel(
     return 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def slide(
     before: float, slope: float, stretch_behind: float, yielded: float, cable: CableConstants,
     pretension: float,
@@ -96,7 +96,7 @@ def slide(
     return max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0), slid
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def drive_cable(
     wheel: float,
     turned: float,
@@ -135,7 +135,7 @@ def drive_cable(
     return x1, pull, share
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def reset_cable(
     start: float,
     end: float,
@@ -168,19 +168,19 @@ def reset_cable(
     return pull, drag
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def creep(force: float, crept: float, cable: CableConstants, dt: float) -> float:
     """By how much a cable creeps [m] in a step: a Kelvin-Voigt element behind its spring."""
     return cable.creep_rate * dt * (cable.creep * force - crept)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
     """Rate [1/s] of a Bouc-Wen state with n = 1 and beta = gamma = 1/2; it stays in [-1, 1]."""
     return (speed - 0.5 * (abs(speed) * yielded + speed * abs(yielded))) / distance
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def stribeck_peak(speed: float, f: Friction) -> float:
     """Friction at a speed over Coulomb friction, but for its viscous part."""
     ratio = speed / f.stribeck_velocity
@@ -189,7 +189,7 @@ def stribeck_peak(speed: float, f: Friction) -> float:
     return 1.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def maxwell_slip(
     position: float,
     speed: float,
@@ -222,7 +222,7 @@ def maxwell_slip(
     return level / N_ELEMENTS * pull + (damping * sticking + f.viscous) * speed
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def friction_force(
     speed: float, bristle: float, level: float, f: Friction, damping: float, max_rate: float
 ) -> tuple[float, float]:
@@ -237,7 +237,7 @@ def friction_force(
     return force, rate
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     """Torque [Nm] of the mechanical stops, which push and never pull."""
     if angle > jaw.stop_upper:
@@ -247,13 +247,13 @@ def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     return 0.0
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
     """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
     return force * c.jaw.load_arm * math.cos(angle - line_angle)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def accelerations(
     drive_pull: float,
     reset_pull: float,
@@ -305,7 +305,7 @@ def accelerations(
     return jaw_acceleration, slider_acceleration, drive_tension, reset_tension
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def plant_rates(
     state: Array,
     wheel: Array,
@@ -380,7 +380,7 @@ def plant_rates(
     return drive_tension, reset_tension, x1
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstants) -> float:
     """Acceleration [rad/s2] of the motor's position loop, within its limits."""
     wanted = c.motor_frequency * (
@@ -392,7 +392,7 @@ def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstant
     return limited
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> None:
     """One Runge-Kutta step of the motor (angle, speed) with goals at start, middle and end."""
     angle, speed = motor[0], motor[1]
@@ -409,7 +409,7 @@ def advance_motor(motor: Array, goal: Array, dt: float, c: PlantConstants) -> No
     motor[1] = min(max(motor[1], -c.motor.max_speed), c.motor.max_speed)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def wheel_motion(
     motor: Array, goal: float, c: PlantConstants, history: Array, keep: bool, wheel: Array
 ) -> None:
@@ -436,7 +436,7 @@ def wheel_motion(
     wheel[2] = radius * acceleration - sine * speed * speed
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     """Linear interpolation of `samples`, `quarter` after integration step number `n`.
 
@@ -449,7 +449,7 @@ def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     return float(samples[index] + part * (samples[index + 1] - samples[index]))
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance_plant(
     state: Array,
     k: Array,
@@ -479,7 +479,7 @@ def advance_plant(
         state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(
     state: Array,
     motor: Array,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from dataclasses import replace
 from typing import ClassVar, Final
 
 import numpy as np
@@ -26,6 +27,7 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
+    in_grains,
 )
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
@@ -59,8 +61,9 @@ class ForcepsTwin:
         seed: int = 0,
         load: float = 0.0,
     ) -> None:
-        self.robot: Final[Robot] = get_robot("forceps", arm)
         self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
+        known = get_robot("forceps", arm)
+        self.robot: Final[Robot] = replace(known, mechanism=self.parameters.mechanism)
         self.seed: Final = checked_seed(seed)
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None
@@ -92,19 +95,24 @@ class ForcepsTwin:
         return self._ticks * SETPOINT_DT
 
     def home(self) -> TwinOutput:
+        """Give all of `homing` in one piece."""
+        return TwinOutput.whole(list(self.homing()))
+
+    def homing(self) -> Generator[TwinOutput]:
         """Turn the motor to its limit switch and set the cables' encoders to zero there.
 
         Friction leaves the jaw a little elsewhere each time, and the zeros have an error of
         their own (``homing.registration_sd``); the motor's zero is the switch's.
         """
         start, zero = np.array([self._command]), np.zeros(1)
-        self.run(glide(start, zero, 0.1 + math.pi / 2 * abs(self._command) / _HOMING_SPEED))
-        self.run(hold(zero, SETTLING))
+        way = glide(start, zero, 0.1 + math.pi / 2 * abs(self._command) / _HOMING_SPEED)
+        settling = hold(zero, SETTLING)
+        yield from map(self.run, in_grains(np.vstack([way, settling])))
         self.homing_count += 1
         self._origin = np.array([self._origin[0], *self._exact[1:3], self._origin[3]])
         deviation = self.parameters.homing.registration_sd
         self._zero = ZeroShift.drawn(deviation, (self.seed, self.homing_count))
-        return self.run(hold(zero, SETTLING))
+        yield from map(self.run, in_grains(settling))
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow jaw angles (n, 1) [rad], one row a millisecond; each is reached at its end.

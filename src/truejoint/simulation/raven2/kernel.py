@@ -16,10 +16,10 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, jit
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.raven2.parameters import Creep, ExternalEncoders, MotorFriction
 
@@ -116,7 +116,7 @@ class Rows(NamedTuple):
     truth: Array  # (m, 3)
 
 
-@njit(cache=True, error_model="numpy", inline="always")
+@jit(inline="always")
 def _uniform(random: Words) -> float:
     """Uniform in (0, 1): splitmix64, so that a twin owns its random numbers."""
     random[0] += np.uint64(0x9E3779B97F4A7C15)
@@ -128,7 +128,7 @@ def _uniform(random: Words) -> float:
     return uniform
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def normal(random: Words) -> float:
     """Draw a standard normal random number (Box and Muller)."""
     radius = np.sqrt(-2.0 * np.log(_uniform(random)))
@@ -136,7 +136,7 @@ def normal(random: Words) -> float:
     return value
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def gravity_load(
     potential: Array, load: float, shoulder: Array, elbow: Array, d: float, out: Array
 ) -> None:
@@ -163,7 +163,7 @@ def gravity_load(
         out[2] += part * (b0 + c2 * b1 + s2 * b2)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _couple(coupling: Array, cable: Array, joint: Array) -> None:
     """Joint positions of cable positions: what a joint's cable loses to the joints before it."""
     joint[0] = cable[0]
@@ -171,7 +171,7 @@ def _couple(coupling: Array, cable: Array, joint: Array) -> None:
     joint[2] = cable[2] - coupling[1] * joint[0] - coupling[2] * joint[1]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _path(plant: Plant, state: State, k: int) -> float:
     """Cable position [joint units] that motor `k` has wound, with run-out and wrap."""
     eccentric = plant.run_out[k, 0] * state.wave[k, 0] + plant.run_out[k, 1] * state.wave[k, 1]
@@ -187,7 +187,7 @@ def _path(plant: Plant, state: State, k: int) -> float:
     return path
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _settle(plant: Plant, state: State, work: Array) -> None:
     """Joint positions and cable loads in balance with gravity, friction and stops."""
     gravity, cable, free, load = work[0], work[1], work[2], work[3]
@@ -230,7 +230,7 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
         _carry(plant, state, load)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _carry(plant: Plant, state: State, load: Array) -> None:
     """Load the cables with what the joints carry: by power, the transpose of the coupling."""
     state.carried[2] = load[2]
@@ -240,7 +240,7 @@ def _carry(plant: Plant, state: State, load: Array) -> None:
     )
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
     """Read the external encoders where their time has come, each at its own instant."""
     while state.slow[NEXT_TRUTH] <= t:
@@ -259,7 +259,7 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
         state.slow[NEXT_TRUTH] += max(0.1 * plant.truth_period, wait)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
     """Motor encoders, and the joint positions and velocities that the robot makes of them."""
     count = TURN / plant.counts
@@ -278,7 +278,7 @@ def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
         rows.velocity[i, plant.channel[k]] = velocity
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> None:
     """Torque commands of the robot's PD law on the motor angles."""
     for k in range(7):
@@ -307,7 +307,7 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
         rows.effort[i, column] = step * np.rint(limited / step)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
     """Motor angles one step later: rotor, Dahl friction and the load of the cables."""
     c = plant.motor_friction
@@ -332,7 +332,7 @@ def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
         state.motor[k] += DT * state.speed[k]
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def age(plant: Plant, state: State, duration: float) -> None:
     """Age cables and grease by `duration` seconds and by the travel in the odometer."""
     c = plant.motor_friction
@@ -358,7 +358,7 @@ def age(plant: Plant, state: State, duration: float) -> None:
     state.slow[WARMTH] += (warm - state.slow[WARMTH]) * -np.expm1(-duration / c.warm_up_time)
 
 
-@njit(cache=True, error_model="numpy")
+@compiled
 def advance(plant: Plant, state: State, setpoint: Array, rows: Rows) -> None:
     """Run one millisecond per row of `setpoint` (n, 7) and write what the robot reports."""
     state.ticks[TRUTH_ROWS] = 0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import reduce
+from collections.abc import Generator, Iterator
 from typing import ClassVar, Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
+    in_grains,
 )
 
 MAX_LOAD: Final = 2.0
@@ -118,6 +119,10 @@ class Raven2Twin:
         return self._advance(checked_rows(self.robot, setpoint, "run"))
 
     def home(self) -> TwinOutput:
+        """Give all of `homing` in one piece."""
+        return TwinOutput.whole(list(self.homing()))
+
+    def homing(self) -> Generator[TwinOutput]:
         """Find the hard stops, register both kinds of encoder there, go to the home pose.
 
         As uw-biorobotics/raven2:src/raven/homing.cpp does it: each positioning joint moves
@@ -126,7 +131,7 @@ class Raven2Twin:
         joints are held where their own homing leaves them, near home. Rows before the
         registration are meaningless, as on the robot.
         """
-        search = self._search_stops()
+        yield from self._search_stops()
         # The motor encoders' zeros are set, the arm standing at its hard stops.
         homing, state, plant = self.parameters.homing, self._state, self._plant
         wrong = self._nominal_stop.copy()
@@ -142,9 +147,9 @@ class Raven2Twin:
         # The robot restarts its set point at the nominal stop.
         state.command[:] = plant.motor_from_joint @ self._nominal_stop
         home = self.robot.home
-        path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
         self.homing_count += 1
-        return search.joined(self._advance(np.vstack(path)))
+        path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
+        yield from map(self._advance, in_grains(np.vstack(path)))
 
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on: cables hardly creep, grease cools; no rows.
@@ -159,7 +164,7 @@ class Raven2Twin:
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
 
-    def _search_stops(self) -> TwinOutput:
+    def _search_stops(self) -> Iterator[TwinOutput]:
         """Move to the hard stops and settle there; the encoders are not touched."""
         # The robot takes up the position that its motor encoders say now, without a step in the set
         # point's speed.
@@ -170,20 +175,22 @@ class Raven2Twin:
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
         steps = round(_SEARCH_LIMIT / kernel.DT)
         found = np.full(POSITIONING, steps)
-        done, outputs = 0, []
+        done = 0
         while (found == steps).any() and done < steps:
-            # A joint that stands at its stop loads the others through the cables: once one
-            # arrives, the piece of time is run again with that joint held.
+            # A joint that stands at its stop loads the others through the cables: a piece of time
+            # is tried, and run again with a joint held from where it arrives.
             saved = kernel.State._make(array.copy() for array in self._state)
+            stamps = self._stamp_rng.bit_generator.state
             piece = self._ramp(start, found, steps)[done : done + _SEARCH_PIECE]
             output = self._advance(piece)
             above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (found == steps)
+            self._state = saved
             if above.any():
-                self._state = saved
                 row = int(np.argmax(above.any(axis=1)))
                 found[np.argmax(above[row])] = done + row
             else:
-                outputs.append(output)
+                self._stamp_rng.bit_generator.state = stamps
+                yield from map(self._advance, in_grains(piece))
                 done += len(piece)
         if (found == steps).any():
             names = [self.robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
@@ -192,8 +199,8 @@ class Raven2Twin:
                 "the parameters make friction too strong for the motor"
             )
         last = int(found.max()) + round(HOMING_SETTLE / kernel.DT)
-        outputs.append(self._advance(self._ramp(start, found, steps + _SEARCH_PIECE)[done:last]))
-        return reduce(TwinOutput.joined, outputs)
+        rest = self._ramp(start, found, steps + _SEARCH_PIECE)[done:last]
+        yield from map(self._advance, in_grains(rest))
 
     def _ramp(self, start: Array, found: NDArray[np.int64], steps: int) -> Array:
         """Setpoints (steps, 7) towards the stops, each joint held from its index `found` on."""

@@ -1,9 +1,9 @@
-"""The external load that the estimators see, its dead band, and what one known weight mends."""
+"""The external load that the filter sees, what friction hides of it, and the cable's stiffness."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
 from typing import Any, Final, cast
 
 import numpy as np
@@ -11,125 +11,231 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration import calibrate
 from truejoint.estimators.friction_filter import FrictionFilter
-from truejoint.estimators.jaw_load import JawLoad, Stiffness, identify_stiffness
+from truejoint.estimators.jaw_load import identify_stiffness
 from truejoint.evaluation.digits import fixed
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import GRAVITY
-from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within
-from truejoint.studies.forceps.motions import Plain, built, plain_specimen, record, title_of
+from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
 
 CALIBRATION_WEIGHT: Final = 0.2
-"""Known weight that identifies the stiffness, hung along the motion [kg]."""
-_ESTIMATES: Final = {
-    "assumed": "K_d assumed",
-    "identified": "K_d identified",
-    "filtered": "filter, K_d identified",
-}
+"""Known weight that identifies the stiffness, hung once each way [kg]."""
+LEVEL: Final = 1.645
+"""Deviations on either side that hold 90 % of a normal distribution."""
+_ESTIMATES: Final = {"assumed": "K_d assumed", "identified": "K_d identified"}
+_CASES: Final = ("unloaded", "along", "opposing")
 
 
 def parts(settings: Settings) -> Sequence[Part]:
-    """One that finds the stiffness, and one a weight and direction."""
-    common = {"forceps": plain_specimen(settings["specimen"]), "seed": settings.seed}
-    weights = [Part(key, weigh, {**common, **case}) for key, case in cases(settings).items()]
-    return (Part("stiffness", identify, common), *weights)
+    """One a specimen."""
+    hung = list(cases(settings).values())
+    return [
+        Part(name, weigh, {"forceps": plant, "seed": seed, "hung": hung})
+        for name, plant, seed in drawn_specimens(settings)
+    ]
 
 
 def signals(recording: Recording) -> tuple[Array, Array]:
     """Motor angle [rad] and ``x2`` [m] (n, 2), and time since the row before (n,) [s]."""
-    rows = np.column_stack([recording.column(name) for name in JawLoad.inputs])
+    inputs = FrictionFilter.family.inputs
+    rows = np.column_stack([recording.column(name) for name in (inputs({}) if inputs else ())])
     return rows, time_steps(recording.t, np.inf)
 
 
-@lru_cache(maxsize=2)
-def unloaded_load(forceps: ForcepsParameters, seed: int) -> JawLoad:
-    """Load estimate of a specimen, with an assumed stiffness, fitted to (27) without a load."""
-    calibration = settled(record(forceps, "calibration", seed=2 * seed))
-    X, dt = signals(calibration)
-    return JawLoad(mechanism=forceps.mechanism).fit(X, calibration.column("truth/jaw"), dt)
+def unloaded_filter(forceps: ForcepsParameters, seed: int) -> FrictionFilter:
+    """Fit the filter of a specimen to (27) without a load; its stiffness is assumed."""
+    recording = settled(record(forceps, "calibration", seed=2 * seed))
+    return cast("FrictionFilter", calibrate(recording, FrictionFilter()).model)
 
 
-@lru_cache(maxsize=2)
-def _scales(forceps: ForcepsParameters, seed: int) -> tuple[Stiffness, JawLoad, FrictionFilter]:
-    """Stiffness found by the known weight, and the two estimates that know it."""
-    assumed, test = unloaded_load(forceps, seed), load_test(CALIBRATION_WEIGHT, "along")
-    hung = record(forceps, test, seed=100 * seed + 99)
-    still = {phase: within(hung.t, *test.phases[phase]) for phase in ("II", "IV")}
-    torque = float(hung.column("truth_load/jaw")[still["IV"]].mean())
-    X, dt = signals(hung)
-    found = identify_stiffness(assumed, X, still["II"], still["IV"], torque, dt)
-    model = FrictionFilter(drive_stiffness=found.drive_stiffness)
-    calibration = calibrate(settled(record(forceps, "calibration", seed=2 * seed)), model)
-    identified = assumed.with_stiffness(found.drive_stiffness)
-    return found, identified, cast("FrictionFilter", calibration.model)
+def effective_stiffness(forceps: ForcepsParameters) -> float:
+    """Stiffness [N/m] at the pretension of the drive cable and the gear behind it.
+
+    Of the cable what is left once its Bouc-Wen element has yielded, as under any weight.
+    """
+    cable = forceps.drive_cable.elastic_share * forceps.drive_cable.stiffness
+    gear = forceps.assembly.gear_stiffness / forceps.mechanism.wheel_radius**2
+    return 1.0 / (1.0 / cable + 1.0 / gear)
 
 
-def identify(forceps: Plain, seed: int) -> PartResult:
-    """Find the drive cable's stiffness [N/m], and the torque that the jaw's friction hides [Nm]."""
+def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
+    """Torque [Nm] that opens the jaw at an angle [rad] so far that the drive cable is slack."""
+    mechanism = forceps.mechanism
+    spring = mechanism.spring_stiffness * mechanism.jaw_radius * angle
+    return (forceps.assembly.pretension + spring) * mechanism.jaw_radius
+
+
+def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartResult:
+    """Find the stiffness of a specimen by two known weights, and estimate others on it."""
     plant = built(forceps)
-    found, load, _ = _scales(plant, seed)
-    return PartResult({**vars(found), "dead_band": load.dead_band, "arm": plant.jaw.load_arm})
+    assumed, known = unloaded_filter(plant, seed), []
+    for n, way in enumerate(("along", "opposing")):
+        test = load_test(CALIBRATION_WEIGHT, way)
+        run = record(plant, test, seed=100 * seed + 99 - n)
+        still = within(run.t, *test.phases["IV"])
+        known.append((*signals(run), np.where(still, run.column("truth_load/jaw"), np.nan)))
+    X, dt, torque = (np.concatenate(columns) for columns in zip(*known, strict=True))
+    found = identify_stiffness(assumed, X, torque, dt)
+    identified = assumed.with_stiffness(found)
+    weighed, slack, judged = [], [], {}
+    for case in hung:
+        test = load_test(case["mass"], case["direction"])
+        run = record(plant, test, seed=case["hand"])
+        still = within(run.t, *test.phases["IV"])
+        if float(run.column("truth_load/jaw")[still].mean()) > slack_torque(plant, test.angle):
+            slack.append(case)
+            continue
+        own = _judged(identified, run, still)
+        judged.setdefault(case["direction"], []).append(own)
+        tried = assumed.states(*signals(run)).load[still]
+        weighed.append({**case, **own, "assumed": float(tried.mean())})
+    run = settled(record(plant, "verification", seed=2 * seed + 1))
+    judged["unloaded"] = [_judged(identified, run, np.isfinite(run.column("truth/jaw")))]
+    return PartResult(
+        {
+            **vars(found),
+            "true_stiffness": effective_stiffness(plant),
+            "friction": identified.jaw_friction,
+            "true_friction": friction_at_pretension(plant)[0],
+            "arm": plant.jaw.load_arm,
+            "weighed": weighed,
+            "slack": slack,
+            "judged": judged,
+        }
+    )
 
 
-def weigh(forceps: Plain, seed: int, mass: float, direction: str, hand: int) -> PartResult:
-    """Estimate one hung weight: mean torques [Nm] while it hangs still."""
-    plant, test = built(forceps), load_test(mass, direction)
-    _, identified, filtered = _scales(plant, seed)
-    hung = record(plant, test, seed=hand)
-    X, dt = signals(hung)
-    torques = {
-        "torque": hung.column("truth_load/jaw"),
-        "assumed": unloaded_load(plant, seed).predict(X, dt),
-        "identified": identified.predict(X, dt),
-        "filtered": filtered.states(X, dt).load,
+def _judged(model: FrictionFilter, run: Recording, rows: Array) -> dict[str, float]:
+    """Load and angle of some rows of a run, and how they stand to what is stated of them."""
+    states = model.states(*signals(run))
+    load = states.load - run.column("truth_load/jaw")
+    angle = states.angle - run.column("truth/jaw")
+    pairs = {"load": (load, states.load_deviation), "angle": (angle, states.angle_deviation)}
+    found = {
+        "torque": float(run.column("truth_load/jaw")[rows].mean()),
+        "identified": float(states.load[rows].mean()),
+        "stated": LEVEL * float(states.load_deviation[rows].mean()),
     }
-    still = within(hung.t, *test.phases["IV"])
-    means = {name: float(values[still].mean()) for name, values in torques.items()}
-    return PartResult({"mass": mass, "direction": direction, **means})
+    for name, (error, deviation) in pairs.items():
+        ratio = (error / deviation)[rows]
+        found |= {
+            f"{name}_rms": float(np.sqrt(np.mean(error[rows] ** 2))),
+            f"{name}_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
+            f"{name}_nees": float(np.mean(ratio**2)),
+        }
+    return found
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
-    """List loads as they are and as they are estimated, in mNm and grams."""
-    found = results["stiffness"].numbers
-    weighed = [result.numbers for key, result in results.items() if key != "stiffness"]
+    """List the loads of the first specimen, and errors and coverage over all."""
+    numbers = [result.numbers for result in results.values()]
+    first = next(iter(results))
+    tables = (_weights(first, numbers[0]), _population(settings, numbers))
+    return Summary(tables, {"forceps-load": _figure(numbers)})
 
-    def grams(torque: float) -> float:
-        return 1e3 * torque / (GRAVITY * float(found["arm"]))
 
+def _grams(numbers: Mapping[str, Any], torque: float) -> float:
+    return 1e3 * torque / (GRAVITY * float(numbers["arm"]))
+
+
+def _weights(name: str, found: Mapping[str, Any]) -> Table:
+    """Each weight as it is, as it is estimated, and what is stated of it."""
     rows = []
-    for case in weighed:
-        torques = [case[key] for key in ("torque", *_ESTIMATES)]
-        cells = [f"{fixed(1e3 * value, 1)} ({fixed(grams(value), 0)})" for value in torques]
-        rows.append((f"{1e3 * case['mass']:.0f} g {case['direction']}", *cells))
-    dead_band = found["dead_band"]
+    for case in found["weighed"]:
+        torques = [case[key] for key in ("torque", *_ESTIMATES, "stated")]
+        cells = [f"{fixed(1e3 * v, 1)} ({fixed(_grams(found, v), 0)})" for v in torques]
+        load = f"{1e3 * case['mass']:.0f} g {case['direction']}"
+        rows.append((load, *cells, f"{100 * case['load_inside']:.0f} %"))
+    friction = [_text(found, 2.0 * found[key]) for key in ("friction", "true_friction")]
+    notes = [
+        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified "
+        f"with {1e3 * CALIBRATION_WEIGHT:.0f} g each way: K_d = {found['drive_stiffness'] / 1e3:.1f}"
+        f" +- {found['deviation'] / 1e3:.1f} kN/m, growing by {found['growth']:.0f} N/m per N; cable "
+        f"and gear have {found['true_stiffness'] / 1e3:.1f}.",
+        f"Dead band: up to {friction[0]} against the last motion may not show, since the jaw's "
+        f"friction holds them; in truth {friction[1]}.",
+    ]
+    if found["slack"]:
+        left = ", ".join(f"{1e3 * c['mass']:.0f} g {c['direction']}" for c in found["slack"])
+        notes.append(f"Left out, since the drive cable is slack under it: {left}.")
+    header = ("load", "true", *_ESTIMATES.values(), "stated 90 %", "inside")
+    return Table(f"External load, {name}", header, tuple(rows), tuple(notes))
+
+
+def _text(found: Mapping[str, Any], torque: float) -> str:
+    return f"{1e3 * torque:.1f} mNm ({_grams(found, torque):.0f} g)"
+
+
+def errors_in_grams(found: Mapping[str, Any], way: str) -> float:
+    """RMS [g] over the weights of one direction of what the mean estimate is off by; NaN if none."""
+    off = [c["identified"] - c["torque"] for c in found["weighed"] if c["direction"] == way]
+    return _grams(found, math.sqrt(float(np.mean(np.square(off))))) if off else math.nan
+
+
+def floor_in_grams(found: Mapping[str, Any]) -> float:
+    """RMS [g] of an estimate that sees all but what friction may hide: 0 to twice its size."""
+    return _grams(found, 2.0 * float(found["true_friction"]) / math.sqrt(3.0))
+
+
+def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Table:
+    """Quantiles over the specimens, and how often what is stated holds."""
+    stiffness = np.array(
+        [100.0 * (n["drive_stiffness"] / n["true_stiffness"] - 1) for n in numbers]
+    )
+    measures = {
+        "stiffness off by [%]": np.abs(stiffness),
+        "load along, RMS [g]": np.array([errors_in_grams(n, "along") for n in numbers]),
+        "load opposing, RMS [g]": np.array([errors_in_grams(n, "opposing") for n in numbers]),
+        "its floor by friction [g]": np.array([floor_in_grams(n) for n in numbers]),
+    }
+    rows = []
+    for label, values in measures.items():
+        known = values[np.isfinite(values)]
+        quantiles = [fixed(float(np.quantile(known, q)), 1) for q in (0.5, 0.95, 1.0)]
+        rows.append((label, *(quantiles if len(known) else [fixed(math.nan, 1)] * 3), ""))
+    for kind in ("load", "angle"):
+        for case in _CASES:
+            own = [j for n in numbers for j in n["judged"].get(case, ())]
+            if own:
+                inside = 100.0 * float(np.mean([j[f"{kind}_inside"] for j in own]))
+                nees = float(np.mean([j[f"{kind}_nees"] for j in own]))
+                label = f"stated 90 % of the {kind}, {case}"
+                rows.append((label, "", "", "", f"{inside:.0f} % inside, NEES {nees:.2f}"))
+    floors = measures["its floor by friction [g]"]
+    below = float(np.mean(measures["load opposing, RMS [g]"] <= floors))
+    slack = sum(len(n["slack"]) for n in numbers)
     notes = (
-        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm). Identified with "
-        f"{1e3 * CALIBRATION_WEIGHT:.0f} g along the motion: K_d = "
-        f"{found['drive_stiffness'] / 1e3:.1f} +- {found['deviation'] / 1e3:.1f} kN/m, "
-        f"{found['ratio']:.2f} of the assumed.",
-        f"Dead band: up to {1e3 * dead_band:.1f} mNm ({grams(dead_band):.0f} "
-        "g) against the last motion may not show, since the jaw's friction holds them.",
+        f"{len(numbers)} specimens of seed {settings.seed}. Weights "
+        f"{', '.join(f'{mass:g}' for mass in settings['masses_g'])} g; still under each. The floor "
+        "is of an estimate that sees all but what the jaw's friction may hide, evenly from nothing "
+        f"to twice its size; opposing is no worse in {100 * below:.0f} %.",
+        f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. Left out, "
+        f"since the drive cable is slack under it: {slack} weights.",
     )
-    title = f"External load, specimen {title_of(settings['specimen'])}"
-    table = Table(title, ("load", "true", *_ESTIMATES.values()), tuple(rows), notes)
-    return Summary((table,), {"forceps-load": _figure(weighed, title)})
+    header = ("", "median", "95 %", "worst", "stated")
+    return Table("External load over the specimens", header, tuple(rows), notes)
 
 
-def _figure(weighed: Sequence[Mapping[str, Any]], title: str) -> Figure:
+def _figure(numbers: Sequence[Mapping[str, Any]]) -> Figure:
     panels = []
-    for way in dict.fromkeys(case["direction"] for case in weighed):
-        own = sorted((c for c in weighed if c["direction"] == way), key=lambda c: float(c["mass"]))
-        mNm = {k: 1e3 * np.array([c[k] for c in own]) for k in ("torque", *_ESTIMATES)}
-        curves = [Curve(mNm["torque"], mNm["torque"], "as it is", "k")]
-        curves += [Curve(mNm["torque"], mNm[k], v, style="o-") for k, v in _ESTIMATES.items()]
-        panels.append(Panel(curves, "true torque [mNm]", "estimate [mNm]", f"load {way}"))
+    for way in ("opposing", "along"):
+        own = [(n, c) for n in numbers for c in n["weighed"] if c["direction"] == way]
+        if not own:
+            continue
+        true = np.array([_grams(n, c["torque"]) for n, c in own])
+        curves = [Curve(np.sort(true), np.sort(true), "as it is", "k")]
+        for key, label in _ESTIMATES.items():
+            shown = np.array([_grams(n, c[key]) for n, c in own])
+            curves.append(Curve(true, shown, label, style="."))
+        panels.append(Panel(curves, "true load [g]", "estimate [g]", f"load {way}"))
     caption = (
-        "Torque of each weight while it hangs still. Against the motion the jaw's friction holds "
-        "part of it, which no estimate sees."
+        "Each weight while it hangs still. Against the motion the jaw's friction hides part of it, "
+        "which no estimate sees."
     )
-    return Figure(title, (panels,), caption, height=4.4, legend=True)
+    return Figure("External load", (panels,), caption, height=4.4, legend=True)

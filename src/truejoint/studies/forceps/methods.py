@@ -35,15 +35,22 @@ class Method:
     estimator: str = ""  # where that is not the method's key
 
     @property
+    def cables(self) -> tuple[str, ...]:
+        """Cables on which a sensor must sit: ``x1`` on the drive cable, ``x2`` on the reset one."""
+        return tuple(x for name, x in ((DRIVE, "x1"), (RESET, "x2")) if name in self.inputs)
+
+    @property
     def strategy(self) -> int:
         """Of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both, as (29) and (30) need."""
-        return 1 + sum(name in self.inputs for name in (DRIVE, RESET))
+        return 1 + len(self.cables)
 
 
 METHODS: Final[Mapping[str, Method]] = {
     "rigid": Method("rigid cables, offset", (MOTOR,), estimator="offset"),
     "poly2_motor": Method("quadratic in motor angle", (MOTOR,), estimator="poly2"),
     "play_motor": Method("plays on motor angle", (MOTOR,)),
+    "play_drive": Method("plays on x1", (DRIVE,)),
+    "poly2_drive": Method("quadratic in motor angle, x1", (MOTOR, DRIVE), estimator="poly2"),
     "lsm": Method("least squares (29)", (DRIVE, RESET), "tab:red"),
     "lsm_intercept": Method("(29) with intercept", (DRIVE, RESET)),
     "lsm_compensated": Method(
@@ -55,13 +62,14 @@ METHODS: Final[Mapping[str, Method]] = {
     "play_reset": Method("plays on x2", (RESET,), "tab:olive"),
     "play_both": Method("plays on motor angle, x2", (MOTOR, RESET)),
     "play_cables": Method("plays on x1, x2", (DRIVE, RESET)),
-    "play_gated": Method("gated plays (our best)", (MOTOR, RESET), "tab:green"),
+    "play_gated": Method("gated plays (our default)", (MOTOR, RESET), "tab:green"),
     "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
     "ukf_friction_smoothed": Method("the same, smoothed (not causal)", (MOTOR, RESET)),
 }
 """By the key that stands in options and numbers, in the order of the tables."""
 
 BEST: Final = "play_gated"
+"""What to calibrate a forceps with: of ours that stay right under a load, the most exact."""
 PAPERS_BEST: Final = "ukf_compensated"
 PAPERS: Final = ("lsm", "lsm_compensated", PAPERS_BEST)
 """The methods of the paper, worst first as it finds them."""
@@ -88,13 +96,13 @@ def settled(recording: Recording) -> Recording:
 
 @lru_cache(maxsize=4)
 def calibrated(
-    forceps: ForcepsParameters, methods: tuple[str, ...], seed: int
+    forceps: ForcepsParameters, methods: tuple[str, ...], seed: int, motion: str = "calibration"
 ) -> dict[str, Calibration]:
-    """Calibrations of a specimen on (27), by method; parts of one process share them.
+    """Calibrations of a specimen on a motion, (27), by method; parts of one process share them.
 
     Methods whose sensor is not installed are left out; raises StudyError when none is left.
     """
-    recording = settled(record(forceps, "calibration", seed=2 * seed))
+    recording = settled(record(forceps, motion, seed=2 * seed))
     models = {}
     for key, method in ((key, METHODS[key]) for key in methods):
         if set(method.inputs) <= set(recording.units):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,20 +11,25 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.errors import TruejointError
+from truejoint.motion import Trajectory, nested_motion
 from truejoint.motion import forceps_trajectories as paths
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
+from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.specimens import specimen as shipped
+from truejoint.studies.study import Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
 
 _TONES: Final = paths.CALIBRATION_TONES
-_TRAJECTORIES: Final = {
+_TRAJECTORIES: Final[Mapping[str, Callable[[], Trajectory]]] = {
     "calibration": paths.calibration_trajectory,
     "verification": paths.verification_trajectory,
+    "nested": lambda: nested_motion(get_robot("forceps"), rate=1000.0),
     "cycle": lambda: paths.sine_trajectory(_TONES, 2.0 * math.pi / _TONES[0][1]),
 }
 
@@ -39,6 +44,18 @@ def title_of(name: str) -> str:
     return Path(name).stem if name.endswith(".toml") else name
 
 
+def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
+    """Specimens that a study is made on, each with a name and a seed of its own.
+
+    The one named by the option ``specimen``, or as many of a population as ``count`` says.
+    """
+    if not settings["count"]:
+        name = settings["specimen"]
+        return [(f"specimen-{title_of(name)}", plain_specimen(name), settings.seed)]
+    plants = population(settings["count"], settings.seed, settings["prior"])
+    return [(f"specimen-{n:05d}", plant.to_dict(), n) for n, plant in enumerate(plants)]
+
+
 def built(forceps: Plain) -> ForcepsParameters:
     """Specimen of its plain values."""
     flat = {f"{section}.{key}": v for section, vs in forceps.items() for key, v in vs.items()}
@@ -50,8 +67,9 @@ def record(
 ) -> Recording:
     """Record a specimen on a motion of the paper; `how` is as `record_forceps` takes it.
 
-    That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), or the
-    load test of IV-D. Raises TruejointError if it is unknown, or the plant refuses a value.
+    That is ``"calibration"``, (27), ``"verification"``, (28), ``"cycle"``, a period of (27), the
+    load test of IV-D, or ``"nested"``, our own `nested_motion`. Raises TruejointError if it is
+    unknown, or the plant refuses a value.
 
     >>> len(record(ForcepsParameters.read(), "verification", seed=1))
     12967

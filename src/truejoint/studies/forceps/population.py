@@ -37,7 +37,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     ZeroShift.drawn(common["homing_deviation"], 0)  # refuses what cannot be drawn
     return [
         Part(f"specimen-{n:05d}", verify, {"forceps": plant.to_dict(), "number": n, **common})
-        for n, plant in enumerate(population(settings["count"], settings.seed))
+        for n, plant in enumerate(population(settings["count"], settings.seed, settings["prior"]))
     ]
 
 
@@ -63,12 +63,13 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     shares = {order: share(rms, *order) for order in ORDERINGS if set(order) <= set(rms)}
     rows = []
     for key, errors in rms.items():
-        quantiles = [degrees_text(float(np.quantile(errors, q))) for q in _QUANTILES.values()]
-        rows.append((m.METHODS[key].title, *quantiles, *_against(rms, key)))
+        quantiles = quantile_texts(errors, *_QUANTILES.values())
+        rows.append((m.METHODS[key].title, *quantiles, *against_paper(rms, key)))
     header = ("method", *_QUANTILES, "beats the UKF in", "median UKF / method")
     notes = (
         f"RMS error in degrees on (28) against the reference encoder, {len(results)} "
-        f"specimens of seed {settings.seed}, homing deviation {settings['homing_um']:g} um.",
+        f"specimens of seed {settings.seed}, prior {settings['prior']}, homing deviation "
+        f"{settings['homing_um']:g} um.",
         *(f"{_titles(order)}: {100 * value:.0f} % of specimens" for order, value in shares.items()),
         *m.left_out(settings, rms),
     )
@@ -84,7 +85,12 @@ def share(errors: Mapping[str, Array], *methods: str) -> float:
     return float(np.mean((np.diff(table, axis=1) < 0.0).all(axis=1)))
 
 
-def _against(rms: Mapping[str, Array], method: str) -> tuple[str, str]:
+def quantile_texts(errors: Array, *quantiles: float) -> tuple[str, ...]:
+    """Quantiles of errors [rad] in degrees."""
+    return tuple(degrees_text(float(np.quantile(errors, q))) for q in quantiles)
+
+
+def against_paper(rms: Mapping[str, Array], method: str) -> tuple[str, str]:
     """In how many specimens a method beats the paper's filter, and the median ratio of errors."""
     if m.PAPERS_BEST not in rms or method == m.PAPERS_BEST:
         return "", ""

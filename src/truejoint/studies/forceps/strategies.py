@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
 
 import numpy as np
 
@@ -13,8 +12,6 @@ from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import title_of
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table, degrees_text
-
-_SENSORS: Final = {1: "motor only", 2: "and x2", 3: "and x1, x2"}
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -29,9 +26,10 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     ways = settings["directions"]
     rows = []
     for key, error in errors.items():
-        strategy, rms = m.METHODS[key].strategy, degrees_text(error["rms"])
+        method, rms = m.METHODS[key], degrees_text(error["rms"])
         worst = [degrees_text(loaded.worst(cases, key, "IV", way)) for way in ways]
-        rows.append((m.METHODS[key].title, str(strategy), _SENSORS[strategy], rms, *worst))
+        sensors = ", ".join(("motor", *method.cables))
+        rows.append((method.title, str(method.strategy), sensors, rms, *worst))
     header = ("method", "strategy", "sensors", "RMS unloaded", *(f"worst IV {way}" for way in ways))
     notes = (
         "RMS error in degrees against the reference encoder: unloaded on (28); IV is still "

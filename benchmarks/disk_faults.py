@@ -1,0 +1,328 @@
+"""What is left of files when writing them is cut off, and of their values when bits flip.
+
+    python -m benchmarks.disk_faults [--kills 200] [--interrupts 50] [--full 50] [--flips 10000]
+
+Each command that writes runs again and again with ``--force`` over files that stand for good ones
+(in processes forked from one that has everything imported), and is killed (SIGKILL) at a random
+time after it opened its first file for writing; or interrupted (SIGINT) at a random time of its
+whole run; or allowed files of a random size only, as on a disk that is full. Afterwards each file
+must be the one from before or a whole new one. Then pairs of the same command start at once without
+``--force``: one may win. Last, single bits flip in a recording, a model and a trajectory.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import random
+import resource
+import select
+import signal
+import sys
+import tempfile
+import time
+import traceback
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+
+import truejoint
+from truejoint.cli.app import INTERRUPTED, main
+from truejoint.errors import TruejointError
+
+GOOD = b"the good file from before\n"
+CRASHED = 99
+PRELOADED = (
+    "cli.commands",
+    "evaluation.report.plot",
+    "export",
+    "recordings.parquet",
+    "runtime.corrector",
+)
+STUDY = ("--preset", "small", "--jobs", "1", "--set", "methods=lsm")
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, and the files that it writes."""
+
+    words: tuple[str, ...]
+    targets: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """What the table calls it."""
+        return f"{self.words[0]} -> {Path(self.targets[0]).suffix}"
+
+
+CASES = (
+    Case(("trajectory", "zigzag", "-o", "out/z.csv"), ("out/z.csv",)),
+    Case(("trajectory", "show", "z.csv", "--plot", "out/z.html"), ("out/z.html",)),
+    Case(("collect", "z.csv", "-o", "out"), ("out/z.parquet",)),
+    Case(("calibrate", "z.parquet", "-e", "linear", "-o", "out/m.st"), ("out/m.st",)),
+    Case(("check", "m.st", "z.parquet", "--rezero", "out/n.st"), ("out/n.st",)),
+    Case(("correct", "m.st", "z.parquet", "-o", "out/c.csv"), ("out/c.csv",)),
+    Case(("correct", "m.st", "z.parquet", "-o", "out/c.parquet"), ("out/c.parquet",)),
+    Case(("evaluate", "m.st", "z.parquet", "--report", "out/r.html"), ("out/r.html",)),
+    Case(
+        ("evaluate", "m.st", "z.parquet", "--tables", "out"),
+        tuple(f"out/{j}.{s}" for j in ("shoulder", "elbow", "insertion") for s in ("csv", "tex")),
+    ),
+    Case(
+        ("export", "m.st", "--to", "c", "-o", "out", "--prefix", "m"),
+        ("out/m.c", "out/m.h", "out/m_main.c", "out/m_vectors.h"),
+    ),
+    Case(("export", "m.st", "--to", "onnx", "-o", "out", "--prefix", "m"), ("out/m.onnx",)),
+    Case(
+        ("join", "z.parquet", "z.parquet", "--offset-s", "0", "-o", "out/j.parquet"),
+        ("out/j.parquet",),
+    ),
+    Case(("columns", "run.csv", "--robot", "raven2", "-o", "out/m.toml"), ("out/m.toml",)),
+    Case(("study", "forceps-unloaded", *STUDY, "-o", "out"), ("out/forceps-unloaded/parts",)),
+)
+
+
+@dataclass
+class Run:
+    """A command in a process of its own."""
+
+    pid: int
+    opened: int  # a pipe that gets a byte when the first file is opened for writing
+
+    def wait_for_writing(self) -> None:
+        """Wait until it writes, or has ended."""
+        select.select([self.opened], [], [])
+
+    def end(self) -> int:
+        """Exit code, negative for a signal."""
+        _, status = os.waitpid(self.pid, 0)
+        os.close(self.opened)
+        return os.waitstatus_to_exitcode(status)
+
+
+def fork(call: Callable[[], int | None]) -> Run:
+    """Run `call` in a process; its value is the exit code."""
+    opened, told = os.pipe()
+    pid = os.fork()
+    if pid:
+        os.close(told)
+        return Run(pid, opened)
+
+    def tell(event: str, arguments: tuple[object, ...]) -> None:
+        if event == "open" and str(arguments[0]).endswith(".part"):
+            os.write(told, b"w")
+
+    sys.addaudithook(tell)
+    try:
+        code = call() or 0
+    except SystemExit as stop:
+        code = int(stop.code or 0)
+    except BaseException:  # noqa: BLE001  # what reaches this is a fault
+        traceback.print_exc()
+        code = CRASHED
+    sys.stderr.flush()
+    os._exit(code)
+
+
+def command(words: tuple[str, ...], said: Path, limit: int | None = None) -> Callable[[], None]:
+    """Make a call of the command line that may write `limit` bytes into a file."""
+
+    def call() -> None:
+        for stream in (1, 2):
+            os.dup2(os.open(said, os.O_CREAT | os.O_WRONLY | os.O_APPEND), stream)
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if limit is not None:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        sys.argv = ["truejoint", *words]
+        main()
+
+    return call
+
+
+def is_whole(path: Path, healthy: bytes) -> bool:
+    """Whether a file is one that the command writes when nothing disturbs it."""
+    data = path.read_bytes()
+    if data == healthy:
+        return True
+    read = {".parquet": truejoint.read_recording, ".st": truejoint.read_calibration}
+    if path.suffix in read:
+        read[path.suffix](path)
+        return True
+    # A page tells when it was made.
+    return len(data) > 0.9 * len(healthy) and data[-20:] == healthy[-20:]
+
+
+def fault_of(path: Path, healthy: bytes) -> str:
+    """Say what is wrong with a file that a command was to write over; empty where nothing is."""
+    if not path.exists():
+        return "lost"
+    if path.read_bytes() == GOOD:
+        return ""
+    try:
+        return "" if is_whole(path, healthy) else "a fragment"
+    except TruejointError as error:
+        return str(error)
+
+
+def broken(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> list[str]:
+    """Say what is wrong with the files that a command left."""
+    faults = {name: fault_of(Path(name), content) for name, content in healthy.items()}
+    found = [f"{name}: {fault}" for name, fault in faults.items() if fault]
+    for path in Path("out").rglob("*"):
+        if ".partial" in path.name:
+            truejoint.read_recording(path)
+        elif path.suffix == ".part" and path.name.startswith(".") and not remnants_allowed:
+            found.append(f"{path}: left behind")
+    return found
+
+
+def prepared(case: Case) -> None:
+    """Empty the folder and put good files where the command writes."""
+    for path in sorted(Path("out").rglob("*"), reverse=True):
+        path.rmdir() if path.is_dir() else path.unlink()
+    for name in case.targets:
+        if Path(name).suffix:
+            Path(name).write_bytes(GOOD)
+
+
+def judged(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> int:
+    """How many of its files are broken, said on standard error; in a process of its own."""
+
+    def call() -> int:
+        found = broken(case, healthy, remnants_allowed)
+        for line in found:
+            print(f"{case.name}: {line}", file=sys.stderr)
+        return len(found)
+
+    return fork(call).end()
+
+
+def trials(case: Case, counts: dict[str, int], rng: random.Random, tally: Counter[str]) -> None:
+    """Disturb one command as often as `counts` says, and count what came of it."""
+    prepared(case)
+    said = Path("said.txt").absolute()
+    words = (*case.words, "--force")
+    began = time.monotonic()
+    run = fork(command(words, said))
+    run.wait_for_writing()
+    writing = time.monotonic()
+    code = run.end()
+    whole, write = time.monotonic() - began, time.monotonic() - writing
+    if code not in (0, 1):
+        raise SystemExit(f"{case.name}: exit code {code}\n{said.read_text()}")
+    healthy = {n: Path(n).read_bytes() for n in case.targets if Path(n).is_file()}
+    sizes = [p.stat().st_size for p in Path("out").rglob("*") if p.is_file()]
+    for kind, count in counts.items():
+        for _ in range(count):
+            prepared(case)
+            said.unlink(missing_ok=True)
+            limit = rng.randrange(max(sizes)) if kind == "disk full" else None
+            run = fork(command(words, said, limit))
+            if kind == "kill -9":
+                run.wait_for_writing()
+                time.sleep(rng.uniform(0, write))
+                os.kill(run.pid, signal.SIGKILL)
+            elif kind == "Ctrl-C":
+                time.sleep(rng.uniform(0, whole))
+                os.kill(run.pid, signal.SIGINT)
+            code = run.end()
+            tally[f"{kind}: runs"] += 1
+            tally[f"{kind}: ended before it was done"] += code not in (0, 1)
+            tally[f"{kind}: files lost or broken"] += judged(case, healthy, kind == "kill -9")
+            text = said.read_text() if said.exists() else ""
+            known = {"kill -9": (-9, 0, 1), "Ctrl-C": (INTERRUPTED, 0, 1), "disk full": (2, 0, 1)}
+            if code not in known[kind] or "Traceback" in text:
+                tally[f"{kind}: another exit code, or a traceback"] += 1
+                print(f"{case.name}: {kind}: exit code {code}: {text[-600:]}", file=sys.stderr)
+
+
+def races(case: Case, count: int, tally: Counter[str]) -> None:
+    """Start pairs of a command at once, without ``--force``."""
+    said = Path("said.txt").absolute()
+    for _ in range(count):
+        prepared(case)
+        for name in case.targets:
+            Path(name).unlink(missing_ok=True)
+        codes = sorted(run.end() for run in [fork(command(case.words, said)) for _ in range(2)])
+        tally["two at once: runs"] += 1
+        tally["two at once: both believe to have written"] += codes[1] in (0, 1)
+
+
+def flips(count: int, rng: random.Random, tally: Counter[str]) -> None:
+    """Flip single bits, and count what is read with other values."""
+    readers: dict[str, Callable[[Path], object]] = {
+        "short.parquet": lambda path: truejoint.read_recording(path).table.to_numpy().tobytes(),
+        "m.st": lambda path: truejoint.read_calibration(path).to_bytes(),
+        "z.csv": lambda path: truejoint.motion.read_trajectory(path).positions.tobytes(),
+    }
+    whole = truejoint.read_recording("z.parquet")
+    truejoint.write_parquet(whole.rows(slice(200)), "short.parquet")
+    for name, read in readers.items():
+        data, right = Path(name).read_bytes(), read(Path(name))
+        flipped = Path(f"flipped{Path(name).suffix}")
+        for _ in range(count // len(readers) + 1):
+            changed = np.frombuffer(data, np.uint8).copy()
+            changed[rng.randrange(len(data))] ^= 1 << rng.randrange(8)
+            flipped.write_bytes(changed.tobytes())
+            tally[f"bits of {name}: flipped"] += 1
+            try:
+                tally[f"bits of {name}: read with other values"] += read(flipped) != right
+            except TruejointError:
+                tally[f"bits of {name}: refused"] += 1
+
+
+def measure(options: argparse.Namespace) -> Counter[str]:
+    """Run all trials in the current folder."""
+    rng = random.Random(options.seed)  # noqa: S311  # no secret
+    tally: Counter[str] = Counter()
+    said = Path("said.txt").absolute()
+    Path("out").mkdir()
+    Path("run.csv").write_text("stamp_ms,elbow_pos_deg\n0,5\n1,6\n")
+    for words in (
+        ("trajectory", "zigzag", "--sparsity", "1/2", "-o", "z.csv"),
+        ("collect", "z.csv", "-o", "."),
+        ("calibrate", "z.parquet", "-e", "linear", "-o", "m.st"),
+    ):
+        if fork(command(words, said)).end():
+            raise SystemExit(said.read_text())
+    wanted = {"kill -9": options.kills, "Ctrl-C": options.interrupts, "disk full": options.full}
+    for place, case in enumerate(CASES):
+        share = {kind: len(range(place, n, len(CASES))) for kind, n in wanted.items()}
+        trials(case, share, rng, tally)
+    for case in (CASES[0], CASES[2], CASES[3], CASES[5]):
+        races(case, options.pairs, tally)
+    flips(options.flips, rng, tally)
+    return tally
+
+
+def parsed() -> argparse.Namespace:
+    """Read the options of the command line."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    for name, default in (("kills", 200), ("interrupts", 50), ("full", 50), ("pairs", 5)):
+        parser.add_argument(f"--{name}", type=int, default=default)
+    parser.add_argument("--flips", type=int, default=10_000)
+    parser.add_argument("--seed", type=int, default=0)
+    return parser.parse_args()
+
+
+def run() -> None:
+    """Print how often which fault left what."""
+    options = parsed()
+    for name in PRELOADED:  # so that no run waits for it
+        import_module(f"truejoint.{name}")
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # until a run takes it
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        tally = measure(options)
+        os.chdir("/")
+    print("| what | how often |\n|---|---|")
+    for what, count in tally.items():
+        print(f"| {what} | {count} |")
+
+
+if __name__ == "__main__":
+    run()

@@ -1,0 +1,179 @@
+"""The simulated back end at the pace of the wall clock, as a robot's control computer runs."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.errors import CommandRefused, TruejointError
+from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
+from truejoint.simulation import Twin, TwinOutput
+
+_AHEAD: Final = 5
+"""Set-points that may wait to be executed while more are asked for: 5 ms."""
+_HOPELESS: Final = 0.1  # lateness [s] after which the clock is taken up anew
+_KEPT: Final = 1_200_000  # periods, twenty minutes
+_LATE: Final = 1.5e-3  # [s]
+
+
+@dataclass(frozen=True)
+class LoopTiming:
+    """How evenly a loop has run; times are between the starts of two passes.
+
+    Attributes
+    ----------
+    periods : int
+        How many were looked at.
+    median, p99, worst : float
+        [s].
+    late_share : float
+        Share of periods above 1.5 ms.
+    restarts : int
+        How often the loop fell so far behind that its clock was taken up anew.
+
+    Examples
+    --------
+    >>> LoopTiming.of(np.array([0.0, 0.001, 0.003])).late_share
+    0.5
+    """
+
+    periods: int
+    median: float
+    p99: float
+    worst: float
+    late_share: float
+    restarts: int = 0
+
+    @classmethod
+    def of(cls, starts: Array, restarts: int = 0) -> LoopTiming:
+        """Judge a loop whose passes started at `starts` (n,) [s], n >= 2."""
+        periods = np.diff(starts)
+        median, p99 = np.quantile(periods, [0.5, 0.99])
+        late = float((periods > _LATE).mean())
+        return cls(len(periods), float(median), float(p99), float(periods.max()), late, restarts)
+
+
+class PacedBackend(SimulatedBackend):
+    """A digital twin that takes a millisecond for a millisecond, and reports all the time.
+
+    A thread runs the twin at 1 kHz: along the set-points sent, else holding the last one; state
+    messages come one at a time while the arm is enabled and homed. Close the arm to end it.
+
+    Parameters
+    ----------
+    twin : Twin
+        Kept by reference.
+
+    Examples
+    --------
+    >>> arm = truejoint.crtk.Arm(PacedBackend(truejoint.simulation.make_twin(seed=1)))
+    >>> arm.enable()
+    >>> arm.close()
+    """
+
+    def __init__(self, twin: Twin) -> None:
+        super().__init__(twin)
+        self._waiting: deque[Array] = deque()
+        self._moved = threading.Condition()
+        self._starts = np.empty(_KEPT)  # of the latest passes, a ring
+        self._passes = 0
+        self._restarts = 0
+        self._closed = threading.Event()
+        self._hold = self.robot.home
+        self._failure: BaseException | None = None
+        self._due = 0.0
+        self._thread = threading.Thread(target=self._loop, name="paced arm", daemon=True)
+        self._thread.start()
+
+    def disconnect(self) -> None:
+        """Deliver no more blocks, and end the loop."""
+        super().disconnect()
+        self._closed.set()
+        if threading.current_thread() is not self._thread:
+            self._thread.join(1.0)
+
+    def timing(self) -> LoopTiming:
+        """How evenly the loop has run up to now; CommandRefused if it has hardly begun."""
+        passes = self._passes
+        if passes < 2:
+            raise CommandRefused("timing refused: the loop has not run yet")
+        first = passes - min(passes, _KEPT)
+        return LoopTiming.of(self._starts[np.arange(first, passes) % _KEPT], self._restarts)
+
+    def servo_jp(self, position: Array) -> None:
+        """Queue set-points (n, n_joints) [rad or m]; returns when nearly all are executed."""
+        with self._moved:
+            self._waiting.extend(position)
+            self._wait_for(_AHEAD)
+
+    def flush(self) -> None:
+        """Return once all set-points are executed."""
+        with self._moved:
+            self._wait_for(0)
+
+    def wait(self, duration: float) -> None:
+        """Let `duration` [s] of the wall clock pass."""
+        self._closed.wait(duration)
+
+    def _wait_for(self, most: int) -> None:
+        while len(self._waiting) > most:
+            if self._failure is not None:
+                raise self._failure
+            if self._closed.is_set():
+                self._waiting.clear()
+                raise CommandRefused("servo_jp refused: the arm is closed")
+            if not self._state.is_ready:
+                self._waiting.clear()
+                raise CommandRefused(f"servo_jp stopped: the arm is {self._state.state}")
+            self._moved.wait(GRAIN)
+
+    def _loop(self) -> None:
+        due = time.perf_counter()
+        while not self._closed.is_set():
+            due += SETPOINT_DT
+            late = time.perf_counter() - due
+            if late < 0.0:
+                time.sleep(-late)
+            elif late > _HOPELESS:
+                due, self._restarts = due + late, self._restarts + 1
+            self._starts[self._passes % _KEPT] = time.perf_counter()
+            self._passes += 1
+            try:
+                self._pass()
+            except BaseException as error:  # noqa: BLE001  # a subscriber's: the arm stops
+                self._failure = error
+                with self._lock, suppress(TruejointError):
+                    SimulatedBackend.state_command(self, "pause", 1.0)
+                return
+
+    def _pass(self) -> None:
+        """One period: a set-point if there is one, else hold; or stand on the brakes."""
+        with self._lock:
+            if self._state.is_busy:
+                return  # homing lets the time pass itself
+            if not self._state.is_ready:
+                self.twin.idle(SETPOINT_DT)
+                return
+            with self._moved:
+                if self._waiting:
+                    self._hold = self._waiting.popleft()
+                    self._moved.notify_all()
+            output = self.twin.run(self._hold[None])
+        self._deliver(output)
+
+    def _passed(self, piece: TwinOutput) -> None:
+        """Let the time of a piece of the homing pass."""
+        duration = len(piece.t) * SETPOINT_DT
+        now = time.perf_counter()
+        self._due = max(self._due, now - _HOPELESS) + duration
+        if self._due > now:
+            self._closed.wait(self._due - now)
+        self._hold = self.robot.home

@@ -1,0 +1,85 @@
+"""Poses and twists of a tool, in the frame of the robot's CRTK topics."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.spatial.transform import Rotation, Slerp
+
+from truejoint.array_types import Array
+from truejoint.errors import CommandRefused
+from truejoint.robots.chain import rigid
+from truejoint.robots.robot import Kinematics
+
+# Between two points of a straight line the joints go straight: 2 mm or 2 deg apart the tool
+# strays by micrometres.
+_SPACING: Final = 2e-3
+_TURN: Final = np.deg2rad(2.0)
+
+
+def pose(kinematics: Kinematics, joint: ArrayLike) -> Array:
+    """Tool pose (4, 4) [m] at joint positions (n_joints,) [rad or m]."""
+    return np.asarray(kinematics.crtk_from_base @ kinematics.forward(joint))
+
+
+def jacobian(kinematics: Kinematics, joint: ArrayLike) -> Array:
+    """Geometric Jacobian (6, n_joints) at the tool: velocity over angular velocity."""
+    turned = kinematics.crtk_from_base[:3, :3]
+    rows = kinematics.jacobian(joint)
+    return np.vstack([turned @ rows[:3], turned @ rows[3:]])
+
+
+def joints_at(kinematics: Kinematics, target: ArrayLike, seed: Array) -> Array:
+    """Joint positions (n_joints,) [rad or m] near `seed` that reach a tool pose (4, 4) [m].
+
+    Raises RobotError if it is not rigid or out of reach.
+    """
+    base_from_crtk = np.linalg.inv(kinematics.crtk_from_base)
+    return kinematics.inverse(base_from_crtk @ rigid(target), seed)
+
+
+def step_of(twist: ArrayLike) -> Array:
+    """Pose (4, 4) that a `twist` (6,) [m, rad] over a unit of time moves and turns a tool by.
+
+    Raises CommandRefused unless it is 6 finite values.
+    """
+    values = np.asarray(twist, dtype=float)
+    if values.shape != (6,) or not np.isfinite(values).all():
+        raise CommandRefused(
+            f"twist of shape {values.shape} refused; want 6 finite values: velocity [m/s] over "
+            "angular velocity [rad/s]"
+        )
+    step = np.eye(4)
+    step[:3, 3] = values[:3]
+    step[:3, :3] = Rotation.from_rotvec(values[3:]).as_matrix()
+    return step
+
+
+def moved(start: Array, increment: ArrayLike) -> Array:
+    """Pose (4, 4) shifted by that of an `increment` (4, 4) and turned by it about the tool."""
+    by, after = rigid(increment), start.copy()
+    after[:3, 3] += by[:3, 3]
+    after[:3, :3] = by[:3, :3] @ start[:3, :3]
+    return after
+
+
+def straight_line(kinematics: Kinematics, start: Array, goal: ArrayLike) -> Array:
+    """Joint positions (n, n_joints) along a straight line of the tool, from after `start` on.
+
+    `start` (n_joints,) is where the arm is [rad or m], `goal` (4, 4) the tool's pose at the end
+    [m]; it turns at an even rate meanwhile. Raises RobotError if some of it is out of reach.
+    """
+    first, last = pose(kinematics, start), rigid(goal)
+    way = last[:3, 3] - first[:3, 3]
+    ends = Rotation.from_matrix(np.stack([first[:3, :3], last[:3, :3]]))
+    turn = float((ends[1] * ends[0].inv()).magnitude())
+    n = max(1, int(np.ceil(max(np.linalg.norm(way) / _SPACING, turn / _TURN))))
+    shares = np.arange(1, n + 1) / n
+    turned, target = Slerp([0.0, 1.0], ends)(shares).as_matrix(), last.copy()
+    knots, joint = np.empty((n, len(start))), start
+    for k, share in enumerate(shares):
+        target[:3, 3], target[:3, :3] = first[:3, 3] + share * way, turned[k]
+        knots[k] = joint = joints_at(kinematics, target, joint)
+    return knots

@@ -1,0 +1,79 @@
+"""What a robot can do: ranges, steps and speeds that commands are checked against."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.array_types import Array
+from truejoint.crtk.protocol import SERVO_RATE
+from truejoint.errors import CommandRefused
+from truejoint.robots import Robot
+from truejoint.robots.joint_rows import at_sample, checked_vector
+from truejoint.units import shown, shown_range
+
+# Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
+# (python_controller/raven_py_controller.py: positioning joints) and turns the tool
+# (python_controller/run_r2_keyboard_controller.py: the others) [rad/s, m/s].
+_MOVE_POSITIONING: Final = np.deg2rad(3.0)
+_MOVE_TOOL: Final = np.deg2rad(10.0)
+_MOVE_PRISMATIC: Final = 0.01
+# Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
+_ROUNDING: Final = 1e-9
+
+
+def check_range(robot: Robot, rows: Array, command: str) -> None:
+    """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range."""
+    outside = (rows < robot.lower - _ROUNDING) | (rows > robot.upper + _ROUNDING)
+    if outside.any():
+        row, column = np.argwhere(outside)[0]
+        joint = robot.joints[column]
+        raise CommandRefused(
+            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
+            f"{at_sample(row, rows)} is outside its range "
+            f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
+        )
+
+
+def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
+    """Raise CommandRefused if a joint would step faster than its top speed.
+
+    `rows` (n, n_joints) follow each other at `SERVO_RATE`, the first `start` (n_joints,).
+    """
+    limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
+    step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
+    excess = step > limit + _ROUNDING
+    if excess.any():
+        row, column = np.argwhere(excess)[0]
+        joint = robot.joints[column]
+        taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
+        raise CommandRefused(
+            f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
+            f"more than {most}; send smaller steps or move_jp"
+        )
+
+
+def move_speed(robot: Robot, speed: ArrayLike | None, command: str) -> Array:
+    """Speed caps (n_joints,) of a move, as asked for or the default [rad/s or m/s].
+
+    Raises CommandRefused if one is not positive or above the joint's top speed.
+    """
+    joints = robot.joints
+    top = np.array([joint.max_speed for joint in joints])
+    if speed is None:
+        positioning = [joint.name in robot.positioning for joint in joints]
+        turning = np.where(positioning, _MOVE_POSITIONING, _MOVE_TOOL)
+        sliding = [joint.kind == "prismatic" for joint in joints]
+        return np.asarray(np.minimum(np.where(sliding, _MOVE_PRISMATIC, turning), top))
+    caps = checked_vector(robot, speed, f"{command} speed")
+    wrong = ~((caps > 0.0) & (caps <= top))
+    if wrong.any():
+        joint, cap = joints[int(np.argmax(wrong))], float(caps[np.argmax(wrong)])
+        unit = joint.unit + "/s"
+        raise CommandRefused(
+            f"{command} refused: speed of {joint.name} is {shown(cap, unit)}; want more than 0 "
+            f"and at most {shown(joint.max_speed, unit)}"
+        )
+    return caps

@@ -1,0 +1,186 @@
+"""A weighted sum of estimators: one after the other on what is left, or each with a weight."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, ClassVar, Self
+
+import numpy as np
+from sklearn.base import clone
+
+from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
+from truejoint.estimators import registry
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.wrapped import Regressor, joint_regressor
+from truejoint.models import combination, combination_with_memory
+from truejoint.models.family import EstimatorData, Family, Params
+
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
+
+
+@dataclass(eq=False, repr=False)
+class Combination(JointRegressor):
+    """Sum of estimators: by `weights`, or each fitted to what those before it leave.
+
+    With weights, it is what Breiman calls stacked regressions (Machine Learning 24, 1996), the
+    choice of one estimator for each joint included; they come from errors on rows that the members
+    were not fitted to, see `truejoint.calibration.Automatic`. Without weights it is one step of
+    boosting: the first member explains what it can, and the next its residual.
+
+    Parameters
+    ----------
+    members : sequence of Regressor, optional
+        Unfitted, each with a row and for any features; by default the linear model, then boosted
+        trees.
+    weights : sequence of sequence of float, optional
+        A row for each member, a column for each output. A member is fitted to those outputs alone
+        for which it has a weight other than 0, one without any is left out.
+    random_state : int, optional
+        Seed of the members; their own by default.
+
+    Attributes
+    ----------
+    members_ : list of JointRegressor
+        Fitted, of those that have a weight.
+
+    Examples
+    --------
+    >>> X = np.linspace(-1.0, 1.0, 200)[:, None]
+    >>> model = Combination().fit(X, X[:, 0] + (X[:, 0] > 0.5))
+    >>> model.name, [member.name for member in model.members_]
+    ('linear_trees', ['linear', 'HistGradientBoostingRegressor'])
+    >>> model.predict([[0.2], [0.8]]).round(1)
+    array([0.2, 1.8])
+    """
+
+    family: ClassVar[Family] = combination.FAMILY
+    members: Sequence[Regressor] | None = None
+    weights: Sequence[Sequence[float]] | None = None
+    random_state: int | None = None
+
+    def __post_init__(self) -> None:
+        if any(member.family.remembers for member in self._unfitted()):
+            self.family = combination_with_memory.FAMILY  # type: ignore[misc]  # by its members
+
+    @property
+    def name(self) -> str:
+        """Name of the one by default; the family of any other."""
+        return super().name if self.members is None else self.family.name
+
+    def minimum_rows(self, n_features: int) -> int:
+        """As many as the most demanding member needs."""
+        return max(member.minimum_rows(n_features) for member in self._unfitted())
+
+    def check_params(self) -> None:
+        """Raise CalibrationError if a member cannot be one, or the weights are not theirs."""
+        unfitted = self._unfitted()
+        for member in unfitted:
+            member.check_params()
+            if member.family.inputs is not None:
+                raise CalibrationError(
+                    f"{member.name} takes features of its own and cannot be combined; fit it alone"
+                )
+        if self.weights is not None:
+            weights = np.asarray(self.weights, dtype=np.float64)
+            good = weights.ndim == 2 and len(weights) == len(unfitted)
+            if not (good and np.isfinite(weights).all() and weights.any(axis=0).all()):
+                raise CalibrationError(
+                    f"weights of a combination have shape {weights.shape}; give a finite one for "
+                    f"each of {len(unfitted)} members and each output, not all 0 for an output"
+                )
+        super().check_params()
+
+    def check_shape(self, n_features: int, n_outputs: int) -> None:
+        """Raise CalibrationError for numbers of either that a member does not take."""
+        if self.weights is not None and np.shape(self.weights)[1] != n_outputs:
+            raise CalibrationError(
+                f"weights of a combination are for {np.shape(self.weights)[1]} outputs; it must be "
+                f"{n_outputs}"
+            )
+        for member in self._unfitted():
+            member.check_shape(n_features, n_outputs)
+
+    def check_recordings(self, recordings: Sequence[Recording]) -> None:
+        """Raise CalibrationError when recordings cannot serve to fit a member."""
+        for member in self._unfitted():
+            member.check_recordings(recordings)
+
+    def model_params(self) -> Params:
+        """Parameters of the family: each member's family, parameters and outputs."""
+        return dict(vars(self).get("params_") or _described(self._unfitted()))
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls()
+        made.params_ = params
+        return made
+
+    @classmethod
+    def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
+        """Fitted estimator of its data; raises as `JointRegressor.from_data`."""
+        made = super().from_data(data, n_features, n_outputs)
+        made.members = ()
+        return made
+
+    def settled(self) -> Self:
+        """Unfitted copy, of settled members."""
+        if self.members is None:
+            return super().settled()
+        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
+            members=tuple(member.settled() for member in self.members_),
+            weights=None if self.weights is None else self._used(),
+        )
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        unfitted, n = self._unfitted(), y.shape[1]
+        weights = np.ones((len(unfitted), n))
+        if self.weights is not None:
+            weights = np.array(self._used(), dtype=np.float64)
+            unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
+        self.members_ = []
+        arrays: Arrays = {"weights": weights[weights != 0.0]}
+        left = y.copy()
+        for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
+            outputs = np.flatnonzero(own)
+            told = partial(_share, progress, number, len(unfitted))
+            if self.random_state is not None:
+                seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
+                member.set_params(**dict.fromkeys(seeds, self.random_state))
+            rows = np.isfinite(left).all(axis=1) | member.family.remembers
+            member.fit(X[rows], left[rows][:, outputs], told, dt[rows])
+            member.memory()  # refuses what only works offline
+            if self.weights is None:
+                left -= member.evaluate(X, dt)
+            self.members_.append(member)
+            arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}
+        self.params_ = _described(self.members_, weights)
+        return arrays
+
+    def _unfitted(self) -> list[JointRegressor]:
+        """Give members of one's own."""
+        members = registry.linear_and_trees() if self.members is None else self.members
+        return [clone(joint_regressor(member)) for member in members]
+
+    def _used(self) -> tuple[tuple[float, ...], ...]:
+        """Weights of the members that have any."""
+        return tuple(tuple(map(float, own)) for own in self.weights or () if np.any(own))
+
+
+def _described(members: Sequence[JointRegressor], weights: Array | None = None) -> Params:
+    """Parameters of the family: family, parameters and outputs of each member."""
+    rows = np.zeros((len(members), 0)) if weights is None else weights
+    return {
+        "members": tuple(
+            (member.family.name, dict(member.model_params()), tuple(np.flatnonzero(row).tolist()))
+            for member, row in zip(members, rows, strict=True)
+        )
+    }
+
+
+def _share(progress: Progress, done: int, count: int, fraction: float) -> None:
+    progress((done + fraction) / count)

@@ -1,0 +1,132 @@
+"""A page of several models side by side: verdicts, table, what is better beyond chance, errors."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from itertools import combinations, cycle
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from truejoint.errors import CalibrationError
+from truejoint.evaluation.comparison import compare
+from truejoint.evaluation.report import plot
+from truejoint.evaluation.report.page import facts, render_figures, write_page
+from truejoint.evaluation.report.plot import Figure
+from truejoint.evaluation.report.residuals import error_panels
+from truejoint.evaluation.results import Evaluation
+from truejoint.evaluation.view import Row
+
+_COLOURS: Final = (plot.BLUE, plot.ORANGE, plot.GREEN, plot.PURPLE, plot.SKY, plot.GREY)
+
+
+def write_comparison(
+    together: Evaluation,
+    alone: Mapping[str, Evaluation],
+    path: str | Path,
+    *,
+    command: str = "",
+    overwrite: bool = False,
+) -> Path:
+    """Write a page on several models that were judged on the same recordings.
+
+    Parameters
+    ----------
+    together : Evaluation
+        Of all models, each as an estimator by its own name.
+    alone : mapping of str to Evaluation
+        Of each model by itself, by that name, for its verdict.
+    path : str or Path
+        Where to write; written whole or not at all.
+    command : str
+        Command line that makes this page again.
+    overwrite : bool
+        Whether a file at `path` may be replaced.
+
+    Raises
+    ------
+    CalibrationError
+        If a model is not among those that were judged together.
+    RecordingError
+        As `write_report`.
+
+    Examples
+    --------
+    >>> write_comparison(evaluation, {"linear": evaluation}, "models.html").name
+    'models.html'
+    """
+    for name in alone:
+        if name not in together.estimators:
+            raise CalibrationError(f"{name} was not judged together with the others")
+    render = partial(_render, together, alone, command)
+    return write_page(path, render, overwrite=overwrite)
+
+
+def _render(together: Evaluation, alone: Mapping[str, Evaluation], command: str) -> str:
+    verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}
+    objections = [v.text for v in verdicts.values() if v.objections]
+    deploy = together.verdict.deploy
+    level = verdicts[deploy].level if deploy in verdicts else "warn"
+    picked = replace(together, chosen=deploy) if deploy else together
+    return render_figures(
+        "comparison.html.j2",
+        {
+            "residuals": list(_residuals(together, list(alone))),
+            "distribution": list(_distributions(together, list(alone))),
+        },
+        evaluation=picked,
+        verdicts=verdicts,
+        level="fail" if objections else level,
+        sentence=objections[0] if objections else together.verdict.advice,
+        rule=next(iter(verdicts.values())).rule,
+        pairs=list(_pairs(together, list(alone))),
+        origins={name: evaluation.training for name, evaluation in alone.items()},
+        facts=facts(together, f"{len(alone)} models"),
+        command=command,
+    )
+
+
+def _pairs(evaluation: Evaluation, names: list[str]) -> Iterator[Row]:
+    """Which model of each two is closer to the truth in each joint."""
+    for column, joint, _ in evaluation.shown_joints():
+        for one, other in combinations(names, 2):
+            errors = (
+                [trace.error(name)[:, column] for trace in evaluation.traces]
+                for name in (one, other)
+            )
+            found = compare(*errors)
+            yield Row(joint, [one, found.outcome, other, str(found.stretches)])
+
+
+def _residuals(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]:
+    """Error of each model against position, a figure a joint, on one scale."""
+    for column, joint, unit in evaluation.shown_joints():
+        position = unit.scale * np.concatenate([t.truth[:, column] for t in evaluation.traces])
+        moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
+        errors = {name: unit.scale * evaluation.error(name, column) for name in names}
+        spec = error_panels(position, errors, moves, unit)
+        caption = (
+            f"{joint}: error [{unit.name}] against position, a panel a model on one scale. Dots "
+            "are rows, blue while the joint moves up and orange while it moves down; lines are "
+            "medians, bands hold the middle 90 %."
+        )
+        yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
+
+
+def _distributions(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]:
+    """Share of the rows within an error, a curve a model."""
+    share = np.linspace(0.0, 1.0, 201)
+    for column, joint, unit in evaluation.shown_joints():
+        curves = []
+        for name, colour in zip(names, cycle(_COLOURS), strict=False):
+            size = np.abs(unit.scale * evaluation.error(name, column))
+            curves.append(plot.curve(np.quantile(size, share), 100 * share, name, colour))
+        x = {"title": f"|error| [{unit.name}]", "rangemode": "tozero"}
+        y = {"title": "share of rows within [%]", "range": [0, 101]}
+        caption = f"{joint}: share of the test's rows within a given error [{unit.name}]."
+        label = f"Distribution of the error of {joint}"
+        spec = plot.panels([(x, y, curves)], 300)
+        yield Figure(f"within-{column}", label, caption, [spec], wide=False)

@@ -1,0 +1,213 @@
+"""Whatever is typed or lies in a file: one line, the right exit code, nothing that steers."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from tests.cli.conftest import Call
+
+import truejoint
+from truejoint.cli import app
+from truejoint.cli.console import one_line, printable
+
+HUGE = "9" * 400
+ENDLESS = "9" * 5000
+
+
+@given(st.text())
+def test_what_is_printed_steers_no_terminal(text: str) -> None:
+    shown = printable(text)
+    assert all(c in "\t\n" or c.isprintable() or ord(c) > 0x9F for c in shown)
+    shown.encode()
+    assert printable(shown) == shown
+    assert "\n" not in one_line(text)
+
+
+def test_a_long_text_is_cut_in_the_middle() -> None:
+    line = one_line("a" * 5000 + "z" * 5000)
+    assert len(line) < 1100
+    assert line.startswith("aaa")
+    assert line.endswith("zzz")
+
+
+@pytest.mark.parametrize("name", ["esc\x1b[31m.csv", "bad\udcff.csv", "two\nlines.csv", ":x:.csv"])
+def test_a_name_is_shown_as_it_is_but_for_what_steers(
+    call: Call, tmp_path: Path, name: str
+) -> None:
+    (tmp_path / name).write_bytes(b"x")
+    result = call("show", tmp_path / name)
+    assert result.code == 2
+    assert "\x1b" not in result.err
+    assert (printable(name) if "\n" not in name else "two lines") in result.err
+    assert result.err.splitlines()[-1].startswith("truejoint: ")
+
+
+def test_a_session_of_half_a_character_goes_into_any_output(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    options = ("--session", "\ud800[/b]", "--homing-id", "\x1b]0;title\x07")
+    args = (session / "m.st", session / "random.parquet", *options)
+    for result in (
+        call("evaluate", *args, "--report", tmp_path / "r.html"),
+        call("correct", *args, "-o", tmp_path / "c.csv"),
+        call("show", session / "random.parquet", *options),
+    ):
+        assert result.code in (0, 1), result.err
+        assert "\x1b" not in result.out + result.err
+    assert "\\ud800" in (tmp_path / "r.html").read_text()
+
+
+def test_output_in_forced_ascii(session: Path) -> None:
+    program = [sys.executable, "-m", "truejoint", "show", str(session / "m.st")]
+    environment = {**os.environ, "PYTHONIOENCODING": "ascii"}
+    shown = subprocess.run(program, env=environment, capture_output=True, check=True)  # noqa: S603
+    assert shown.stdout.isascii()
+
+
+MAP = 'robot = "raven2"\n[columns]\nt = { column = "t", unit = "s" }\n"measured/elbow" = '
+
+
+@pytest.mark.parametrize(
+    "number", [HUGE, ENDLESS, "1e999", "nan", "-inf", "0", "1e308", "true", "'1'"]
+)
+def test_no_number_of_a_map_goes_unbounded(call: Call, tmp_path: Path, number: str) -> None:
+    (tmp_path / "run.csv").write_text("t,a\n0,0.1\n1,0.2\n")
+    (tmp_path / "map.toml").write_text(f'{MAP}{{ column = "a", scale = {number} }}\n')
+    result = call("show", tmp_path / "run.csv", "--columns", tmp_path / "map.toml")
+    assert result.code == 2
+    assert "Error" not in result.err.splitlines()[-1]
+
+
+@pytest.mark.parametrize("number", [HUGE, ENDLESS, "1e999", "-1e999"])
+@pytest.mark.parametrize("key", ["load", "start"])
+def test_no_number_of_a_recording_goes_unbounded(
+    call: Call, session: Path, tmp_path: Path, key: str, number: str
+) -> None:
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    table = pq.read_table(session / "random.parquet")
+    text = table.schema.metadata[b"truejoint"].decode()
+    before = truejoint.read_recording(session / "random.parquet").provenance
+    value = f'"{key}": {getattr(before, key)!r}'
+    assert value in text
+    text = text.replace(value, f'"{key}": {number}').replace('"version": 2', '"version": 1')
+    digest = text[text.index(', "sha256"', text.index('"robot": {')) :]
+    text = text.replace(digest, "}")
+    path = tmp_path / "a.parquet"
+    pq.write_table(table.replace_schema_metadata({b"truejoint": text.encode()}), path)
+    result = call("show", path)
+    assert result.code == 2
+    assert result.err.splitlines()[-1].startswith("truejoint: ")
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["check", "m.st", "random.parquet", "--level", "nan", "--json"],
+        ["correct", "m.st", "random.parquet", "--level", "0", "-o", "c.csv"],
+        ["calibrate", "random.parquet", "-e", "linear", "--seed", "-1", "-o", "n.st"],
+        ["calibrate", "random.parquet", "-e", "linear", "--fit-rate-hz", "1e-308", "-o", "n.st"],
+        ["calibrate", "random.parquet", "-e", "linear", "-o", "nosuch/n.st"],
+        ["collect", "random.csv", "-o", "random.csv/new"],
+        ["collect", "random.csv", "-o", "new", "--seed", "-1"],
+        ["trajectory", "random", "--seed", "-1", "-o", "r.csv"],
+        ["trajectory", "zigzag", "-o", "y.csv", "--plot", "nosuch/p.html"],
+        ["trajectory", "show", "pipe"],
+        ["check", "pipe", "random.parquet"],
+        ["show", "pipe"],
+        ["show", "random.csv", "--columns", "pipe"],
+        ["collect", "random.csv", "-o", "new", "--twin", "pipe"],
+        ["collect", "random.csv", "-o", "new", "--robot", "pipe.toml"],
+        ["trajectory", "zigzag", "-o", "pipe", "--force"],
+    ],
+    ids=" ".join,
+)
+def test_refused_in_one_line_without_waiting(
+    call: Call, session: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
+) -> None:
+    monkeypatch.chdir(session)
+    for pipe in ("pipe", "pipe.toml"):
+        if not Path(pipe).exists():
+            os.mkfifo(pipe)
+    before = set(session.iterdir())
+    result = call(*words)
+    assert result.code == 2
+    assert result.err.splitlines()[-1].startswith("truejoint: ")
+    assert not result.out
+    assert set(session.iterdir()) == before
+
+
+def test_a_form_feed_in_a_comment_loses_no_row(call: Call, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_bytes(b"# page\x0cbreak\x0b\xc2\x85\nt,measured/elbow\n" + b"0,1\n1,2\n2,3\n")
+    assert call("show", path, "--robot", "raven2").code == 0
+    read = truejoint.read_recording(path, robot="raven2")
+    assert np.array_equal(read.column("measured/elbow"), [1.0, 2.0, 3.0])
+
+
+class Fails:
+    """Stands for the command line, and raises."""
+
+    def __init__(self, error: BaseException) -> None:
+        self.error = error
+
+    def __call__(self, **_: object) -> None:
+        raise self.error
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "says"),
+    [
+        (ZeroDivisionError("by 0\nhere"), 70, "ZeroDivisionError: by 0 here. This is a fault of"),
+        (MemoryError(), 2, "takes more memory than there is"),
+        (OSError(28, "No space left on device", "a"), 2, "a: the disk is full; make room"),
+        (KeyboardInterrupt(), 130, "truejoint: stopped"),
+    ],
+)
+def test_the_last_resort_is_one_line(
+    call: Call, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, says: str
+) -> None:
+    monkeypatch.setattr("truejoint.cli.commands.app", Fails(error))
+    result = call("show", "x")
+    assert result.code == code
+    assert says in result.err
+    assert len(result.err.splitlines()) == 1
+    result = call("show", "x", app.DEBUG)
+    assert result.code == code
+    assert "Traceback" in result.err
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_that_is_swallowed_is_remembered(
+    call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def swallows(**_: object) -> None:
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+        except KeyboardInterrupt:
+            return
+
+    monkeypatch.setattr("truejoint.cli.commands.app", swallows)
+    assert call("show", "x").code == 130
+
+
+def test_ctrl_c_while_modules_are_imported_ends_at_once() -> None:
+    program = (
+        "import os, signal, sys\n"
+        "from truejoint.cli.app import main\n"
+        "class Strikes:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'truejoint.cli.commands': os.kill(os.getpid(), signal.SIGINT)\n"
+        "sys.meta_path.insert(0, Strikes())\n"
+        "main()\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, check=False)  # noqa: S603
+    assert (ended.returncode, ended.stderr) == (130, b"")

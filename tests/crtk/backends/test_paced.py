@@ -1,0 +1,120 @@
+"""Tests of truejoint.crtk.backends.paced; of what it does, never of how fast."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import Arm, LoopTiming, PacedBackend, StateBlock
+from truejoint.errors import CommandRefused, MotionStopped
+from truejoint.robots import get_robot
+from truejoint.robots.blocks import TruthBlock
+from truejoint.simulation import TwinOutput
+
+
+class Instant:
+    """A twin that homes at once and is where it is told to be."""
+
+    def __init__(self):
+        self.robot, self.seed, self.load, self.homing_count = get_robot("raven2"), 0, 0.0, 0
+        self.ticks, self.rows = 0, []
+
+    @property
+    def time(self):
+        return self.ticks * 1e-3
+
+    def homing(self):
+        self.homing_count += 1
+        yield self.run(self.robot.home[None])
+
+    def run(self, setpoint):
+        rows = np.asarray(setpoint, dtype=float)
+        self.rows.append(rows)
+        t = self.time + 1e-3 * np.arange(1, len(rows) + 1)
+        self.ticks += len(rows)
+        full = np.insert(rows, 3, 0.0, axis=1)
+        still = np.zeros_like(full)
+        truth = TruthBlock(t[:0], self.robot.positioning, rows[:0, :3])
+        return TwinOutput(
+            t=t, name=self.robot.channels, measured=full, velocity=still, effort=still,
+            setpoint=full, motor=still, motor_velocity=still, truth=truth, joint=rows[:, :3],
+        )  # fmt: skip
+
+    def idle(self, duration):
+        self.ticks += round(duration * 1e3)
+
+
+@pytest.fixture
+def paced():
+    backend = PacedBackend(Instant())
+    arm = Arm(backend)
+    arm.enable()
+    arm.home()
+    yield arm, backend
+    arm.close()
+
+
+def test_it_reports_row_by_row_also_when_nobody_commands(paced):
+    arm, _ = paced
+    blocks, enough = [], threading.Event()
+
+    def keep(block):
+        blocks.append(block)
+        if len(blocks) >= 20:
+            enough.set()
+
+    arm.subscribe(keep)
+    assert enough.wait(60.0)
+    states = [block for block in blocks if isinstance(block, StateBlock)]
+    assert {len(block.t) for block in states} == {1}
+    assert np.diff(np.concatenate([block.t for block in states])) == pytest.approx(1e-3)
+    assert arm.measured_js().position == pytest.approx(arm.robot.home)
+
+
+def test_a_stream_arrives_whole_and_in_order(paced):
+    arm, backend = paced
+    path = arm.robot.home + np.arange(1, 101)[:, None] * 1e-5 * np.ones(7)
+    before = len(backend.twin.rows)
+    arm.servo_jp_stream(path)
+    rows = np.vstack(backend.twin.rows[before:])
+    moving = rows[(rows != arm.robot.home).any(axis=1)]
+    _, first = np.unique(moving, axis=0, return_index=True)
+    assert moving[np.sort(first)][:100] == pytest.approx(path)
+    assert arm.setpoint_js().position == pytest.approx(path[-1])
+
+
+def test_pause_from_another_thread_stops_a_move(paced):
+    arm, backend = paced
+    motion = arm.move_jr([0.5, 0, 0, 0, 0, 0, 0])
+    under_way = threading.Event()
+    arm.subscribe(lambda _: under_way.set() if motion.elapsed > 0.1 else None)
+    assert under_way.wait(60.0)
+    arm.pause()
+    assert arm.operating_state().state == "PAUSED"
+    with pytest.raises(MotionStopped, match="PAUSED"):
+        motion.wait(60.0)
+    path = np.vstack(backend.twin.rows)[:, 0]
+    assert path[-1] > path[0]
+    assert path[-1] - path[-2] <= 1e-12
+
+
+def test_a_failing_subscriber_pauses_the_arm(paced):
+    arm, _ = paced
+
+    def broken(block):
+        raise ZeroDivisionError
+
+    arm.subscribe(broken)
+    with pytest.raises((ZeroDivisionError, CommandRefused)):
+        arm.servo_jp_stream(np.tile(arm.robot.home, (400, 1)))
+    assert arm.operating_state().state == "PAUSED"
+
+
+def test_timing_is_judged_by_its_periods(paced):
+    arm, backend = paced
+    arm.servo_jp_stream(np.tile(arm.robot.home, (20, 1)))
+    assert backend.timing().periods >= 15
+    timing = LoopTiming.of(np.array([0.0, 0.001, 0.002, 0.0045]), restarts=2)
+    assert (timing.periods, timing.restarts) == (3, 2)
+    assert timing.late_share == pytest.approx(1 / 3)
+    assert timing.worst == pytest.approx(2.5e-3)

@@ -1,0 +1,227 @@
+"""Tests of how an arm is stopped: from any thread, whatever it is doing."""
+
+import threading
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tests.conftest import LaggingBackend
+
+from truejoint.crtk import Arm, Fault, FaultyBackend, Motion, SimulatedBackend, simulated_arm
+from truejoint.crtk.arm import BRAKING
+from truejoint.errors import CommandRefused, MotionStopped
+from truejoint.simulation import make_twin
+
+FAR = np.array([0.5, 0.3, 0.05, 1.0, 0.5, 0.2, 0.2])
+
+
+def ready(backend):
+    arm = Arm(backend)
+    arm.enable()
+    arm.home()
+    return arm
+
+
+@settings(max_examples=40)
+@given(
+    delay=st.floats(0.0, 4.0),
+    command=st.sampled_from(["pause", "disable", "hold"]),
+    motion=st.sampled_from(["move_jp", "move_jr", "servo_jp_stream", "wait"]),
+)
+def test_every_motion_stops_within_a_piece_and_the_braking(delay, command, motion):
+    backend = LaggingBackend(0.02)
+    arm = ready(backend)
+    home, asked = arm.robot.home, []
+
+    def stop(block):
+        if not asked and arm.time >= start + delay:
+            asked.append(arm.time)
+            getattr(arm, command)()
+
+    calls = {
+        "move_jp": lambda: arm.move_jp(home + FAR * 0.5).wait(),
+        "move_jr": lambda: arm.move_jr(-FAR * 0.5).wait(),
+        "servo_jp_stream": lambda: arm.servo_jp_stream(
+            home + np.linspace(0, 0.2, 6000)[:, None] * FAR
+        ),
+        "wait": lambda: arm.wait(6.0),
+    }
+    start = arm.time
+    arm.subscribe(stop)
+    with pytest.raises(MotionStopped, match=f"^{motion} stopped at t = .* s, .*% done: "):
+        calls[motion]()
+    assert arm.time - asked[0] <= 0.02 + BRAKING + 1e-9
+    path = np.vstack(backend.sent)
+    speed = np.diff(path, axis=0, prepend=home[None])
+    assert np.abs(speed[-1]).max() <= 1e-12
+    braking = np.abs(speed[-round(BRAKING * 1000) :])
+    assert (np.diff(braking, axis=0) <= 1e-12).all()
+    state = {"pause": "PAUSED", "disable": "DISABLED", "hold": "ENABLED"}[command]
+    assert arm.operating_state().state == state
+    assert not arm.operating_state().is_busy
+
+
+def test_a_move_returns_a_handle_that_another_thread_can_cancel(lagging_arm):
+    reached = threading.Event()
+    lagging_arm.subscribe(lambda block: reached.set() if lagging_arm.time > 5.0 else None)
+    motion = lagging_arm.move_jp(lagging_arm.robot.home + FAR)
+    assert isinstance(motion, Motion)
+    assert motion.command == "move_jp"
+    reached.wait(60.0)
+    motion.cancel()
+    assert not motion.is_busy()
+    with pytest.raises(MotionStopped, match="held"):
+        motion.wait()
+    assert lagging_arm.operating_state().is_ready
+    assert 0.0 <= motion.progress <= 1.0
+    assert motion.time_left == 0.0
+    motion.cancel()  # once more does nothing
+
+
+def test_a_move_ends_as_planned(lagging_arm):
+    goal = lagging_arm.robot.home + 0.01 * FAR
+    motion = lagging_arm.move_jp(goal)
+    motion.wait(60.0)
+    assert motion.progress == 1.0
+    assert motion.elapsed == pytest.approx(motion.duration, abs=2e-3)
+    assert lagging_arm.goal_js().position == pytest.approx(goal)
+    assert lagging_arm.setpoint_js().position == pytest.approx(goal)
+
+
+def test_a_time_out_leaves_the_motion_going(lagging_arm):
+    gate = threading.Event()
+    lagging_arm.subscribe(lambda block: gate.wait(60.0) and None)
+    motion = lagging_arm.move_jp(lagging_arm.robot.home + 0.1 * FAR)
+    with pytest.raises(CommandRefused, match=r"move_jp is not over after 0.01 s .* it goes on"):
+        motion.wait(0.01)
+    assert motion.is_busy()
+    with pytest.raises(CommandRefused, match="busy"):
+        lagging_arm.move_jp(lagging_arm.robot.home)
+    gate.set()
+    motion.wait(60.0)
+
+
+def test_an_exception_in_a_subscriber_pauses_the_arm(lagging_arm, lagging_backend):
+    def broken(block):
+        raise ZeroDivisionError("of the subscriber")
+
+    lagging_arm.subscribe(broken)
+    with pytest.raises(ZeroDivisionError, match="of the subscriber"):
+        lagging_arm.move_jp(lagging_arm.robot.home + FAR).wait()
+    assert lagging_arm.operating_state().state == "PAUSED"
+
+
+def test_left_by_an_exception_the_arm_is_paused(lagging_backend):
+    def crash():
+        with ready(lagging_backend) as arm:
+            arm.move_jp(arm.robot.home + FAR)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        crash()
+    assert lagging_backend.state.state == "PAUSED"
+
+
+def test_an_interrupt_while_waiting_pauses_the_arm(lagging_arm, monkeypatch):
+    motion = lagging_arm.move_jp(lagging_arm.robot.home + FAR)
+    real = motion.over.wait
+
+    def interrupted(timeout=None):
+        monkeypatch.setattr(motion.over, "wait", real)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(motion.over, "wait", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        motion.wait()
+    assert lagging_arm.operating_state().state == "PAUSED"
+
+
+def test_homing_can_be_paused_and_is_then_to_be_done_again():
+    twin = make_twin("raven2", seed=1)
+    arm = Arm(SimulatedBackend(twin))
+    arm.enable()
+    ended = []
+
+    def home():
+        with pytest.raises(MotionStopped, match=r"'home' stopped at t = .*: PAUSED; .*not homed"):
+            arm.home()
+        ended.append(True)
+
+    thread = threading.Thread(target=home)
+    thread.start()
+    while arm.time < 0.5:
+        pass
+    arm.pause()
+    asked = arm.time
+    thread.join(60.0)
+    assert ended
+    assert arm.time - asked <= 0.01 + 1e-9
+    state = arm.operating_state()
+    assert (state.state, state.is_homed, state.is_busy) == ("PAUSED", False, False)
+    arm.resume()
+    arm.home()
+    assert arm.operating_state().is_ready
+    assert arm.measured_js().position[:3] == pytest.approx(arm.robot.home[:3], abs=0.02)
+
+
+def test_homing_that_takes_too_long_is_given_up():
+    arm = simulated_arm(seed=1)
+    arm.enable()
+    with pytest.raises(CommandRefused, match="'home' stopped: not done after 2 s"):
+        arm.home(timeout=2.0)
+    assert not arm.operating_state().is_homed
+    assert arm.time == pytest.approx(2.0, abs=0.02)
+    with pytest.raises(CommandRefused, match="timeout 0 s; give more than 0 s"):
+        arm.home(timeout=0)
+
+
+def test_one_arm_has_one_controller():
+    backend = SimulatedBackend(make_twin("forceps", seed=1))
+    first = Arm(backend)
+    with pytest.raises(CommandRefused, match="another Arm controls it; close that one first"):
+        Arm(backend)
+    first.close()
+    Arm(backend)
+
+
+def test_old_state_is_no_measurement():
+    arm = ready(SimulatedBackend(make_twin("forceps", seed=1)))
+    assert arm.measured_js().t == pytest.approx(arm.time, abs=2e-3)
+    arm.disable()
+    arm.wait(3.0)
+    for read in (arm.measured_js, arm.setpoint_js):
+        with pytest.raises(CommandRefused, match=r"message is 3 s old, more than 0\.1"):
+            read()
+    assert arm.measured_js(age=10.0).position.shape == (1,)
+
+
+@pytest.mark.parametrize(
+    ("fault", "match", "state"),
+    [
+        (Fault("fault", 14.0), "stopped at t = 14.*: FAULT", "FAULT"),
+        (Fault("pause", 14.0), "stopped at t = 14.*: PAUSED", "PAUSED"),
+        (Fault("link", 14.0), "servo_jp refused: the link to raven2 .* is lost", "ENABLED"),
+    ],
+)
+def test_what_the_robot_does_ends_a_motion(fault, match, state):
+    arm = ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
+    assert arm.time < 13.0
+    with pytest.raises(CommandRefused, match=match):
+        arm.move_jp(arm.robot.home + FAR * 0.2).wait()
+    assert arm.operating_state().state == state
+    with pytest.raises(CommandRefused):
+        arm.move_jp(arm.robot.home).wait()
+
+
+def test_a_silent_arm_is_noticed_and_a_slip_is_measured():
+    silent, slipping = (
+        ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
+        for fault in (Fault("silence", 13.0), Fault("slip", 13.0, "elbow", 0.05))
+    )
+    silent.move_jr(0.05 * FAR).wait()
+    with pytest.raises(CommandRefused, match="newest state message"):
+        silent.measured_js()
+    slipping.move_jr(0.05 * FAR).wait()
+    lag = slipping.measured_js().position - slipping.setpoint_js().position
+    assert lag[1] == pytest.approx(0.05, abs=5e-3)

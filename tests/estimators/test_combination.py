@@ -1,0 +1,156 @@
+"""Several estimators as one: what it predicts, keeps, runs and refuses."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from sklearn.base import clone
+from sklearn.svm import SVR
+from sklearn.tree import DecisionTreeRegressor
+from tests.export.library import exported, needs_compiler
+from tests.runtime.registered import ready
+from tests.runtime.streams import recording, trained
+
+from truejoint.calibration import Calibration, read_calibration, write_calibration
+from truejoint.errors import CalibrationError
+from truejoint.estimators import (
+    Combination,
+    JawFilter,
+    LinearRegressor,
+    NeuralNetwork,
+    PolynomialRegressor,
+    RecurrentNetwork,
+    get_estimator,
+)
+from truejoint.models.combination import FAMILY
+from truejoint.models.family import EstimatorData
+
+NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)
+GRU = RecurrentNetwork(units=5, epochs=2)
+STEPS = Combination((LinearRegressor(), DecisionTreeRegressor(max_depth=3)))
+WEIGHTS = ((1.0, 0.2), (0.0, 0.3), (0.0, 0.1), (0.0, 0.0), (0.0, 0.4))
+EVERY_KIND = (LinearRegressor(), NETWORK, GRU, PolynomialRegressor(), STEPS)
+UNSEEN = recording(np.arange(0.0, 20.0, 1 / 30), seed=5)
+
+
+@cache
+def model() -> Calibration:
+    """Two joints: the linear model for one, four of all kinds for the other."""
+    return trained(Combination(EVERY_KIND, WEIGHTS))
+
+
+def data(members, weights=(1.0,)) -> EstimatorData:
+    arrays = {"weights": np.array(weights), "0/offset": np.zeros(1)}
+    return EstimatorData("combination", {"members": members}, arrays)
+
+
+def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
+    alone = [trained(clone(one)).correct(UNSEEN) for one in EVERY_KIND]
+    expected = np.einsum("mnj,mj->nj", np.array(alone), np.array(WEIGHTS))
+    found = model().correct(UNSEEN)
+    np.testing.assert_array_equal(found[:, 0], alone[0][:, 0])
+    # Networks that are fitted to one joint are others than those of both.
+    np.testing.assert_allclose(found[:, 1], expected[:, 1], rtol=0, atol=5e-3)
+    families = [family for family, *_ in model().model.model_params()["members"]]
+    assert families == ["polynomial", "network", "recurrent", "combination"]
+    again = model().model.settled()
+    assert [one.name for one in again.members] == ["linear", "dnn", "gru", "combination"]
+    assert again.weights == tuple(row for row in WEIGHTS if any(row))
+
+
+def test_it_steps_and_is_read_back_with_the_same_bits(tmp_path):
+    whole = model().correct(UNSEEN)
+    write_calibration(model(), tmp_path / "m.safetensors")
+    read = read_calibration(tmp_path / "m.safetensors")
+    np.testing.assert_array_equal(read.correct(UNSEEN), whole)
+    assert read.model.name == "combination_with_memory"
+    corrector = ready(tmp_path / "m.safetensors", range_margin=1.0)
+    samples = UNSEEN.table[list(corrector.signals)].to_numpy()
+    state, good = model().start(), 0
+    for i, t in enumerate(UNSEEN.t.tolist()):
+        np.testing.assert_array_equal(model().step(state, t, samples[i]), whole[i])
+        if corrector.step(t, samples[i]) == 0:
+            np.testing.assert_array_equal(corrector.position, whole[i])
+            good += 1
+    assert good > 300
+
+
+@needs_compiler
+def test_it_is_printed_to_c_with_the_same_bits(tmp_path):
+    library = exported(tmp_path, model())
+    assert library.functions.check() == 0
+    library.functions.start()
+    samples = UNSEEN.table[list(model().loop_signals)].to_numpy()
+    status, position, *_ = library.run(np.array(UNSEEN.t), samples, 2)
+    np.testing.assert_array_equal(position[status == 0], model().correct(UNSEEN)[status == 0])
+    assert (status == 0).sum() > 300
+    source = (library.folder / "m.c").read_text()
+    for row in ("polynomial_row(", "network_row(", "recurrent_row(", "trees_row("):
+        assert source.count(f"static void {row}") >= 1
+    assert max(map(len, source.splitlines())) <= 100
+
+
+def test_without_weights_each_member_is_fitted_to_what_is_left():
+    X = np.linspace(-1.0, 1.0, 400)[:, None]
+    y = 2.0 * X[:, 0] + (X[:, 0] > 0.3)
+    steps = Combination((LinearRegressor(), DecisionTreeRegressor(max_depth=6))).fit(X, y)
+    linear = LinearRegressor().fit(X, y)
+    assert np.abs(steps.predict(X) - y).max() < 0.3 < np.abs(linear.predict(X) - y).max()
+    np.testing.assert_array_equal(steps.members_[0].predict(X).ravel(), linear.predict(X))
+
+
+def test_a_seed_goes_to_the_members():
+    X = np.random.default_rng(0).normal(size=(400, 2))
+    nets = [Combination((NETWORK,), random_state=s).fit(X, X[:, 0]) for s in (3, 3, 4)]
+    first, same, other = (net.predict(X[:5]) for net in nets)
+    np.testing.assert_array_equal(first, same)
+    assert (first != other).all()
+
+
+@pytest.mark.parametrize(
+    ("members", "weights", "said"),
+    [
+        ((LinearRegressor(),), ((1.0, 0.0),), "not all 0 for an output"),
+        ((LinearRegressor(),), ((1.0, 1.0), (0.0, 1.0)), "for each of 1 members"),
+        ((LinearRegressor(),), ((float("nan"), 1.0),), "give a finite one"),
+        ((LinearRegressor(),), ((1.0,) * 3,), "are for 3 outputs"),
+        ((JawFilter(),), None, "features of its own"),
+        ((SVR(),), None, "cannot run in a loop"),
+        ((LinearRegressor(),) * 9, None, "1 to 8 members"),
+        ((), None, "1 to 8 members"),
+    ],
+)  # fmt: skip
+def test_what_makes_no_combination_is_refused(members, weights, said):
+    X = np.random.default_rng(0).normal(size=(60, 2))
+    with pytest.raises(CalibrationError, match=said):
+        Combination(members, weights).fit(X, X)
+
+
+@pytest.mark.parametrize(
+    ("members", "said"),
+    [
+        ((("offset", {}, (1,)),), "outputs .1.; it must be each of 1"),
+        ((("oracle", {}, (0,)),), "oracle"),
+        ((("offset", {"degree": 3}, (0,)),), "offset has parameters"),
+        ((("offset", {}, (0, 0)),), "1 to 8 members"),
+        ((("offset", {}, ([],)),), "1 to 8 members"),
+        ((("offset", {}),), "1 to 8 members"),
+    ],
+)
+def test_damaged_members_of_a_file_are_refused(members, said):
+    with pytest.raises(CalibrationError, match=said):
+        Combination.from_data(data(members), 2, 1)
+
+
+def test_sums_within_sums_have_an_end():
+    members = (("offset", {}, (0,)),)
+    for depth in range(1, 40):
+        assert FAMILY.rules["members"].holds(members) == (depth <= 3)
+        members = (("combination", {"members": members}, (0,)),)
+
+
+def test_the_registered_one_is_called_so():
+    assert get_estimator("linear_trees").name == "linear_trees"
+    assert Combination((LinearRegressor(),)).name == "combination"

@@ -1,0 +1,46 @@
+"""Which model is named to be deployed."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truejoint.evaluation.deployment import PLAIN, to_deploy
+
+NOISE = np.random.default_rng(0).normal(size=(4, 2, 800, 1))
+
+
+def _trace(row: int, **sizes: float) -> Any:
+    class Curves:
+        t = np.arange(800.0)
+        inside = np.arange(800) % 10 > 0
+        estimates = sizes
+
+        def error(self, name: str) -> np.ndarray:
+            own = sizes[name] * NOISE[list(sizes).index(name), row]
+            own[::10] = 0.0 if name == "dnn" else 100.0  # rows that the loop refuses
+            return own
+
+    return Curves()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "deploy"),
+    [
+        ({"raw": 3.0, "offset": 1.0, "linear": 0.5, "dnn": 0.3}, "dnn"),
+        ({"raw": 3.0, "offset": 1.0, "linear": 0.5, "dnn": 0.49}, "linear"),
+        ({"raw": 0.3, "offset": 1.0, "linear": 0.5, "dnn": 0.4}, "raw"),
+        ({"raw": 3.0, "offset": 1.0, "mine": 0.5, "dnn": 0.3}, "dnn"),
+    ],
+)
+def test_the_simple_one_unless_a_richer_one_is_better_beyond_chance(
+    sizes: dict[str, float], deploy: str
+) -> None:
+    traces = [_trace(row, **sizes) for row in range(2)]
+    assert to_deploy(traces, PLAIN | {"mine"}) == deploy
+
+
+def test_tests_count_together() -> None:
+    good, bad = {"raw": 2.0, "offset": 1.0, "dnn": 0.5}, {"raw": 2.0, "offset": 1.0, "dnn": 4.0}
+    assert to_deploy([_trace(0, **good)]) == "dnn"
+    assert to_deploy([_trace(0, **good), _trace(1, **bad)]) == "offset"

@@ -1,0 +1,287 @@
+"""Random cases: damaged files and odd words for every command, odd values for public functions.
+
+A case is a number and a seed: the same two give the same case.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gzip
+import inspect
+import io
+import re
+import shutil
+import sys
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+import typer
+from tests.synthetic import build_recording
+
+import truejoint
+from truejoint.cli.app import app, main
+from truejoint.errors import TruejointError
+from truejoint.motion import write_trajectory, zigzag
+
+NUMBERS = (
+    "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",
+    "5e-324", "9" * 20, "9" * 400, "9" * 5000, "0x10", "1_000", "1e", "--1", "1,5", "1/0", "1/3",
+    "\u0663", "",
+)  # fmt: skip
+TEXTS = (
+    "", " ", "a", "a" * 5000, "jaw", "elbow", "linear", "raven2", "left", "deg", "rad", "null",
+    "a=b", "=", "jaw=1", "jaw=nan", "measured/elbow", "play(measured/elbow, nan)", "lowpass(",
+    "lag(effort/elbow, -1)", "lag(measured/elbow, 999999999)", "((((", "[/x]", "[bold]", "[]", "{}",
+    "\x1b[31m", "\udcff", "\u00e9", "\n", "\x00", "\\", "../..", "nosuch/m", ".", "%s", "{0}", "*",
+    "?", "-", "--", "@",
+)  # fmt: skip
+TOKENS = (
+    *(text.encode("utf-8", "surrogateescape") for text in (*NUMBERS, *TEXTS)), b"\x0c", b"\r",
+    b"\xff\xfe", b"\xef\xbb\xbf", b"\n\n\n", b"\x00" * 64, b"\xff" * 8, b"\x7f" * 4, b",,,,",
+    b"# ", b'"', b"[[", b"]]",
+    b"\\ud800",
+)  # fmt: skip
+# Those that would take long or fetch what is public.
+LEFT_OUT = {"demo", "datasets fetch", "study"}
+
+typer.main.get_command = cache(typer.main.get_command)  # most of the time of a call else
+
+
+def make_seeds(folder: Path) -> None:
+    """Write one small good file of every kind that is read."""
+    training, test = build_recording(400, 0), build_recording(300, 1)
+    truejoint.write_parquet(training, folder / "training.parquet")
+    truejoint.write_parquet(test, folder / "test.parquet")
+    for name in ("linear", "poly2"):
+        features = ("measured/elbow", "lowpass(effort/elbow, 0.1)")
+        model = truejoint.calibrate(training, name, features=features, joints=["elbow"])
+        truejoint.write_calibration(model, folder / f"{name}.safetensors")
+    table = test.table[["t", "measured/elbow", "effort/elbow", "truth/elbow"]].head(60)
+    table.columns = ["t", "measured/elbow", "effort/elbow", "truth/elbow"]
+    table.to_csv(folder / "table.csv", index=False)
+    text = (folder / "table.csv").read_bytes()
+    (folder / "table.csv.gz").write_bytes(gzip.compress(text))
+    rows = table.to_numpy()
+    np.save(folder / "rows.npy", rows)
+    np.savez(folder / "rows.npz", **{name.replace("/", "_"): table[name] for name in table})
+    scipy.io.savemat(folder / "rows.mat", {"rows": rows, "t": rows[:, 0]})
+    run("columns", folder / "table.csv", "--robot", "raven2", "-o", folder / "map.toml")
+    robot = truejoint.get_robot("raven2")
+    write_trajectory(zigzag(robot, "J2-J3", sparsity=0.5), folder / "zigzag.csv")
+    write_trajectory(zigzag(robot, "J2-J3", sparsity=0.5), folder / "lab.csv", layout="lab")
+    package = Path(truejoint.__file__).parent
+    for path in ("robots/models/dvrk_psm.toml", "simulation/raven2/nominal.toml",
+                 "simulation/forceps/b.toml"):  # fmt: skip
+        shutil.copy(package / path, folder)
+
+
+def run(*words: object) -> tuple[int, str]:
+    """Call the command in this process: exit code, and what it said."""
+    out = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    err = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="backslashreplace")
+    kept, code = sys.argv, 0
+    sys.argv = ["truejoint", *map(str, words)]
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as stop:
+            code = stop.code if isinstance(stop.code, int) else int(stop.code is not None)
+        finally:
+            sys.argv = kept
+    for stream in (out, err):
+        stream.seek(0)
+    return code, out.read() + err.read()
+
+
+@cache
+def commands() -> dict[str, Any]:
+    """Every command by the words that call it."""
+
+    def walk(command: Any, words: str) -> Iterator[tuple[str, Any]]:
+        if hasattr(command, "commands"):
+            for name, below in command.commands.items():
+                yield from walk(below, f"{words} {name}".strip())
+        elif words not in LEFT_OUT:
+            yield words, command
+
+    return dict(walk(typer.main.get_command(app), ""))
+
+
+class Draw:
+    """What a case is made of, drawn at random."""
+
+    def __init__(self, seed: int, number: int, seeds: Path, folder: Path) -> None:
+        self.rng = np.random.default_rng([seed, number])
+        self.seeds = sorted(seeds.iterdir())
+        self.folder = folder
+
+    def chance(self, share: float) -> bool:
+        """Be true that often."""
+        return bool(self.rng.random() < share)
+
+    def one(self, values: Any) -> Any:
+        """Draw one of some values."""
+        return values[int(self.rng.integers(len(values)))]
+
+    def damaged(self, content: bytes) -> bytes:
+        """Change a file here and there."""
+        data = bytearray(content)
+        for _ in range(int(self.rng.geometric(0.4))):
+            at, n = (int(self.rng.integers(len(data) + 1)) for _ in range(2))
+            at, end = min(at, n), min(max(at, n), at + 400)
+            kind = int(self.rng.integers(8))
+            if kind == 0 and data:
+                data[at % len(data)] ^= 1 << int(self.rng.integers(8))
+            elif kind == 1:
+                del data[at:]
+            elif kind == 2:
+                del data[at:end]
+            elif kind == 3:
+                data[at:at] = data[at:end]
+            elif kind == 4:
+                data[at:at] = self.one(TOKENS)
+            elif kind in {5, 6}:  # a number or a word becomes another
+                words = list(re.finditer(rb"[-+.\w]+", bytes(data[:20_000])))
+                if words:
+                    word = self.one(words)
+                    data[word.start() : word.end()] = self.one(TOKENS)
+            elif data:
+                data[at : at + 8] = self.rng.bytes(8)
+        return bytes(data)
+
+    def file(self) -> str:
+        """Draw a file: damaged, good, or something else."""
+        seed = self.one(self.seeds)
+        if self.chance(0.1):
+            return str(self.one((self.folder, "nosuch", "", *TEXTS)))
+        if self.chance(0.35):
+            return str(seed)
+        if self.chance(0.05):
+            seed = seed.with_suffix(self.one(self.seeds).suffix)  # what it is not
+        path = self.folder / f"{self.rng.integers(10)}{seed.name}"
+        source = seed if seed.exists() else self.one(self.seeds)
+        path.write_bytes(self.damaged(source.read_bytes()))
+        return str(path)
+
+    def recording(self) -> Any:
+        """Draw a recording, long or short."""
+        path = next(path for path in self.seeds if path.name == "test.parquet")
+        return truejoint.read_recording(path).rows(np.arange(self.one((2, 3, 20, 300))))
+
+    def model(self) -> Any:
+        """Give a calibration."""
+        return truejoint.read_calibration(next(p for p in self.seeds if p.stem == "linear"))
+
+    def number(self) -> float:
+        """Draw a number that few expect."""
+        return self.one((0.0, -1.0, 0.5, 1e308, 1e-308, np.nan, np.inf, -np.inf, 3.0, 1e15))
+
+    def array(self) -> Any:
+        """Draw an array of any shape."""
+        shape = self.one(((0,), (1,), (3,), (3, 3), (0, 3), (20, 3), (2, 2, 2)))
+        return np.full(shape, self.number()) if self.chance(0.5) else self.rng.normal(size=shape)
+
+    def value(self, option: str) -> str:
+        """Draw the value of an option."""
+        if option in {"--out", "--report", "--tables", "--plot", "--zero", "--rezero"}:
+            ending = self.one((".html", ".parquet", ".csv", ".safetensors", ".toml", ".png", ""))
+            return str(self.folder / f"out{ending}") if self.chance(0.8) else self.one(TEXTS)
+        if option in {"--columns", "--robot", "--twin", "--training", "--test"} and self.chance(
+            0.6
+        ):
+            return self.file()
+        return self.one(NUMBERS) if self.chance(0.5) else self.one(TEXTS)
+
+    def call(self) -> list[str]:
+        """Draw a command with its words."""
+        name = self.one(sorted(commands()))
+        words = name.split()
+        options = []
+        for parameter in commands()[name].params:
+            option = parameter.opts[0]
+            if not option.startswith("-"):
+                count = 1 if parameter.nargs == 1 else int(self.rng.geometric(0.7))
+                words += [self.file() for _ in range(count)]
+            elif parameter.required or option == "--out" or self.chance(0.12):
+                options += [option] if parameter.is_flag else [option, self.value(option)]
+        if name == "calibrate":
+            options += ["-e", self.one(("offset", "linear", "poly2"))]
+        return [word.replace("\x00", "") for word in (*words, *options)]
+
+
+def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+    """Give a command that must end well or refuse in a line."""
+    words = draw.call()
+
+    def case() -> None:
+        code, said = run(*words)
+        assert code in {0, 1, 2}, f"exit code {code}: {said[-500:]}"
+        assert "Traceback" not in said, said[-500:]
+
+    return f"truejoint {words!r}", case
+
+
+KINDS: dict[str, Callable[[Draw], Any]] = {
+    r"(Sequence|Iterable|list)\[Recording\]": lambda draw: [draw.recording(), draw.recording()],
+    r"Recording( \| .*)?": lambda draw: draw.recording(),
+    r"Calibration( \| .*)?": lambda draw: draw.model(),
+    r"Robot": lambda draw: truejoint.get_robot("raven2"),
+    r".*\bPath.*": lambda draw: draw.file(),
+    r"bool": lambda draw: draw.chance(0.5),
+    r"int( \| None)?": lambda draw: int(draw.one((0, -1, 1, 2, 7, 10**20, 2**31))),
+    r"float( \| None)?": lambda draw: draw.number(),
+    r"Array|ArrayLike|Sequence\[float\]": lambda draw: draw.array(),
+    r"str( \| None)?": lambda draw: draw.one(TEXTS),
+    r"(Sequence|Iterable|list|tuple)\[str.*\]": lambda draw: [draw.one(TEXTS)],
+}
+"""How a value of the kind that an annotation asks for is drawn."""
+
+
+def value_of(annotation: str) -> Callable[[Draw], Any] | None:
+    """How a value of an annotated kind is drawn, None for kinds that are not known."""
+    return next((how for kind, how in KINDS.items() if re.fullmatch(kind, annotation)), None)
+
+
+@cache
+def functions() -> dict[str, Callable[..., Any]]:
+    """Public functions that take what can be drawn, by name."""
+    found = {}
+    for module in ("", "calibration", "evaluation", "filters", "models", "motion", "recordings",
+                   "robots", "runtime", "simulation"):  # fmt: skip
+        owner = getattr(truejoint, module) if module else truejoint
+        for name in dir(owner):
+            function = getattr(owner, name)
+            if inspect.isfunction(function) and function.__module__.startswith("truejoint"):
+                parameters = inspect.signature(function).parameters.values()
+                needed = [str(p.annotation) for p in parameters if p.default is p.empty]
+                if all(map(value_of, needed)):
+                    found[f"{function.__module__}.{name}"] = function
+    return found
+
+
+def function_case(draw: Draw) -> tuple[str, Callable[[], None]]:
+    """Give a call of a public function that must work or say no as this project or Python does."""
+    name = draw.one(sorted(functions()))
+    function = functions()[name]
+    values = {}
+    for parameter in inspect.signature(function).parameters.values():
+        how = value_of(str(parameter.annotation))
+        if how and (parameter.default is parameter.empty or draw.chance(0.3)):
+            values[parameter.name] = how(draw)
+
+    def case() -> None:
+        refused = TruejointError, TypeError, ValueError
+        with contextlib.suppress(*refused), contextlib.redirect_stdout(io.StringIO()):
+            function(**values)
+
+    return f"{name}({str(values)[:600]})", case
+
+
+def make(seed: int, number: int, seeds: Path, folder: Path) -> tuple[str, Callable[[], None]]:
+    """Give a case by its number: what it is in words, and what raises if it goes wrong."""
+    draw = Draw(seed, number, seeds, folder)
+    return function_case(draw) if draw.chance(0.2) else command_case(draw)

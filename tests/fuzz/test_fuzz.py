@@ -1,0 +1,48 @@
+"""A handful of random cases, and every case that once went wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import truejoint
+from truejoint.errors import TruejointError
+
+from .cases import make, make_seeds, run
+
+
+@pytest.fixture(scope="module")
+def seeds(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("seeds")
+    make_seeds(folder)
+    return folder
+
+
+@pytest.mark.parametrize("number", range(40))
+def test_random_cases_work_or_are_refused(seeds, tmp_path, monkeypatch, number):
+    monkeypatch.chdir(tmp_path)
+    _, case = make(1, number, seeds, tmp_path)
+    case()
+
+
+def test_a_case_is_made_again_by_its_number(seeds, tmp_path):
+    assert make(1, 7, seeds, tmp_path)[0] == make(1, 7, seeds, tmp_path)[0]
+
+
+@pytest.mark.parametrize("duration", [-1.0, 0.0, np.nan])
+def test_a_zero_is_not_looked_for_in_no_time(seeds, duration):
+    model = truejoint.read_calibration(seeds / "linear.safetensors")
+    test = truejoint.read_recording(seeds / "test.parquet")
+    with pytest.raises(TruejointError, match="no time to find a zero in"):
+        truejoint.calibration.find_zero(model, test, duration)
+
+
+WORDS: list[list[str]] = []
+
+
+@pytest.mark.parametrize("words", WORDS, ids=" ".join)
+def test_what_once_went_wrong_is_refused_in_a_line(seeds, tmp_path, monkeypatch, words):
+    monkeypatch.chdir(tmp_path)
+    code, said = run(*(word.replace("SEEDS", str(seeds)) for word in words))
+    assert code == 2
+    assert len(said.splitlines()) == 1
