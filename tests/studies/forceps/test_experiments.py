@@ -183,7 +183,7 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
         assert closed["rms"] < np.radians(0.25) < 4 * closed["rms"] + open_loop["rms"]
         assert closed["rms"] < 0.2 * open_loop["rms"]
         assert closed["corrected"] > 0.99
-    assert result.parts["specimen-00000"].numbers["stable"][0]
+    assert result.parts["margin-00000"].numbers["stable"][0]
     assert drawn(result, tmp_path)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
