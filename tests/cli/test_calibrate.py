@@ -26,10 +26,12 @@ def sessions(tmp_path):
 def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path, monkeypatch):
     few = [get_estimator(name) for name in ("offset", "linear", "poly2")]
     monkeypatch.setattr("truejoint.estimators.candidates", lambda: few)
+    monkeypatch.setattr("truejoint.cli.console._LOG_PERIOD", 0.0)
     path = tmp_path / "m.safetensors"
     done = call("calibrate", *sessions, "-e", "auto", "--interval", "cross", "-o", path,
                 "--accept", "unit")  # fmt: skip
     assert done.code == 0, done.err
+    assert "s left: Choosing: poly2 without recordings 2" in done.err
     assert "RMSE on 3 parts left out" in done.out
     assert "(100%)" in done.out, done.out
     assert "shoulder [deg]" in done.out

@@ -156,6 +156,8 @@ def calibrate(
     if is_cross:
         how["rezero"] = interval_rezero_s
     fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
+    went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
+    fitted = fitted.with_metadata(accepted=went_on)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
