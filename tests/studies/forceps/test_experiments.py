@@ -10,6 +10,7 @@ from truejoint.recordings import read_recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import run_study, write_study
+from truejoint.studies.forceps.load import errors_in_grams
 from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS
 from truejoint.studies.forceps.motions import built, plain_specimen, record
@@ -151,12 +152,17 @@ def test_shares_count_specimens():
 
 def test_loads_are_weighed(tmp_path):
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
-    found, opposing, along = (part.numbers for part in result.parts.values())
-    assert along["identified"] == pytest.approx(along["torque"], rel=0.15)
+    (found,) = (part.numbers for part in result.parts.values())
+    opposing, along = found["weighed"]
+    assert along["identified"] == pytest.approx(along["torque"], rel=0.1)
     missed = abs(opposing["identified"] - opposing["torque"])
-    assert missed < found["dead_band"] + 0.15 * abs(along["torque"])
-    assert found["deviation"] > 0.0
-    assert "Dead band" in result.summary.tables[0].markdown()
+    assert missed < 2.0 * found["true_friction"] + 0.1 * abs(along["torque"])
+    assert found["drive_stiffness"] == pytest.approx(found["true_stiffness"], rel=0.05)
+    assert errors_in_grams(found, "along") < 25.0
+    assert 0.8 < found["judged"]["unloaded"][0]["angle_inside"] < 0.99
+    weights, errors = result.summary.tables
+    assert "Dead band" in weights.markdown()
+    assert "Stiffness within 5 % in 100 %." in errors.markdown()
     assert drawn(result, tmp_path)
 
 
@@ -165,7 +171,7 @@ def test_homing_is_mended(tmp_path):
         "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
     )
     (case,) = (part.numbers for part in result.parts.values())
-    assert case["found"] == pytest.approx(2e-5, abs=3e-6)
+    assert case["found"] == case["taken_off"] == pytest.approx(2e-5, abs=3e-6)
     assert case["before"]["play_gated"]["rms"] > np.radians(0.2)
     assert case["after"]["play_gated"]["rms"] < np.radians(0.06)
     assert drawn(result, tmp_path)
@@ -183,7 +189,7 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
         assert closed["rms"] < np.radians(0.25) < 4 * closed["rms"] + open_loop["rms"]
         assert closed["rms"] < 0.2 * open_loop["rms"]
         assert closed["corrected"] > 0.99
-    assert result.parts["specimen-00000"].numbers["stable"][0]
+    assert result.parts["margin-00000"].numbers["stable"][0]
     assert drawn(result, tmp_path)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
@@ -201,7 +207,7 @@ def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
     assert soft["x2/1/0"]["loaded"] < 0.1 * soft["motor/1/0"]["loaded"]
     assert "motor/20/0" not in soft  # nothing that a cable's encoder changes
     best, every = result.summary.tables
-    assert [float(row[0]) for row in best.rows] == sorted({float(row[0]) for row in best.rows})
+    assert [float(row[1]) for row in best.rows] == sorted({float(row[1]) for row in best.rows})
     assert len(every.rows) == 1 + 2 * 2 * 2
     assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
     assert drawn(result, tmp_path)
