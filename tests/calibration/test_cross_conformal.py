@@ -36,7 +36,10 @@ def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
 
 
 def test_one_recording_is_cut_into_parts():
-    model = cross_interval(bent(0, 0.2), "linear")
+    seen = []
+    model = cross_interval(bent(0, 0.2), "linear", progress=seen.append)
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(1.0)
     assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (15, 5, 1)
     assert "15 parts of its 1 recording:" in model.interval.meaning
 

@@ -222,14 +222,14 @@ def test_mutated_bytes_give_an_error_or_the_same_model(
 
 
 @pytest.mark.parametrize(
-    ("units", "said"),
-    [(["rad"], "units"), ("rad", "units"), ({"measured/elbow": ""}, "units"),
-     ({"measured/elbow": "x" * 41}, "units"), ({"measured/elbow": "\n"}, "units"),
-     ({"measured/elbow": 1}, "units")],
+    ("field", "lie"),
+    [("units", ["rad"]), ("units", "rad"), ("units", {"measured/elbow": ""}),
+     ("units", {"measured/elbow": "x" * 41}), ("units", {"measured/elbow": "\n"}),
+     ("units", {"measured/elbow": 1}), ("target", "speed"), ("target", None)],
 )  # fmt: skip
-def test_units_that_are_none_are_refused(tmp_path, saved, units, said):
+def test_a_lie_is_refused_by_its_field(tmp_path, saved, field, lie):
     description, arrays = from_bytes(saved)
-    refused(tmp_path, to_bytes({**description, "units": units}, arrays), said)
+    refused(tmp_path, to_bytes({**description, field: lie}, arrays), field)
 
 
 JSON = st.recursive(

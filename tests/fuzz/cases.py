@@ -62,7 +62,6 @@ def make_seeds(folder: Path) -> None:
         model = truejoint.calibrate(training, name, features=features, joints=["elbow"])
         truejoint.write_calibration(model, folder / f"{name}.safetensors")
     table = test.table[["t", "measured/elbow", "effort/elbow", "truth/elbow"]].head(60)
-    table.columns = ["t", "measured/elbow", "effort/elbow", "truth/elbow"]
     table.to_csv(folder / "table.csv", index=False)
     text = (folder / "table.csv").read_bytes()
     (folder / "table.csv.gz").write_bytes(gzip.compress(text))

@@ -61,15 +61,16 @@ def test_an_arm_that_behaves_as_calibrated_raises_nothing(monitor):
     assert monitor.watched == JOINTS
 
 
-def test_a_stamp_that_is_repeated_counts_once(monitor, calibration):
+def test_a_sample_of_a_stamp_that_was_is_not_looked_at(monitor, calibration):
     recording = motion(7, duration=20.0, load=0.1)
     samples = samples_of(recording, calibration.signals)
     measures = []
-    for times in (1, 2):
+    for late in (False, True):
         monitor.reset()
         for t, sample in zip(recording.t, samples, strict=True):
-            for _ in range(times):
-                monitor.step(t, sample)
+            monitor.step(t, sample)
+            if late:
+                monitor.step(t, samples[0])
         measures.append(monitor.measures.copy())
     assert measures[0].max() > 0.0
     np.testing.assert_array_equal(*measures)
