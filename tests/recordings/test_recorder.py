@@ -150,6 +150,25 @@ def test_a_recording_whose_name_was_taken_meanwhile_is_kept(arm: Any, tmp_path: 
     pd.testing.assert_frame_equal(kept.table, recorder.recording().table)
 
 
+def test_truth_may_come_from_sensors_of_their_own(arm: Any) -> None:
+    class Sensors:
+        def subscribe(self, callback: Callable[..., None]) -> None:
+            self.tell = callback
+
+        def unsubscribe(self, callback: Callable[..., None]) -> None:
+            del self.tell
+
+    sensors = Sensors()
+    with Recorder(arm, truth=sensors) as recorder:
+        arm.state(np.arange(1000) * 1e-3)
+        t = np.arange(120) * 1e-2
+        sensors.tell(TruthBlock(t, ("elbow",), 0.5 * t[:, None]))
+    recording = recorder.recording()
+    assert recording.joints_of("truth") == ("elbow",)
+    assert recording.column("truth/elbow") == pytest.approx(0.5 * recording.column("t"))
+    assert not hasattr(sensors, "tell")
+
+
 def test_what_is_recorded_is_on_disk_meanwhile(arm: Any, tmp_path: Path) -> None:
     with Recorder(arm, path=tmp_path / "run.parquet", load=0.1, session="a run") as recorder:
         arm.state(np.arange(1000) * 1e-3)

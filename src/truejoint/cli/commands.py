@@ -22,6 +22,7 @@ from truejoint.cli import (
     join,
     show,
     study,
+    teleop,
     trajectory,
 )
 
@@ -49,6 +50,7 @@ for command, example in (
     (show.show, "left_arm.safetensors"),
     (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
     (export.export, "left_arm.safetensors --to c --out controller"),
+    (teleop.teleop, "--robot raven2 --record session/by_hand.parquet"),
     (study.study, "forceps-unloaded --set specimen=B"),
 ):
     app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)

@@ -133,10 +133,11 @@ class Combination(JointRegressor):
 
     def settled(self) -> Self:
         """Unfitted copy, of settled members."""
-        if self.members is None:
+        fitted = vars(self).get("members_")
+        if self.members is None or fitted is None:
             return super().settled()
         return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
-            members=tuple(member.settled() for member in self.members_),
+            members=tuple(member.settled() for member in fitted),
             weights=None if self.weights is None else self._used(),
         )
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import types
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
 
@@ -22,6 +24,16 @@ from truejoint.recordings.synchronise import Stream
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 PAST_END: Final = "state: past the longest duration"
+
+
+class TruthSource(Protocol):
+    """Sensors on the joints that report by themselves, as `Arm.subscribe` does for an arm."""
+
+    def subscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Call `callback` with every block from now on."""
+
+    def unsubscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Stop calling `callback`."""
 
 
 class Decimator:
@@ -70,6 +82,8 @@ class Recorder:
         Rate of the rows [Hz]; peng2024 (IV-A) records the state at 30 Hz.
     truth_rate : float, optional
         Thin the joint encoders out to this rate [Hz]; all readings by default.
+    truth : TruthSource, optional
+        Joint encoders that are not the arm's own, such as `JointEncoders`, stamped by its clock.
     gap_limit : float
         Longest time between two readings of the joint encoders to interpolate across [s].
     max_duration : float
@@ -96,6 +110,7 @@ class Recorder:
     state_rate: float = 30.0
     truth_rate: float | None = None
     _: KW_ONLY
+    truth: TruthSource | None = None
     gap_limit: float = 0.05
     max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
@@ -113,6 +128,7 @@ class Recorder:
             )
         self.written: Path | None = None
         self._stream: StreamWriter | None = None
+        self._lock = threading.Lock()
         if self.path is not None:
             check_target(Path(self.path), overwrite=self.overwrite, error=RecordingError)
         if self.homing_id is None:
@@ -123,6 +139,8 @@ class Recorder:
         self._clear()
         self._stream = None if self.path is None else self._open(Path(self.path))
         self.arm.subscribe(self._receive, every=_PIECE)
+        if self.truth is not None:
+            self.truth.subscribe(self._receive)
         return self
 
     def __exit__(
@@ -132,6 +150,8 @@ class Recorder:
         trace: types.TracebackType | None,
     ) -> None:
         self.arm.unsubscribe(self._receive)
+        if self.truth is not None:
+            self.truth.unsubscribe(self._receive)
         if kind is not None:
             self._stopped = f"stopped by {kind.__name__}" + (f": {error}" if str(error) else "")
         if self._stream is not None and self.path is not None:
@@ -228,11 +248,11 @@ class Recorder:
         else:
             self._past_end += int((chosen & late).sum())
             columns = block.columns()
-        kept = chosen & ~late
-        piece = Stream(block.t, columns).rows(kept)
-        stream.pieces.append(piece)
-        if self._stream is not None and len(piece.t):
-            self._stream.write(stream.name, piece.t, piece.columns)
+        piece = Stream(block.t, columns).rows(chosen & ~late)
+        with self._lock:  # state and truth may come in threads of their own
+            stream.pieces.append(piece)
+            if self._stream is not None and len(piece.t):
+                self._stream.write(stream.name, piece.t, piece.columns)
 
 
 class _Rows:

@@ -28,6 +28,7 @@ TRUTH: Final = "truth"
 _END: Final = "end"  # whose one block stands last in a file that was closed
 _KEY: Final = b"truejoint"
 _VERSION: Final = 1
+_DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  # says Arrow
 _SCHEMA: Final = pa.schema([("t", pa.float64()), ("values", pa.list_(pa.float64()))])
 
 
@@ -64,7 +65,9 @@ class StreamWriter:
             self._file: BinaryIO = self.path.open("xb")
         except OSError as error:
             raise RecordingError(f"{path}: {reason(error)}; choose another name") from None
-        described = json.dumps({"version": _VERSION, **header}, allow_nan=False).encode()
+        header = {"version": _VERSION, **header}
+        signed = {**header, "sha256": content_hash(header, {})}
+        described = json.dumps(signed, allow_nan=False).encode()
         self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata({_KEY: described}))
 
     @property
@@ -119,8 +122,8 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                     batch, described = reader.read_next_batch_with_custom_metadata()
                 except StopIteration:
                     break
-                except (pa.ArrowException, OSError):
-                    break
+                except _DAMAGE:
+                    break  # a length that is none takes more memory than there is
                 name, block = _block(source, batch, described)
                 total += block[2].size
                 if total > MAX_VALUES:
@@ -128,8 +131,8 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                 whole = name == _END
                 if not whole:
                     blocks.setdefault(name, []).append(block)
-    except (pa.ArrowException, OSError) as error:
-        text = str(error).splitlines()[0][:100]
+    except _DAMAGE as error:
+        text = (str(error) or "a length that is none").splitlines()[0][:100]
         raise RecordingError(f"{source}: is no stream of a recorder ({text})") from None
     end = "" if whole else "cut short while it was recorded"
     return header, {name: _joined(source, name, parts) for name, parts in blocks.items()}, end
@@ -216,6 +219,8 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
             f"{source}: is of version {header.get('version')!s:.20}, this truejoint reads "
             f"{_VERSION}; update truejoint"
         )
+    if not is_as_written(header.pop("sha256", None), header, {}):
+        raise RecordingError(f"{source}: its header is not as it was written; the file was damaged")
     return header
 
 

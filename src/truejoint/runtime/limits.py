@@ -92,7 +92,7 @@ class Limits:
     patience: float
     domain_mean: Array  # (k,)
     whitening: Array  # lower triangle (n_white, n_white)
-    feature_lower: Array  # (k,)
+    feature_lower: Array  # (k,), infinite for features that never changed
     feature_upper: Array
     correction_lower: Array  # (n_joints,)
     correction_upper: Array
@@ -130,6 +130,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     held = _held(data, is_position & ~moves, high - low)
+    used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = believable_corrections(seen)
@@ -160,8 +161,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         domain_mean=seen.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
         whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
-        feature_lower=feature_lower,
-        feature_upper=feature_upper,
+        feature_lower=np.where(used, feature_lower, -np.inf),
+        feature_upper=np.where(used, feature_upper, np.inf),
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )
