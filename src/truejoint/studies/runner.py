@@ -105,7 +105,7 @@ def run_study(
     >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
     >>> error = result.parts["unloaded"].numbers["verification"]["play_gated"]["rms"]
     >>> print(f"{error:.5f} rad")
-    0.00062 rad
+    0.00061 rad
     """
     chosen = get_study(study) if isinstance(study, str) else study
     settings = chosen.settings(preset, seed, options)
