@@ -239,8 +239,10 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         )
         for key in methods
     ]
-    panel = Panel(curves, "median RMS error [deg]", log="x", rows=list(by_case), legend=True)
-    figure = Figure("Friction in physical parameters", ((panel,),), notes[0], height=3.6)
+    panel = Panel(curves, "median RMS error [deg]", log="x", rows=list(by_case))
+    figure = Figure(
+        "Friction in physical parameters", ((panel,),), notes[0], height=3.6, legend=True
+    )
     return Summary((table,), {"forceps-physical": figure})
 
 
