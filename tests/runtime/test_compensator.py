@@ -61,7 +61,8 @@ def test_a_joint_that_friction_holds_is_pulled_until_it_comes():
     measured, path = 0.0, []
     for k in range(20):
         told.correction = np.array([0.0 - measured])
-        measured = float(compensator.step(k / 250.0, [measured], [0.01])[0])
+        goal = 0.01 + 1e-9 * k  # it is not to stand still
+        measured = float(compensator.step(k / 250.0, [measured], [goal])[0])
         path.append(measured)
     assert (np.diff(path[1:]) > 0.0).all()
     assert path[-1] > 0.05
@@ -75,6 +76,24 @@ def test_a_limit_winds_nothing_up():
     assert compensator.is_limited.all()
     back = settled_at(compensator, 0.3, steps=100)
     assert back == pytest.approx(0.5, abs=1e-3)
+
+
+def test_where_a_joint_shall_stand_still_set_points_go_on_slowly_and_let_a_little_be():
+    told = Told()
+    compensator = Compensator(told, FORCEPS, rate=250.0, lag=LAG, dead_band=0.01)
+    settled_at(compensator, 0.3)
+    there = compensator.setpoint.copy()
+    told.correction = np.array([0.008])
+    assert compensator.step(9.0, [0.3], [0.3]) == there
+    told.correction = np.array([-0.05])
+    step = compensator.step(9.1, [0.3], [0.3])[0] - there[0]
+    assert 0.0 < step < 0.06 / 10
+    # A joint at rest stays there where the corrector is not sure: all its signals stand still.
+    told.correction = np.array([0.002])
+    compensator.step(9.2, [0.3], [0.3])
+    told.status, told.correction = Status.FROZEN, np.array([np.nan])
+    before = compensator.setpoint.copy()
+    assert compensator.step(9.3, [0.3], [0.3]) == before
 
 
 def test_set_points_keep_below_the_speed_of_a_spike():
@@ -148,6 +167,10 @@ def test_the_jaw_follows_and_the_motor_does_not():
             assert motion.t == pytest.approx(motion.t[0] + np.arange(1000) / 250.0)
             with pytest.raises(CommandRefused, match="track refused: jaw is nan"):
                 track(arm, compensator, [[0.0], [np.nan]])
+            needy = SimpleNamespace(joints=("jaw",), signals=("measured/jaw", "effort/jaw"))
+            needy.spike_speed = np.ones(1)
+            with pytest.raises(CommandRefused, match="does not report effort/jaw"):
+                track(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)
             with pytest.raises(CommandRefused, match="must divide 1000 Hz"):
                 track(arm, odd, wanted)

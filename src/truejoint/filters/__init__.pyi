@@ -3,6 +3,8 @@ from .filter import FilterState as FilterState
 from .filter import Gate as Gate
 from .filter import SmoothedResult as SmoothedResult
 from .filter import UnscentedFilter as UnscentedFilter
+from .likelihood import ParameterFit as ParameterFit
+from .likelihood import maximum_likelihood as maximum_likelihood
 from .sigma_points import FilterError as FilterError
 from .sigma_points import LambdaSigmaPoints as LambdaSigmaPoints
 from .sigma_points import ScaledSigmaPoints as ScaledSigmaPoints

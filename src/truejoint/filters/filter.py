@@ -13,7 +13,7 @@ from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import allocate
 from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
-from truejoint.filters.smoother import smooth
+from truejoint.filters.smoother import smooth, smooth_with_lag
 from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
 from truejoint.layout import Memory, refuse_copy
 
@@ -255,13 +255,21 @@ class UnscentedFilter:
             given["gate"] = np.append(0.0, limits)
         return allocate(n, m, functions, given)
 
-    def step(self, state: FilterState, z: npt.ArrayLike, u: npt.ArrayLike | None, dt: float) -> int:
+    def step(
+        self,
+        state: FilterState,
+        z: npt.ArrayLike,
+        u: npt.ArrayLike | None,
+        dt: float,
+        R: npt.ArrayLike | None = None,
+    ) -> int:
         """Advance a state by one sample, in place and allocating nothing; bits of `FilterStatus`.
 
         `state` is from this filter's `initial_state`, `z` (m,) the measurement, NaN where missing,
         `u` (inputs,) the control input over the step, None for a model without, and `dt` the time
-        since the last step [s]; 0 only corrects. Raises FilterError if the state is another
-        filter's or a length is wrong; never for what numbers hold.
+        since the last step [s]; 0 only corrects. `R` (m, m) is the covariance of this measurement's
+        noise, where it is not the model's. Raises FilterError if the state is another filter's, a
+        length is wrong or `R` no covariance; never for what other numbers hold.
         """
         if state.owner is not self:
             raise FilterError("state: belongs to another filter; use this one's initial_state")
@@ -275,7 +283,16 @@ class UnscentedFilter:
         elif len(state.u):
             raise FilterError(f"u: give {len(state.u)} numbers, this model has control inputs")
         state.memory[at.DT] = dt
-        return _step(state.numbers, state.memory)
+        if R is None:
+            return _step(state.numbers, state.memory)
+        factor = covariance_factor(check_covariance(R, len(state.z), "R")).ravel()
+        start = state.numbers[at.R]
+        own = state.memory[start : start + len(factor)]
+        usual = own.copy()
+        own[:] = factor
+        status = _step(state.numbers, state.memory)
+        own[:] = usual
+        return status
 
     def run(
         self,
@@ -286,6 +303,7 @@ class UnscentedFilter:
         P0: npt.ArrayLike,
         dt: npt.ArrayLike | None = None,
         t: npt.ArrayLike | None = None,
+        R: npt.ArrayLike | None = None,
     ) -> FilterResult:
         """Filter a whole record in one compiled call; the same bits as its single steps.
 
@@ -304,11 +322,13 @@ class UnscentedFilter:
             Time from the row before [s].
         t : (N,) array_like, optional
             Time stamps [s] instead of dt; the prior then holds at the first row.
+        R : (N, m, m) or (N, m) array_like, optional
+            Covariance of each row's measurement noise, or its variances, instead of the model's.
 
         Raises
         ------
         FilterError
-            If shapes do not fit together, or the prior is wrong.
+            If shapes do not fit together, or the prior or a covariance is wrong.
         """
         state = self.initial_state(x0, P0)
         measured = _table(z, len(state.z), "z")
@@ -318,26 +338,35 @@ class UnscentedFilter:
             raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
         steps = _time_steps(dt, t, rows)
         n, m = len(state.x), len(state.z)
+        noises = np.empty((0, m, m)) if R is None else _noises(R, rows, m)
         shapes: tuple[tuple[int, ...], ...] = ((n,), (n, n), (m,), (), (), ())
         x, P, innovation, nis, loglik, inflation = (np.empty((rows, *shape)) for shape in shapes)
         status = np.empty(rows, dtype=np.int64)
         prior = state.x.copy(), state.P.copy()
         kernels.run(
-            state.numbers, state.memory, measured, control, steps,
+            state.numbers, state.memory, measured, control, steps, noises,
             x, P.reshape(rows, -1), innovation, nis, loglik, inflation, status,
         )  # fmt: skip
         told = innovation, nis, loglik, inflation, status
         return FilterResult(x, P, *told, control, steps, *prior)
 
-    def smooth(self, result: FilterResult) -> SmoothedResult:
+    def smooth(self, result: FilterResult, lag: int | None = None) -> SmoothedResult:
         """Smooth the result of this filter's `run`, in one compiled call.
 
-        Nothing passes backwards over a row whose prediction failed.
+        Each row knows the whole record, or with a `lag` that many rows after it: what a loop knows
+        that may wait so long. The prior of a result with a lag is that of the run. Nothing passes
+        backwards over a row whose prediction failed. Raises FilterError if the lag is negative.
         """
         state = self.initial_state(result.x0, result.P0)
         x, P = result.x.copy(), result.P.copy()
         x0, P0 = result.x0.copy(), result.P0.copy()
         given = result.u, result.dt, result.inflation, result.status
+        if lag is not None:
+            if lag < 0:
+                raise FilterError(f"lag is {lag}: give 0 or more rows")
+            filtered = result.x, result.P
+            smooth_with_lag(state.numbers, state.memory, *given, lag, *filtered, x, P)
+            return SmoothedResult(x, P, x0, P0)
         smooth(state.numbers, state.memory, *given, x0, P0, x, P)
         return SmoothedResult(x, P, x0, P0)
 
@@ -356,6 +385,14 @@ def _table(values: npt.ArrayLike, columns: int, what: str) -> Array:
     if table.ndim != 2 or table.shape[1] != columns or not len(table):
         raise FilterError(f"{what}: shape is {table.shape}, must be (rows, {columns})")
     return table
+
+
+def _noises(R: npt.ArrayLike, rows: int, m: int) -> Array:
+    """Covariances (rows, m, m) of what may be variances (rows, m)."""
+    values = _numbers(R, "R")
+    if values.shape == (rows, m):
+        values = values[:, :, np.newaxis] * np.eye(m)
+    return check_covariance(values, m, "R", (rows,))
 
 
 def _time_steps(dt: npt.ArrayLike | None, t: npt.ArrayLike | None, rows: int) -> Array:

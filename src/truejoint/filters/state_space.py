@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dis
 import inspect
+import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
+from numba import njit, objmode
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
@@ -27,8 +28,10 @@ _TOLERANCE: Final = 1e-8
 _UNWRITTEN: Final = 1.2345678e-67
 
 
-def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
-    """Covariance (size, size), exactly symmetric; zero is allowed.
+def check_covariance(
+    value: npt.ArrayLike, size: int, what: str, rows: tuple[int, ...] = ()
+) -> Array:
+    """Covariance (size, size), or one for each of so many `rows`, exactly symmetric; may be zero.
 
     Raises FilterError if `what` is not that, symmetric and positive semidefinite within rounding.
     """
@@ -36,19 +39,19 @@ def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise FilterError(f"{what}: give a matrix of {size} x {size} numbers") from None
-    if matrix.shape != (size, size):
-        raise FilterError(f"{what}: shape is {matrix.shape}, must be {(size, size)}")
+    if matrix.shape != (*rows, size, size):
+        raise FilterError(f"{what}: shape is {matrix.shape}, must be {(*rows, size, size)}")
     if not np.all(np.abs(matrix) <= 1e100):
         raise FilterError(f"{what}: holds NaN, infinity or a number above 1e100")
-    variance = np.diag(matrix)
+    variance = np.diagonal(matrix, axis1=-2, axis2=-1)
     if np.any(variance < 0.0):
         raise FilterError(f"{what}: variance {variance.min():.3g} on the diagonal is negative")
-    scale = np.sqrt(np.outer(variance, variance))
-    if np.any(np.abs(matrix - matrix.T) > _TOLERANCE * scale):
+    scale = np.sqrt(variance[..., :, None] * variance[..., None, :])
+    if np.any(np.abs(matrix - matrix.mT) > _TOLERANCE * scale):
         raise FilterError(f"{what}: not symmetric; pass (P + P') / 2 if that is what you mean")
-    matrix = 0.5 * (matrix + matrix.T)
+    matrix = 0.5 * (matrix + matrix.mT)
     correlation = np.divide(matrix, scale, out=np.zeros_like(matrix), where=scale > 0.0)
-    lowest = float(np.linalg.eigvalsh(correlation)[0]) if size else 0.0
+    lowest = float(np.linalg.eigvalsh(correlation)[..., 0].min()) if matrix.size else 0.0
     if lowest < -_TOLERANCE * size or np.any((scale == 0.0) & (matrix != 0.0)):
         raise FilterError(f"{what}: not positive semidefinite, so no covariance")
     return matrix
@@ -65,10 +68,11 @@ def covariance_factor(covariance: Array) -> Array:
 class StateSpaceModel:
     """A discrete model x[k] = f(x[k-1], u[k], dt) + w, z[k] = h(x[k], u[k]) + v.
 
-    The functions are compiled with ``numba.njit(cache=True, error_model="numpy")`` and fill `out`;
-    the options keep them on disk and let a division by zero give infinity. The filter survives
-    NaN and infinity with a status. An exception of theirs counts as a failed function too; of one
-    that they call, numba prints each, which takes milliseconds.
+    The functions fill `out` and are compiled with ``numba.njit(cache=True, error_model="numpy")``;
+    the options keep them on disk and let a division by zero give infinity. Plain Python functions
+    do for a prototype, and warn: every call of theirs goes through the interpreter. The filter
+    survives NaN and infinity with a status. An exception of a function counts as its failure too;
+    of one that a compiled function calls, numba prints each, which takes milliseconds.
 
     A model that states what is possible recovers from absurd numbers: it leaves out measurements
     and inputs that are not, and starts anew from the prior where the state or a time step is not.
@@ -78,7 +82,9 @@ class StateSpaceModel:
     transition : compiled ``f(x, u, dt, parameters, out)``
         Writes the next state into `out`; all but `dt` [s] are 1-D arrays.
     measurement : compiled ``h(x, u, parameters, out)``
-        Writes the expected measurement into `out`.
+        Writes the expected measurement into `out`. For several sensors, a tuple of them; then
+        `measurement_noise` and `measurements` are tuples with a covariance and a tuple of names
+        for each, and a row of z holds one after the other, NaN where a sensor told nothing.
     process_noise : (n, n) array_like or compiled ``q(x, u, dt, parameters, out)``
         Covariance of w over one step. A function writes it into `out` (n, n), which comes filled
         with zeros; use one where dt varies.
@@ -100,7 +106,7 @@ class StateSpaceModel:
     Raises
     ------
     FilterError
-        If a function is not compiled, does not compile or writes past `out`, or a covariance or
+        If a function does not compile or run or writes past `out`, or a covariance or
         a name is wrong.
 
     Examples
@@ -110,7 +116,7 @@ class StateSpaceModel:
     """
 
     transition: Callable[..., None]
-    measurement: Callable[..., None]
+    measurement: Callable[..., None] | tuple[Callable[..., None], ...]
     process_noise: npt.ArrayLike | Callable[..., None]
     measurement_noise: npt.ArrayLike
     states: tuple[str, ...]
@@ -128,6 +134,8 @@ class StateSpaceModel:
     """Lowest and highest (2, n + m + inputs) of each state, measurement and input."""
 
     def __post_init__(self) -> None:
+        if isinstance(self.measurement, tuple):
+            self._join_measurements(self.measurement)
         for kind in ("states", "measurements", "inputs", "angles"):
             names = getattr(self, kind)
             if isinstance(names, str) or len(set(names)) != len(names):
@@ -162,6 +170,35 @@ class StateSpaceModel:
         freeze(self, "addresses", (*places, 0)[:3])
         freeze(self, "called", functions)
 
+    def _join_measurements(self, functions: tuple[Callable[..., None], ...]) -> None:
+        """Make one measurement of several, their noises and names one after the other."""
+        noises: Any = self.measurement_noise
+        groups: Any = self.measurements
+        if not len(functions) == len(noises) == len(groups) > 0 or isinstance(groups[0], str):
+            raise FilterError(
+                f"{len(functions)} measurement functions: give as many covariances and tuples of "
+                "names"
+            )
+        blocks = [
+            check_covariance(noise, len(names), f"noise of {', '.join(names)}")
+            for noise, names in zip(noises, groups, strict=True)
+        ]
+        given = (np.zeros(len(self.states)), np.zeros(len(self.inputs)), self.parameters)
+        called = [
+            _compile(one, MEASUREMENT, f"measurement of {', '.join(names)}", given, (len(names),))
+            for one, names in zip(functions, groups, strict=True)
+        ]
+        joined, count = called[0][1], len(groups[0])
+        noise = blocks[0]
+        for (_, one), names, block in zip(called[1:], groups[1:], blocks[1:], strict=True):
+            joined, count = _followed_by(joined, one, count), count + len(names)
+            corner = np.zeros((len(noise), len(block)))
+            noise = np.block([[noise, corner], [corner.T, block]])
+        freeze = object.__setattr__
+        freeze(self, "measurement", joined)
+        freeze(self, "measurement_noise", noise)
+        freeze(self, "measurements", tuple(name for names in groups for name in names))
+
     def _bounds(self) -> Array:
         names = (*self.states, *self.measurements, *self.inputs)
         for name, (lowest, highest) in self.possible.items():
@@ -181,10 +218,14 @@ def _compile(
     function: Any, signature: Any, what: str, given: tuple[Any, ...], shape: tuple[int, ...]
 ) -> tuple[int, Dispatcher]:
     """Address of a model function, and the function, after a trial run that sees stray writes."""
-    if not isinstance(function, Dispatcher):
-        raise FilterError(f"{what}: {function!r} is not compiled; decorate it with numba.njit")
+    if not callable(function):
+        raise FilterError(f"{what}: {function!r} is no function; give one that fills `out`")
+    trial = function.py_func if isinstance(function, Dispatcher) else function
     try:
-        called = _quiet(function) if _may_raise(function) else function
+        if trial is function:
+            called = _interpreted(function, len(signature.args), what)
+        else:
+            called = _quiet(function) if _may_raise(function) else function
         place = address(called, signature)
     except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
         reason = " ".join(str(error).split())[:200]
@@ -192,8 +233,8 @@ def _compile(
     out = np.full(shape, _UNWRITTEN if len(shape) == 1 else 0.0)
     try:
         with np.errstate(all="ignore"):
-            function.py_func(*given, out)
-    except IndexError as error:
+            trial(*given, out)
+    except (IndexError, NameError, TypeError, AttributeError) as error:
         raise FilterError(f"{what}: {error}; check its names and parameters") from None
     except (ArithmeticError, ValueError, NotImplementedError):
         # Zero may lie outside the model; compiled, it gives NaN there. Or it runs compiled only.
@@ -233,6 +274,47 @@ def _quiet(function: Dispatcher) -> Dispatcher:
 
     arguments = inspect.signature(function.py_func).parameters
     chosen: Dispatcher = transition if len(arguments) == len(TRANSITION.args) else measurement
+    return chosen
+
+
+def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Dispatcher:
+    """Give a compiled function that calls a plain one, which writes NaN where it raises."""
+    warnings.warn(
+        f"{what}: {getattr(function, '__name__', function)} is plain Python, which is slow; "
+        'decorate it with @numba.njit(cache=True, error_model="numpy") when it works',
+        RuntimeWarning,
+        stacklevel=5,
+    )
+
+    def tried(*given: Any) -> None:
+        try:
+            function(*given)
+        except Exception:  # noqa: BLE001  # as of a compiled one
+            given[-1][:] = np.nan
+
+    @njit
+    def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+        with objmode():
+            tried(x, u, parameters, out)
+
+    @njit
+    def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
+        with objmode():
+            tried(x, u, dt, parameters, out)
+
+    chosen: Dispatcher = transition if arguments == len(TRANSITION.args) else measurement
+    return chosen
+
+
+def _followed_by(first: Dispatcher, second: Dispatcher, count: int) -> Dispatcher:
+    """Give a measurement function whose first `count` elements are one's, the rest another's."""
+
+    @njit(error_model="numpy")
+    def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+        first(x, u, parameters, out[:count])
+        second(x, u, parameters, out[count:])
+
+    chosen: Dispatcher = measurement
     return chosen
 
 

@@ -28,6 +28,10 @@ GAIN_MARGIN: Final = 2.0
 SPEED_SHARE: Final = 0.8
 """Of the speed from which the corrector sees a spike, the share that set-points keep to."""
 
+SETTLING: Final = 0.1
+"""Time constant with which set-points go on where a joint shall stand still [s]: friction and
+backlash would make a loop swing there that is quick enough for reversals."""
+
 
 class Compensator:
     """Inverts a calibration in the loop: wanted joint positions in, set-points of the motors out.
@@ -53,6 +57,9 @@ class Compensator:
         Share of the remaining error that is added to the set-point, 0 or more.
     time_constant : float
         Of the low-pass [s].
+    dead_band : float
+        Error [rad or m] that is let be where a joint is wanted to stand still: friction would make
+        the loop hunt for the rest of it.
     believed : Status
         Bits with which a sample is corrected all the same, where the estimator is known to hold:
         ``Status.OUT_OF_DOMAIN | Status.IMPLAUSIBLE`` for one that knows loads that it never saw.
@@ -92,9 +99,11 @@ class Compensator:
         lag: float,
         gain: float = 1.5,
         time_constant: float = 0.005,
+        dead_band: float = 0.0,
         believed: Status = Status.OK,
     ) -> None:
-        for name, value in (("gain", gain), ("time constant", time_constant), ("lag", lag)):
+        numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
+        for name, value in numbers.items():
             if not 0.0 <= value < math.inf:
                 raise CommandRefused(f"compensator: {name} is {value}; give a number of 0 or more")
         check_rate(rate, lag, gain)
@@ -113,7 +122,8 @@ class Compensator:
         self._share = 1.0 / (1.0 + time_constant * self.rate)
         self._measured = [corrector.signals.index(f"measured/{name}") for name in corrector.joints]
         self.setpoint, self.lost, self._wanted = np.zeros((3, len(joints)))
-        self.is_limited = np.zeros(len(joints), dtype=bool)
+        self.is_limited, self._rests = np.zeros((2, len(joints)), dtype=bool)
+        self._dead_band, self._settle = dead_band, 1.0 / (1.0 + SETTLING * self.rate)
         self._doubted = ~int(believed)
         self.status = Status.OK
 
@@ -132,12 +142,18 @@ class Compensator:
         goal = np.where(np.isfinite(goal), goal, self._wanted)
         self.status = self.corrector.step(t, sample)
         ahead = goal + self._lead * (goal - self._wanted)
+        stands = goal == self._wanted
+        self._rests &= stands
         correction = self.corrector.correction + self.corrector.offset
         if self.status & self._doubted == 0 and np.isfinite(correction).all():
             measured = np.asarray(sample, dtype=np.float64)[self._measured]
             self.lost += self._share * (correction - self.lost)
-            ahead += self.gain * (self._wanted - measured - correction)
+            missing = self._wanted - measured - correction
+            ahead += self.gain * missing
+            self._rests = stands & (np.abs(missing) < self._dead_band)
         asked = ahead - self.lost
+        slowly = self.setpoint + self._settle * (asked - self.setpoint)
+        asked = np.where(stands, np.where(self._rests, self.setpoint, slowly), asked)
         kept = np.clip(asked, self.setpoint - self._step, self.setpoint + self._step)
         np.clip(kept, self._lower, self._upper, out=self.setpoint)
         np.not_equal(self.setpoint, asked, out=self.is_limited)
@@ -222,7 +238,8 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     Raises
     ------
     CommandRefused
-        If the arm is not ready, a row is not finite, or its rate does not divide 1 kHz.
+        If the arm is not ready or does not report a signal, a row is not finite, or the
+        compensator's rate does not divide 1 kHz.
 
     Examples
     --------
@@ -256,6 +273,8 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     try:
         arm.wait(SETPOINT_DT)
         told = []
+        if missing := [name for name in signals if name not in latest[0].columns()]:
+            raise CommandRefused(f"track: {arm.robot.title} does not report {', '.join(missing)}")
         for goal in rows[per_step - 1 :: per_step]:
             before = compensator.setpoint.copy()
             columns, t = latest[0].columns(), float(latest[0].t[-1])

@@ -204,7 +204,7 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
         assert closed["rms"] < np.radians(0.25) < 4 * closed["rms"] + open_loop["rms"]
         assert closed["rms"] < 0.2 * open_loop["rms"]
         assert closed["corrected"] > 0.99
-    assert result.parts["specimen-00000"].numbers["stable"][0]
+    assert result.parts["margin-00000"].numbers["stable"][0]
     assert drawn(result, tmp_path)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
@@ -222,7 +222,7 @@ def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
     assert soft["x2/1/0"]["loaded"] < 0.1 * soft["motor/1/0"]["loaded"]
     assert "motor/20/0" not in soft  # nothing that a cable's encoder changes
     best, every = result.summary.tables
-    assert [float(row[0]) for row in best.rows] == sorted({float(row[0]) for row in best.rows})
+    assert [float(row[1]) for row in best.rows] == sorted({float(row[1]) for row in best.rows})
     assert len(every.rows) == 1 + 2 * 2 * 2
     assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
     assert drawn(result, tmp_path)

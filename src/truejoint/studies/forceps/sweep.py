@@ -212,10 +212,10 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         f"unloaded: {answer}. Prices are assumed; --set prices=... takes yours.",
     )
     chosen = [
-        (f"{price[d]:g}", named(d), _pair(errors[d]["unloaded"]), _pair(errors[d]["loaded"]))
+        (named(d), f"{price[d]:g}", _pair(errors[d]["unloaded"]), _pair(errors[d]["loaded"]))
         for d in best
     ]
-    header = ("price", "design", "unloaded", f"under {settings['mass_g']:g} g")
+    header = ("design", "price", "unloaded", f"under {settings['mass_g']:g} g")
     tables = (
         Table("Designs that no cheaper one beats", header, tuple(chosen), notes),
         _grid(settings, errors),
@@ -311,12 +311,15 @@ def _figure(
         x, y = [price[d] for d in every], [math.degrees(_typical(errors[d])) for d in every]
         costs.append(Curve(x, y, layout, _COLOURS[layout], "o"))
     y = [math.degrees(_typical(errors[d])) for d in best]
-    costs.append(Curve([price[d] for d in best], y, "no cheaper one beats it", "k", "--o"))
+    costs.append(Curve([price[d] for d in best], y, "", "k", "--o"))
     mass = f"under {settings['mass_g']:g} g"
     rms_name = "median RMS error [deg]"
     panels = (
         (
-            Panel(by_stiffness, "cable stiffness [kN/m]", rms_name, f"{mass}, finest", "xy"),
+            Panel(
+                by_stiffness, "cable stiffness [kN/m]", rms_name,
+                f"{mass}, at {1e6 * finest:g} um", "xy",
+            ),
             Panel(
                 by_resolution, "resolution of the cables' encoders [um]", rms_name,
                 f"unloaded, {middle:g} kN/m", "xy",
@@ -324,7 +327,10 @@ def _figure(
         ),
         (
             Panel(both, "unloaded [deg]", f"{mass} [deg]", "every design", "xy"),
-            Panel(costs, "price of the cables' encoders", rms_name, "the worse of both", "y"),
+            Panel(
+                costs, "price of the cables' encoders", rms_name,
+                "the worse of both; line: none better for less", "y",
+            ),
         ),
     )  # fmt: skip
     caption = (
