@@ -204,7 +204,7 @@ class TrackedMotion:
     t : ndarray, shape (n,)
         Stamps of the samples [s].
     wanted, setpoint, corrected : ndarray, shape (n, n_joints)
-        Where the joints were wanted, set-points sent, and corrected positions [rad or m].
+        Where the joints were wanted, set-points sent, and `Corrector.position` [rad or m].
     status : ndarray, shape (n,)
         Bits of `Status`.
 
