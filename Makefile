@@ -12,7 +12,7 @@ help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
 
 demo: $(VENV)/.installed ## Calibrate a simulated RAVEN-II from homing to report, in $(DEMO)/
-	$(BIN)/truejoint demo --out $(DEMO)
+	$(BIN)/truejoint demo --out $(DEMO) --force
 
 test: $(VENV)/.installed-dev ## Run the test suite
 	$(BIN)/python -m pytest -n auto

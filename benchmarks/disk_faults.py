@@ -3,7 +3,7 @@
     python -m benchmarks.disk_faults [--kills 200] [--interrupts 50] [--full 50] [--flips 10000]
 
 Each command that writes runs again and again with ``--force`` over files that stand for good ones
-(in processes forked from one that has everything imported), and is killed (SIGKILL) at a random
+(in processes forked from one that has just run it), and is killed (SIGKILL) at a random
 time after it opened its first file for writing; or interrupted (SIGINT) at a random time of its
 whole run; or allowed files of a random size only, as on a disk that is full. Afterwards each file
 must be the one from before or a whole new one. Then pairs of the same command start at once without
@@ -13,6 +13,7 @@ must be the one from before or a whole new one. Then pairs of the same command s
 from __future__ import annotations
 
 import argparse
+import io
 import os
 import random
 import resource
@@ -24,8 +25,8 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -36,13 +37,6 @@ from truejoint.errors import TruejointError
 
 GOOD = b"the good file from before\n"
 CRASHED = 99
-PRELOADED = (
-    "cli.commands",
-    "evaluation.report.plot",
-    "export",
-    "recordings.parquet",
-    "runtime.corrector",
-)
 STUDY = ("--preset", "small", "--jobs", "1", "--set", "methods=lsm")
 
 
@@ -78,7 +72,7 @@ CASES = (
     ),
     Case(("export", "m.st", "--to", "onnx", "-o", "out", "--prefix", "m"), ("out/m.onnx",)),
     Case(
-        ("join", "z.parquet", "z.parquet", "--offset-s", "0", "-o", "out/j.parquet"),
+        ("join", "z.parquet", "truth.csv", "--offset-s", "0", "-o", "out/j.parquet"),
         ("out/j.parquet",),
     ),
     Case(("columns", "run.csv", "--robot", "raven2", "-o", "out/m.toml"), ("out/m.toml",)),
@@ -92,6 +86,8 @@ class Run:
 
     pid: int
     opened: int  # a pipe that gets a byte when the first file is opened for writing
+    printed: int  # a pipe that gets what the command prints
+    said: str = ""
 
     def wait_for_writing(self) -> None:
         """Wait until it writes, or has ended."""
@@ -99,6 +95,8 @@ class Run:
 
     def end(self) -> int:
         """Exit code, negative for a signal."""
+        with os.fdopen(self.printed, errors="replace") as printed:
+            self.said = printed.read()
         _, status = os.waitpid(self.pid, 0)
         os.close(self.opened)
         return os.waitstatus_to_exitcode(status)
@@ -106,34 +104,38 @@ class Run:
 
 def fork(call: Callable[[], int | None]) -> Run:
     """Run `call` in a process; its value is the exit code."""
-    opened, told = os.pipe()
+    (opened, told), (printed, prints) = os.pipe(), os.pipe()
     pid = os.fork()
     if pid:
         os.close(told)
-        return Run(pid, opened)
+        os.close(prints)
+        return Run(pid, opened, printed)
+    for number, name in ((1, "stdout"), (2, "stderr")):
+        os.dup2(prints, number)
+        setattr(sys, name, os.fdopen(number, "w", closefd=False))
 
     def tell(event: str, arguments: tuple[object, ...]) -> None:
         if event == "open" and str(arguments[0]).endswith(".part"):
             os.write(told, b"w")
 
     sys.addaudithook(tell)
+    code = CRASHED
     try:
-        code = call() or 0
-    except SystemExit as stop:
-        code = int(stop.code or 0)
-    except BaseException:  # noqa: BLE001  # what reaches this is a fault
-        traceback.print_exc()
-        code = CRASHED
-    sys.stderr.flush()
-    os._exit(code)
+        try:
+            code = call() or 0
+        except SystemExit as stop:
+            code = int(stop.code or 0)
+        except Exception:  # noqa: BLE001  # what reaches this is a fault
+            traceback.print_exc()
+        sys.stderr.flush()
+    finally:  # a late Ctrl-C must not carry on with what the parent does
+        os._exit(code)
 
 
-def command(words: tuple[str, ...], said: Path, limit: int | None = None) -> Callable[[], None]:
+def command(words: tuple[str, ...], limit: int | None = None) -> Callable[[], None]:
     """Make a call of the command line that may write `limit` bytes into a file."""
 
     def call() -> None:
-        for stream in (1, 2):
-            os.dup2(os.open(said, os.O_CREAT | os.O_WRONLY | os.O_APPEND), stream)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         if limit is not None:
             resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
@@ -168,7 +170,7 @@ def fault_of(path: Path, healthy: bytes) -> str:
         return str(error)
 
 
-def broken(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> list[str]:
+def broken(healthy: dict[str, bytes], remnants_allowed: bool) -> list[str]:
     """Say what is wrong with the files that a command left."""
     faults = {name: fault_of(Path(name), content) for name, content in healthy.items()}
     found = [f"{name}: {fault}" for name, fault in faults.items() if fault]
@@ -190,38 +192,49 @@ def prepared(case: Case) -> None:
 
 
 def judged(case: Case, healthy: dict[str, bytes], remnants_allowed: bool) -> int:
-    """How many of its files are broken, said on standard error; in a process of its own."""
+    """Tell how many of its files are broken, and what they are; in a process of its own."""
 
     def call() -> int:
-        found = broken(case, healthy, remnants_allowed)
+        found = broken(healthy, remnants_allowed)
         for line in found:
-            print(f"{case.name}: {line}", file=sys.stderr)
+            print(f"{case.name}: {line}")
+        sys.stdout.flush()
         return len(found)
 
-    return fork(call).end()
+    run = fork(call)
+    count = run.end()
+    print(run.said, end="", file=sys.stderr)
+    return count
+
+
+def warm(case: Case) -> None:
+    """Run a command in this process, so that those forked from it need not load its kernels."""
+    prepared(case)
+    sys.argv = ["truejoint", *case.words, "--force"]
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()), suppress(SystemExit):
+        main()
 
 
 def trials(case: Case, counts: dict[str, int], rng: random.Random, tally: Counter[str]) -> None:
     """Disturb one command as often as `counts` says, and count what came of it."""
+    warm(case)
     prepared(case)
-    said = Path("said.txt").absolute()
     words = (*case.words, "--force")
     began = time.monotonic()
-    run = fork(command(words, said))
+    run = fork(command(words))
     run.wait_for_writing()
     writing = time.monotonic()
     code = run.end()
     whole, write = time.monotonic() - began, time.monotonic() - writing
     if code not in (0, 1):
-        raise SystemExit(f"{case.name}: exit code {code}\n{said.read_text()}")
+        raise SystemExit(f"{case.name}: exit code {code}\n{run.said}")
     healthy = {n: Path(n).read_bytes() for n in case.targets if Path(n).is_file()}
     sizes = [p.stat().st_size for p in Path("out").rglob("*") if p.is_file()]
     for kind, count in counts.items():
         for _ in range(count):
             prepared(case)
-            said.unlink(missing_ok=True)
             limit = rng.randrange(max(sizes)) if kind == "disk full" else None
-            run = fork(command(words, said, limit))
+            run = fork(command(words, limit))
             if kind == "kill -9":
                 run.wait_for_writing()
                 time.sleep(rng.uniform(0, write))
@@ -233,21 +246,19 @@ def trials(case: Case, counts: dict[str, int], rng: random.Random, tally: Counte
             tally[f"{kind}: runs"] += 1
             tally[f"{kind}: ended before it was done"] += code not in (0, 1)
             tally[f"{kind}: files lost or broken"] += judged(case, healthy, kind == "kill -9")
-            text = said.read_text() if said.exists() else ""
             known = {"kill -9": (-9, 0, 1), "Ctrl-C": (INTERRUPTED, 0, 1), "disk full": (2, 0, 1)}
-            if code not in known[kind] or "Traceback" in text:
+            if code not in known[kind] or "Traceback" in run.said:
                 tally[f"{kind}: another exit code, or a traceback"] += 1
-                print(f"{case.name}: {kind}: exit code {code}: {text[-600:]}", file=sys.stderr)
+                print(f"{case.name}: {kind}: exit code {code}: {run.said[-600:]}", file=sys.stderr)
 
 
 def races(case: Case, count: int, tally: Counter[str]) -> None:
     """Start pairs of a command at once, without ``--force``."""
-    said = Path("said.txt").absolute()
     for _ in range(count):
         prepared(case)
         for name in case.targets:
             Path(name).unlink(missing_ok=True)
-        codes = sorted(run.end() for run in [fork(command(case.words, said)) for _ in range(2)])
+        codes = sorted(run.end() for run in [fork(command(case.words)) for _ in range(2)])
         tally["two at once: runs"] += 1
         tally["two at once: both believe to have written"] += codes[1] in (0, 1)
 
@@ -275,24 +286,35 @@ def flips(count: int, rng: random.Random, tally: Counter[str]) -> None:
                 tally[f"bits of {name}: refused"] += 1
 
 
+def shorten() -> None:
+    """Keep as many rows of the recording as it takes, and its truth in a file of its own."""
+    short = truejoint.read_recording("z.parquet").rows(slice(600))
+    truejoint.write_parquet(short, "z.parquet", overwrite=True)
+    truth = ["t", *(name for name in short.table.columns if name.startswith("truth/"))]
+    short.table[truth].dropna().to_csv("truth.csv", index=False)
+
+
 def measure(options: argparse.Namespace) -> Counter[str]:
     """Run all trials in the current folder."""
     rng = random.Random(options.seed)  # noqa: S311  # no secret
     tally: Counter[str] = Counter()
-    said = Path("said.txt").absolute()
     Path("out").mkdir()
     Path("run.csv").write_text("stamp_ms,elbow_pos_deg\n0,5\n1,6\n")
     for words in (
-        ("trajectory", "zigzag", "--sparsity", "1/2", "-o", "z.csv"),
+        ("trajectory", "zigzag", "--direction", "J1", "--sparsity", "1", "-o", "z.csv"),
         ("collect", "z.csv", "-o", "."),
         ("calibrate", "z.parquet", "-e", "linear", "-o", "m.st"),
     ):
-        if fork(command(words, said)).end():
-            raise SystemExit(said.read_text())
+        run = fork(command(words))
+        if run.end():
+            raise SystemExit(run.said)
+        if words[0] == "collect":
+            fork(shorten).end()
     wanted = {"kill -9": options.kills, "Ctrl-C": options.interrupts, "disk full": options.full}
     for place, case in enumerate(CASES):
         share = {kind: len(range(place, n, len(CASES))) for kind, n in wanted.items()}
         trials(case, share, rng, tally)
+        print(f"{case.name}: done", file=sys.stderr)
     for case in (CASES[0], CASES[2], CASES[3], CASES[5]):
         races(case, options.pairs, tally)
     flips(options.flips, rng, tally)
@@ -312,8 +334,6 @@ def parsed() -> argparse.Namespace:
 def run() -> None:
     """Print how often which fault left what."""
     options = parsed()
-    for name in PRELOADED:  # so that no run waits for it
-        import_module(f"truejoint.{name}")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # until a run takes it
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)

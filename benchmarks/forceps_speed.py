@@ -9,7 +9,7 @@ import time
 import numpy as np
 
 from truejoint.motion.forceps_trajectories import verification_trajectory
-from truejoint.simulation.forceps.specimens import SPECIMENS, specimen
+from truejoint.simulation.forceps.specimens import SPECIMENS, population, specimen
 from truejoint.simulation.forceps.twin import simulate_forceps
 
 DURATION = 70.0
@@ -17,11 +17,11 @@ REPEATS = 5
 
 
 def main() -> None:
-    """Print the median over a few runs of each specimen, after a warm-up that compiles."""
+    """Print the median over a few runs of each specimen and of one with the second friction."""
     setpoint = verification_trajectory(DURATION - 2.0).positions[:, 0]
     simulate_forceps(specimen(), np.zeros(10))
-    for name in SPECIMENS:
-        parameters = specimen(name)
+    (other,) = population(1, prior="capstan")
+    for name, parameters in [*((name, specimen(name)) for name in SPECIMENS), ("capstan", other)]:
         taken = []
         for _ in range(REPEATS):
             start = time.process_time()  # other programs on the machine do not count

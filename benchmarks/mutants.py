@@ -40,7 +40,7 @@ TESTS = {
 """What runs on a mutant of a module that has no tests of its own."""
 MIRRORS = {
     "filters/filter": ("tests/filters",),
-    "models/jaw": ("tests/estimators/test_regressors.py",),
+    "models/jaw": ("tests/estimators/test_rational.py",),
     "models/gated_play": ("tests/estimators/test_play.py",),
     "models/jaw_dynamics": ("tests/estimators/test_jaw_filter.py",),
     "models/filtered": ("tests/estimators/test_jaw_filter.py",),
@@ -53,6 +53,7 @@ MIRRORS = {
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/status": ("tests/runtime/test_status.py",),
     "runtime/homing": ("tests/runtime/test_status.py",),
+    "calibration/calibration": ("tests/calibration/test_conformal.py",),
     "calibration/effort_fitting": ("tests/calibration/test_effort_baseline.py",),
     "calibration/encoding": ("tests/calibration/test_model_file.py",),
     "calibration/interval": ("tests/calibration/test_conformal.py",),

@@ -19,7 +19,7 @@ import numpy as np
 
 from truejoint.crtk import Arm, StateBlock, TruthBlock, simulated_arm
 from truejoint.crtk.arm import BRAKING
-from truejoint.errors import MotionStopped
+from truejoint.errors import CommandRefused
 from truejoint.motion import follow, zigzag
 
 ALLOWED = 0.02 + BRAKING
@@ -69,7 +69,7 @@ def one(arm: Arm, name: str, call: Callable[[], object], delay: float) -> tuple[
     said = False
     try:
         call()
-    except MotionStopped:
+    except CommandRefused:  # stopped, or not begun where the pause came while it was planned
         said = True
     thread.join(60.0)
     arm.unsubscribe(look)

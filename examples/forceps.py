@@ -27,12 +27,13 @@ folder.mkdir(exist_ok=True)
 
 # %% [markdown]
 # ## Calibrate, save, correct
-# Two recordings, as a laboratory would have them: (27) to calibrate on, (28) to verify. The same
-# two calls take any estimator, and would take a recording of a real jaw.
+# Two recordings, as a laboratory would have them: one minute of loops of three sizes to calibrate
+# on, (28) to verify. The same two calls take any estimator, and would take a recording of a real
+# jaw; `truejoint trajectory nested` makes the motion for one.
 
 # %%
 forceps = specimen("A")  # like the paper's, chosen on its numbers
-calibration = record(forceps, "calibration", specimen="A", seed=0)
+calibration = record(forceps, "nested", specimen="A", seed=0)
 verification = record(forceps, "verification", specimen="A", seed=1)
 settled = verification.t > 2.2
 for name in ("ukf_compensated", "play_gated", "ukf_friction"):

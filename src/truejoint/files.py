@@ -184,8 +184,9 @@ def require_ordinary(path: Path, error: type[TruejointError]) -> None:
 
 
 def reason(cause: OSError) -> str:
-    """Say what went wrong with a file, and what to do where that is known."""
-    return _REASONS.get(cause.errno or 0) or cause.strerror or str(cause)
+    """Say what went wrong with a file, and what to do."""
+    known = _REASONS.get(cause.errno or 0)
+    return known or f"{cause.strerror or cause}; check path and permissions"
 
 
 def _sync(path: Path) -> None:

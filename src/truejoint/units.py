@@ -6,6 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Final
 
+GRAVITY: Final = 9.81
+"""Of a mass that hangs [m/s2]."""
+
 
 @dataclass(frozen=True)
 class DisplayUnit:

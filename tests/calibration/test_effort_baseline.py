@@ -128,7 +128,7 @@ def test_recordings_that_disagree_raise_the_limits():
     alike = calibrate([motion(0), other], "linear", features=FEATURES).effort_baseline
     apart = calibrate([motion(0), changed], "linear", features=FEATURES).effort_baseline
     assert alike.shift_limit.tolist() == [0.6, 0.6, 0.6]
-    # 0.05 is twelve standard deviations of the noise, and the limit five times what was held out.
+    # 0.05 is twelve standard deviations of the noise, and the limit over five times what was held out.
     assert apart.shift_limit[1] > 10
     assert apart.shift_limit[[0, 2]].tolist() == [0.6, 0.6]
 

@@ -10,7 +10,9 @@ from tests.synthetic import build_recording
 
 from truejoint.calibration import read_calibration
 from truejoint.estimators import get_estimator
-from truejoint.recordings import write_parquet
+from truejoint.recordings import Recording, write_parquet
+
+JOINTS = ("shoulder", "elbow")
 
 
 @pytest.fixture
@@ -24,10 +26,12 @@ def sessions(tmp_path):
 def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path, monkeypatch):
     few = [get_estimator(name) for name in ("offset", "linear", "poly2")]
     monkeypatch.setattr("truejoint.estimators.candidates", lambda: few)
+    monkeypatch.setattr("truejoint.cli.console._LOG_PERIOD", 0.0)
     path = tmp_path / "m.safetensors"
     done = call("calibrate", *sessions, "-e", "auto", "--interval", "cross", "-o", path,
                 "--accept", "unit")  # fmt: skip
     assert done.code == 0, done.err
+    assert "s left: Choosing: poly2 without recordings 2" in done.err
     assert "RMSE on 3 parts left out" in done.out
     assert "(100%)" in done.out, done.out
     assert "shoulder [deg]" in done.out
@@ -45,6 +49,22 @@ def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions,
     assert done.code == 0, done.err
     assert json.loads(done.out)["metadata"]["interval_sessions"][0]["session"] == "s0"
     assert read_calibration(path).interval.rezero == 1.0
+
+
+def test_columns_that_check_are_chosen(call: Call, tmp_path):
+    made = build_recording(900, 0)
+    motor = {f"motor/{joint}": 8.0 * made.column(f"measured/{joint}") for joint in JOINTS}
+    units = {**made.units, **dict.fromkeys(motor, "rad")}
+    path = tmp_path / "s.parquet"
+    write_parquet(Recording(made.table.assign(**motor), units, made.provenance), path)
+    model = tmp_path / "m.safetensors"
+    for asked, used in {"motor/elbow": ["motor/elbow"], "none": []}.items():
+        done = call("calibrate", path, "-e", "linear", "--redundant", asked, "-o", model, "--force")
+        assert done.code == 0, done.err
+        assert list(read_calibration(model).redundant) == used
+    done = call("calibrate", path, "--redundant", "effort/elbow", "-o", model, "--force")
+    assert (done.code, done.out) == (2, "")
+    assert "'effort/elbow' cannot check a measured position" in done.err
 
 
 def test_a_setting_needs_an_estimator(call: Call, sessions, tmp_path):

@@ -1,5 +1,6 @@
 """Tests of `truejoint collect` beyond those that all commands share."""
 
+import numpy as np
 import pytest
 
 from truejoint.crtk import SimulatedBackend
@@ -32,21 +33,52 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
     arguments = ("collect", motion, "--robot", "forceps", "-o", tmp_path, "--force")
     assert call(*arguments).code == 0
     whole = (tmp_path / "jaw.parquet").read_bytes()
-    run, blocks = SimulatedBackend.servo_jp, []
+    run, samples = SimulatedBackend.servo_jp, []
 
-    def stop_at_the_third(self, position):
-        blocks.append(position)
-        if len(blocks) == 3:
+    def stop_on_the_way(self, position):
+        samples.extend(position)
+        if len(samples) > 3000:
             raise KeyboardInterrupt
         run(self, position)
 
-    monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_at_the_third)
+    monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_on_the_way)
     stopped = call(*arguments)
     assert stopped.code != 0
     assert "jaw.partial.parquet" in stopped.err
     assert (tmp_path / "jaw.parquet").read_bytes() == whole
     fragment = read_parquet(tmp_path / "jaw.partial.parquet")
     assert fragment.provenance.notes == "stopped by KeyboardInterrupt"
+
+
+def test_it_goes_on_where_it_was_stopped(call, motion, tmp_path):
+    other = tmp_path / "other.csv"
+    assert call("trajectory", "random", "--robot", "forceps", "--minutes", "0.2", "--seed", 5,
+                "-o", other).code == 0  # fmt: skip
+    arguments = ("--robot", "forceps", "-o", tmp_path)
+    assert call("collect", motion, *arguments).code == 0
+    before = (tmp_path / "jaw.parquet").read_bytes()
+    resumed = call("collect", motion, other, *arguments, "--resume")
+    assert resumed.code == 0, resumed.err
+    assert "jaw.parquet: recorded already" in resumed.err
+    assert (tmp_path / "jaw.parquet").read_bytes() == before
+    assert len(read_parquet(tmp_path / "other.parquet")) > 100
+
+
+def test_a_recording_is_replayed(call, motion, tmp_path):
+    assert call("collect", motion, "--robot", "forceps", "-o", tmp_path).code == 0
+    again = tmp_path / "again"
+    recorded = tmp_path / "jaw.parquet"
+    replayed = call("collect", recorded, "--robot", "forceps", "-o", again, "--seed", 3)
+    assert replayed.code == 0, replayed.err
+    first, second = read_parquet(recorded), read_parquet(again / "jaw.parquet")
+    t = np.linspace(1.0, 25.0, 200)
+    wanted = np.interp(t, first.column("t"), first.column("setpoint/jaw"))
+    # The way to the start and the rounding of its ends make it later.
+    errors = [
+        np.abs(np.interp(t + late, second.column("t"), second.column("setpoint/jaw")) - wanted)
+        for late in np.arange(0.0, 1.0, 0.01)
+    ]
+    assert np.max(errors, axis=1).min() < 5e-3
 
 
 @pytest.mark.parametrize(

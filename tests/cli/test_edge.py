@@ -17,6 +17,7 @@ from tests.cli.conftest import Call
 import truejoint
 from truejoint.cli import app
 from truejoint.cli.console import one_line, printable
+from truejoint.recordings import Provenance
 
 HUGE = "9" * 400
 ENDLESS = "9" * 5000
@@ -56,13 +57,13 @@ def test_a_session_of_half_a_character_goes_into_any_output(
     options = ("--session", "\ud800[/b]", "--homing-id", "\x1b]0;title\x07")
     args = (session / "m.st", session / "random.parquet", *options)
     for result in (
-        call("evaluate", *args, "--report", tmp_path / "r.html"),
         call("correct", *args, "-o", tmp_path / "c.csv"),
         call("show", session / "random.parquet", *options),
     ):
         assert result.code in (0, 1), result.err
         assert "\x1b" not in result.out + result.err
-    assert "\\ud800" in (tmp_path / "r.html").read_text()
+    provenance = Provenance("bros", session="\ud800", source="bad\udcff.csv")
+    assert (provenance.session, provenance.source) == ("\\ud800", "bad\\udcff.csv")
 
 
 def test_output_in_forced_ascii(session: Path) -> None:
@@ -159,7 +160,7 @@ class Fails:
     def __init__(self, error: BaseException) -> None:
         self.error = error
 
-    def __call__(self, **_: object) -> None:
+    def __call__(self, *_: object, **__: object) -> None:
         raise self.error
 
 
@@ -189,7 +190,7 @@ def test_the_last_resort_is_one_line(
 def test_an_interrupt_that_is_swallowed_is_remembered(
     call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def swallows(**_: object) -> None:
+    def swallows(*_: object, **__: object) -> None:
         try:
             os.kill(os.getpid(), signal.SIGINT)
         except KeyboardInterrupt:

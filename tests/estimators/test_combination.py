@@ -58,6 +58,7 @@ def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
     again = model().model.settled()
     assert [one.name for one in again.members] == ["linear", "dnn", "gru", "combination"]
     assert again.weights == tuple(row for row in WEIGHTS if any(row))
+    assert len(Combination(EVERY_KIND, WEIGHTS).settled().members) == len(EVERY_KIND)
 
 
 def test_it_steps_and_is_read_back_with_the_same_bits(tmp_path):

@@ -36,6 +36,7 @@ def test_filter_is_a_kalman_filter(pair):
             covariance = transition @ covariance @ transition.T + noise
         own = sensor[: len(z), : len(z)]
         kalman = covariance @ seen.T @ np.linalg.inv(seen @ covariance @ seen.T + own)
+        before, spread = x, seen @ covariance @ seen.T + own
         x = x + kalman @ (z - seen @ x)
         rest = np.eye(4) - kalman @ seen
         covariance = rest @ covariance @ rest.T + kalman @ own @ kalman.T
@@ -43,6 +44,12 @@ def test_filter_is_a_kalman_filter(pair):
     regular = np.full(len(X), dt)
     regular[0] = 0.0
     assert np.abs(model.filtered(X, regular) - expected).max() < 1e-9
+    states = model.states(X, regular)
+    assert np.abs(states.x[:, 0] - expected).max() < 1e-9
+    assert states.P[-1] == pytest.approx(covariance, rel=1e-6)
+    assert states.nis[-1] == pytest.approx(
+        float((z - seen @ before) @ np.linalg.solve(spread, z - seen @ before)), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize("lambda_", [-1.0, 3.0])

@@ -60,6 +60,16 @@ def test_gradient_is_the_slope_of_the_loss(n, decay, seed):
         assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
 
 
+def test_an_unknown_target_counts_as_one_that_is_met():
+    layers, X, y = problem(20)
+    met, unknown = y.copy(), y.copy()
+    met[:5, 1], unknown[:5, 1] = forward(layers, X)[:5, 1], np.nan
+    expected, found = (Layers.zeros(SIZES, np.float64) for _ in range(2))
+    loss = loss_and_gradient(layers, X, met, 0.01, expected)
+    assert loss_and_gradient(layers, X, unknown, 0.01, found) == pytest.approx(loss, rel=1e-12)
+    np.testing.assert_allclose(found.flat, expected.flat, atol=1e-12)
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.integers(1, 40), st.floats(0.0, 0.1), st.integers(0, 100))
 def test_scikit_learns_loss_is_ours_times_half_the_outputs(n, decay, seed):

@@ -37,6 +37,24 @@ def of_rows_alone() -> list[JointRegressor]:
     return [e for e in known if not e.family.remembers and e.family.inputs is None]
 
 
+@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
+def test_an_unknown_value_leaves_the_others_of_its_row(estimator: JointRegressor) -> None:
+    assert estimator.partial
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(400, 3))
+    y = np.column_stack([X @ [1.0, 2.0, 0.0], 1.0 + X[:, 0]]) + 0.1 * rng.normal(size=(400, 2))
+    partly = y.copy()
+    partly[::7, 0] = np.nan
+    both, known = clone(estimator).fit(X, partly).predict(X), ~np.isnan(partly[:, 0])
+    assert np.isfinite(both).all()
+    if not isinstance(estimator, NeuralNetwork):  # whose outputs share hidden units
+        first = clone(estimator).fit(X[known], y[known, :1]).predict(X)
+        second = clone(estimator).fit(X, y[:, 1:]).predict(X)
+        np.testing.assert_allclose(both, np.hstack([first, second]), atol=1e-9)
+    with pytest.raises(CalibrationError, match="known in no row"):
+        clone(estimator).fit(X, np.full((400, 2), np.nan))
+
+
 @parametrize_with_checks([*of_rows_alone(), PolynomialRegressor(degree=3)])
 def test_scikit_learn_contract(estimator, check):
     check(estimator)

@@ -330,7 +330,7 @@ def test_what_cannot_be_kept_is_refused_before_the_fit_to_all_rows():
 
     with pytest.raises(CalibrationError, match="cannot be saved"):
         WrappedRegressor(Counts("own")).fit(np.zeros((5000, 2)), np.arange(5000.0))
-    assert fitted == [1000]
+    assert fitted == [200]
 
 
 def test_too_large_a_forest_is_refused(monkeypatch):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import re
 import subprocess
 from dataclasses import replace
@@ -17,7 +18,18 @@ from truejoint.export.export_c import export_c
 from truejoint.runtime import Status
 
 from ..runtime.registered import in_loop, model, ready, unseen
-from .library import CPP, STRICT, Library, expected, exported, faulty, needs_compiler
+from .library import (
+    CPP,
+    FLAGS,
+    SAME_BITS,
+    STRICT,
+    Library,
+    compile_c,
+    expected,
+    exported,
+    faulty,
+    needs_compiler,
+)
 
 LONGEST_FUNCTION = 80
 
@@ -161,3 +173,37 @@ def test_an_estimator_that_only_works_offline_is_refused_in_one_line(tmp_path):
         export_c(model("ukf_friction_smoothed"), tmp_path)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
+
+
+LOADS = """
+#include "m.h"
+void loads(int n, const double *t, const double *sample, double *load);
+void loads(int n, const double *t, const double *sample, double *load)
+{
+    m_state state;
+    double position[M_JOINTS], half_width[M_JOINTS];
+
+    m_init(&state);
+    m_set_homing(&state, 1, M_HOMING_OF_CALIBRATION);
+    for (int i = 0; i < n; i++) {
+        m_step(&state, t[i], sample + i * M_SIGNALS, position, half_width);
+        load[2 * i] = state.model.load[0];
+        load[2 * i + 1] = state.model.load[1];
+    }
+}
+"""
+
+
+@needs_compiler
+def test_the_load_stands_in_the_state(library):
+    """What the model tells beside the position is a field of the state, of the same bits."""
+    folder, calibration = library("ukf_friction").folder, model("ukf_friction")
+    (folder / "loads.c").write_text(LOADS, encoding="ascii")
+    compile_c([folder / "m.c", folder / "loads.c"], folder / "loads.so", *FLAGS, *SAME_BITS)
+    recording = unseen("ukf_friction").rows(np.arange(800))
+    samples = recording.table[list(calibration.loop_signals)].to_numpy().copy()
+    t, given = recording.t.copy(), np.empty((len(samples), 2))
+    arrays = (a.ctypes.data_as(ctypes.c_void_p) for a in (t, samples, given))
+    ctypes.CDLL(str(folder / "loads.so")).loads(len(t), *arrays)
+    np.testing.assert_array_equal(given, ready(calibration).run(recording).beside["load"])
+    assert np.ptp(given[:, 0]) > 0.0

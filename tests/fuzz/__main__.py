@@ -97,6 +97,7 @@ def main() -> int:
                 with (seeds.parent / "found.jsonl").open("a") as file:
                     died = f"died of signal {os.WTERMSIG(code)}"
                     file.write(json.dumps([number - 1, died]) + "\n")
+            print(f"{number} cases", end="\r", flush=True)
         os.chdir("/")
         found = seeds.parent / "found.jsonl"
         lines = found.read_text().splitlines() if found.exists() else []

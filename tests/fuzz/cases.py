@@ -23,7 +23,8 @@ import typer
 from tests.synthetic import build_recording
 
 import truejoint
-from truejoint.cli.app import app, main
+from truejoint.cli.app import main
+from truejoint.cli.commands import app
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
 
@@ -219,7 +220,7 @@ def command_case(draw: Draw) -> tuple[str, Callable[[], None]]:
 
     def case() -> None:
         code, said = run(*words)
-        assert code in {0, 1, 2}, f"exit code {code}: {said[-500:]}"
+        assert code in {0, 1, 2}, f"exit code {code}: {run(*words, '--debug')[1][-1500:]}"
         assert "Traceback" not in said, said[-500:]
 
     return f"truejoint {words!r}", case

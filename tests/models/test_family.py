@@ -133,6 +133,11 @@ def test_arrays_are_of_the_shapes_that_it_states(change, said):
     refused(said, CLOCK.check, EstimatorData("clock", GOOD, edited), 2, 2)
 
 
+def test_arrays_of_another_number_of_features_are_refused_by_that_number():
+    arrays = {"gain": np.ones((2, 3)), "offset": np.zeros(2)}
+    refused("takes 2 features", CLOCK.check, EstimatorData("clock", GOOD, arrays), 3, 2)
+
+
 def test_one_joint_is_not_two():
     assert families.only_joint("clock", {"offset": (1,)}, 1) == {"offset": (1,)}
     refused("clock estimates one joint, not 2", families.only_joint, "clock", {}, 2)

@@ -43,6 +43,11 @@ def test_the_row_adds_the_leaves_that_it_reaches():
     np.testing.assert_array_equal(found, [[10.5, 20], [30.5, 40], [50.5, 60], [10.5, 25]])
 
 
+def test_a_tree_of_one_output_leaves_the_others_alone():
+    found = predict(data(output=[-1, 0]), [[1.0, 1.0], [0.0, 0.0]])
+    np.testing.assert_array_equal(found, [[10.5, 20], [15.5, 20]])
+
+
 def test_features_are_scaled_first():
     moved = data(mean=[1.0, 0.0], scale=[0.5, 1.0])
     np.testing.assert_array_equal(predict(moved, [[1.5, 1.0], [1.6, 1.0]])[:, 0], [10.5, 30.5])

@@ -131,3 +131,11 @@ def test_what_scipy_would_crash_on_is_refused(refusal: Refusal, at: int, value: 
     broken[at] = value
     message = refusal(lambda: read_mat(bytes(broken), "f.mat"))
     assert message.startswith("f.mat: cannot be read as a MAT file")
+
+
+def test_a_small_file_does_not_unpack_to_a_large_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("truejoint.recordings.files._SMALL_BYTES", 1000)
+    file = io.BytesIO()
+    scipy.io.savemat(file, {"a": np.zeros((100_000, 1))}, do_compression=True)
+    with pytest.raises(RecordingError, match="unpacks to more than"):
+        read_mat(file.getvalue(), "f.mat")

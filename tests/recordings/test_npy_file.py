@@ -73,3 +73,12 @@ def test_damage_is_refused_in_one_line(
     assert "\n" not in message
     # Whatever stands before 128 bytes is a header that is cut short.
     assert message or keep == 128
+
+
+def test_small_integers_that_take_much_as_float64_are_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("truejoint.recordings.array_files.MAX_BINARY_BYTES", 800)
+    np.save(tmp_path / "a.npy", np.zeros(101, np.uint8))
+    with pytest.raises(RecordingError, match="101 numbers take more than 800 bytes"):
+        read_npy(tmp_path / "a.npy")

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +16,7 @@ from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
-from truejoint.recordings import Recorder, read_parquet
+from truejoint.recordings import Recorder, read_parquet, read_recording
 from truejoint.recordings.recorder import PAST_END, Decimator
 from truejoint.recordings.synchronise import AFTER, BACK
 from truejoint.robots import get_robot
@@ -138,11 +139,51 @@ def test_a_recording_whose_name_was_taken_meanwhile_is_kept(arm: Any, tmp_path: 
             arm.state(np.arange(1000) * 1e-3)
             path.write_text("theirs")
 
-    with pytest.raises(RecordingError, match=r"exists already.*the recording is in .*run\.kept"):
+    with pytest.raises(
+        RecordingError, match=r"exists already.*the recording is in .*run\.unfinished\.arrows"
+    ):
         move()
     assert path.read_text() == "theirs"
-    assert recorder.written == tmp_path / "run.kept.parquet"
-    assert not read_parquet(recorder.written).provenance.notes
+    assert recorder.written == tmp_path / "run.unfinished.arrows"
+    kept = read_recording(recorder.written)
+    assert not kept.provenance.notes
+    pd.testing.assert_frame_equal(kept.table, recorder.recording().table)
+
+
+def test_truth_may_come_from_sensors_of_their_own(arm: Any) -> None:
+    class Sensors:
+        def subscribe(self, callback: Callable[..., None]) -> None:
+            self.tell = callback
+
+        def unsubscribe(self, callback: Callable[..., None]) -> None:
+            del self.tell
+
+    sensors = Sensors()
+    with Recorder(arm, truth=sensors) as recorder:
+        arm.state(np.arange(1000) * 1e-3)
+        t = np.arange(120) * 1e-2
+        sensors.tell(TruthBlock(t, ("elbow",), 0.5 * t[:, None]))
+    recording = recorder.recording()
+    assert recording.joints_of("truth") == ("elbow",)
+    assert recording.column("truth/elbow") == pytest.approx(0.5 * recording.column("t"))
+    assert not hasattr(sensors, "tell")
+
+
+def test_what_is_recorded_is_on_disk_meanwhile(arm: Any, tmp_path: Path) -> None:
+    with Recorder(arm, path=tmp_path / "run.parquet", load=0.1, session="a run") as recorder:
+        arm.state(np.arange(1000) * 1e-3)
+        arm.truth(np.arange(50) * 1e-2)
+        arm.state(1.0 + np.arange(1000) * 1e-3)
+        # What a program that is killed now leaves.
+        left = read_recording(tmp_path / "run.unfinished.arrows")
+        now, size = recorder.recording(), recorder.size
+        assert size > 0
+    pd.testing.assert_frame_equal(left.table, now.table)
+    assert left.provenance.session == "a run"
+    assert left.provenance.load == 0.1
+    assert left.provenance.rates == now.provenance.rates
+    assert left.provenance.notes == "cut short while it was recorded"
+    assert [path.name for path in tmp_path.iterdir()] == ["run.parquet"]
 
 
 def test_a_clock_that_is_set_back_is_counted(arm: Any) -> None:
@@ -180,7 +221,7 @@ def test_truth_can_be_thinned_out(arm: Any) -> None:
 def test_an_arm_that_reports_nothing_is_named(arm: Any) -> None:
     with Recorder(arm) as recorder:
         pass
-    with pytest.raises(RecordingError, match=r"0 rows from raven2 \(right arm\)"):
+    with pytest.raises(RecordingError, match=r"from raven2 \(right arm\): 0 rows"):
         recorder.recording()
 
 

@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cache
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
+from truejoint.estimators import registry
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
@@ -59,7 +61,8 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
     estimator = get_estimator(name)
     small = {"hidden_layer_sizes": (9, 7), "epochs": 2, "units": 5, "n_estimators": 5}
     estimator.set_params(**{k: v for k, v in small.items() if k in estimator.get_params()})
-    return streams.trained(estimator, recordings=recordings, **how)
+    with patch.dict(registry._BOOSTED.params, max_iter=5):
+        return streams.trained(estimator, recordings=recordings, **how)
 
 
 @cache

@@ -270,18 +270,16 @@ def test_a_model_that_counts_samples_corrects_at_no_faster_rate():
     assert not bits[1:].any()
 
 
-def test_a_channel_that_never_changed_in_training_may_stand_still_and_not_move():
+def test_a_channel_that_never_changed_in_training_may_stand_still_or_not():
     corrector = Corrector(trained(features=(*SIGNALS, "effort/unused")))
     corrector.set_homing(True, "h1")
     rows = np.column_stack([stream(T), np.zeros(len(T))])
-    rows[2000:, 4] = 1e-6
+    rows[2000:, 4] = 7.0
     bits, positions, _ = run(corrector, T, rows)
-    assert not bits[:2000].any()
-    assert (bits[2000:] == Status.OUT_OF_RANGE).all()
+    assert not bits.any()
     plain = Corrector(trained())
     plain.set_homing(True, "h1")
-    expected = run(plain, T, stream(T))[1]
-    np.testing.assert_allclose(positions[:2000], expected[:2000], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(positions, run(plain, T, stream(T))[1], rtol=0, atol=1e-12)
 
 
 def test_a_position_that_never_changed_in_training_is_flagged_where_it_is_elsewhere():

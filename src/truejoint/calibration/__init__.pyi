@@ -12,6 +12,8 @@ from .cross_conformal import cross_interval as cross_interval
 from .fitting import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
+from .jaw_session import encoder_rezeroed as encoder_rezeroed
+from .jaw_session import weighed as weighed
 from .zero import Zero as Zero
 from .zero import find_zero as find_zero
 from .zero import rezeroed as rezeroed

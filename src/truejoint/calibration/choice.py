@@ -34,10 +34,11 @@ class Automatic:
     Every candidate is fitted without some of the recordings in turn, never without single samples,
     and judged on these: see `truejoint.calibration.folds.folds`. For each joint, the weights that
     sum to 1, are not negative, and make the least mean square of the errors on what the fits did
-    not see, each fold relative to the linear model, say what its members are (Breiman, Stacked
-    regressions, Machine Learning 24, 1996). They are used where they beat the linear model: by 10 %
-    and by two standard errors of the logarithm's mean over the folds, each judged with the weights
-    of the other folds. Elsewhere the linear model stays. The fits that serve the choice see six
+    not see, each fold relative to the linear model, make a mean of them (Breiman, Stacked
+    regressions, Machine Learning 24, 1996). The mean, each fold judged with the weights of the
+    others, or one candidate alone, whichever is best, is used where it beats the linear model: by
+    10 % and by two standard errors of the logarithm's mean over the folds. Elsewhere the linear
+    model stays. The fits that serve the choice see six
     thousand rows; what is chosen is fitted to all. What was tried stands in the metadata under
     ``choice``.
 
@@ -197,18 +198,26 @@ class Group:
         return np.array([stacking_weights(product) for product in relative]).T
 
     def combined(self) -> tuple[Array, Array]:
-        """Weights (m, n_joints), those of the linear model where nothing is better.
+        """Weights (m, n_joints): of a mean, or of one candidate, or of the linear model.
 
-        And the mean square error (n_folds, n_joints), each with the weights of the other folds.
+        And the mean square error (n_folds, n_joints), of a mean with the weights of other folds.
         """
-        linear, weights = self.linear, self.weights()
+        m, linear, best = len(self.trials), self.linear, self.weights()
         apart = [self.weights(without=number) for number in range(len(self.products))]
         square = np.array([_square(p, w) for p, w in zip(self.products, apart, strict=True)])
-        for joint in range(weights.shape[1]):
-            if not is_better(log_ratio(square[:, joint], linear[:, joint])):
-                weights[:, joint] = np.arange(len(weights)) == 0
-                square[:, joint] = linear[:, joint]
-        return weights, square
+        options = [(best, square)]
+        for number, trial in enumerate(self.trials):
+            if trial.is_member and not trial.note:
+                alone = np.repeat(np.eye(m)[:, number, None], linear.shape[1], axis=1)
+                options.append((alone, np.array([p[:, number, number] for p in self.products])))
+        weights, errors = options[1][0].copy(), linear.copy()
+        for joint in range(linear.shape[1]):
+            for option, square in options:
+                ratios = log_ratio(square[:, joint], linear[:, joint])
+                smaller = square[:, joint], errors[:, joint]
+                if is_better(ratios) and log_ratio(*smaller).mean() < 0.0:
+                    weights[:, joint], errors[:, joint] = option[:, joint], square[:, joint]
+        return weights, errors
 
     def estimator(self, weights: Array) -> JointRegressor:
         """Unfitted estimator of these weights (m, n_joints)."""

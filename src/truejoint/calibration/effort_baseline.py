@@ -26,11 +26,11 @@ MAX_JOINTS: Final = 12  # of a baseline, whose terms grow with the square
 AVERAGED_TRAVEL: Final = 2.0
 """Ranges of a joint's travel each way over which its efforts are averaged: friction that varies
 along the way averages out, and a load shows after the first of them."""
-SMALLEST_SHIFT, SHIFT_MARGIN = 0.6, 5.0
+SMALLEST_SHIFT, SHIFT_MARGIN = 0.6, 5.5
 SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN = 4.0, 2.0
 """Limits are at least so many standard deviations of single efforts (most of which is ripple that
-averages out), and so many times what a held-out training recording shows: half an hour of zig-zags
-shows a fifth to a third of what two hours of work do (nine virtual arms)."""
+averages out), and so many times what a held-out training recording shows: a quarter of an hour of
+zig-zags shows as little as a fifth of what two hours of work do (twelve virtual arms)."""
 
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
 N_TRAVEL: Final = 5

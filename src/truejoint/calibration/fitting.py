@@ -73,7 +73,8 @@ def calibrate(
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
 
     Rows without truth, and gross outliers of it, are left out and counted in the metadata as
-    ``rows_without_truth`` and ``outliers``.
+    ``rows_without_truth`` and ``outliers``. Of a row with an outlier, the baselines and the network
+    are still fitted to the other joints (`JointRegressor.partial`).
 
     Parameters
     ----------
@@ -181,8 +182,7 @@ def calibrate(
         own = _fit_model(
             clone(model), parts, target, stride, gap_limit, lambda f: report(share * (done + f))
         )
-        X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
-        baselines, notes = _fit_baselines(X, error, n_features)
+        baselines, notes = _fit_baselines(*_partly(parts, stride), n_features)
         return {"model": own, **baselines}, notes
 
     baselines, notes = fit(parts, 0)
@@ -252,7 +252,7 @@ def _choose(
     target = target or TARGETS[0]
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     for model in (one for one in models if target in one.family.targets):
-        model.check_recordings(recordings)
+        model = model.for_recordings(recordings)  # noqa: PLW2901
         own = features if model.family.inputs is None else None
         by_features.setdefault(_chosen_features(model, robot, recordings, own), []).append(model)
     if wanted.default_features and features is not None and len(recordings) >= FEW:
@@ -281,13 +281,20 @@ class _Part:
     truth: Array  # (n, n_joints) [rad or m], not known in every row
     error: Array  # (n, n_joints), truth minus measured
     known: Mask  # (n,), where the truth of every joint is, and not outlying
-    outlying: Mask  # (n,), rows that are left out
+    outlying: Mask  # (n, n_joints), values that are left out
     fitted: Integers  # (m,), rows fitted to of those
 
     @property
     def outliers(self) -> int:
-        """Rows that are left out of those with truth."""
-        return int((np.isfinite(self.truth).all(axis=1) & self.outlying).sum())
+        """Rows with truth of which a value is left out."""
+        return int((np.isfinite(self.truth).all(axis=1) & self.outlying.any(axis=1)).sum())
+
+    def partly(self, stride: int, target: Target = "error") -> tuple[Array, Array]:
+        """Features and targets of rows (m, ...) with truth, outlying values NaN."""
+        rows = np.flatnonzero(np.isfinite(self.truth).all(axis=1) & ~self.outlying.all(axis=1))
+        rows = rows[::stride]
+        known = self.error if target == "error" else self.truth
+        return self.features[rows], np.where(self.outlying[rows], np.nan, known[rows])
 
     def targets(self, target: Target, stride: int) -> Array:
         """Targets of every row (n, n_joints), NaN where they are not fitted to."""
@@ -302,6 +309,12 @@ def _fitted_rows(parts: Sequence[_Part], name: str) -> Array:
     return np.asarray(np.concatenate(rows))
 
 
+def _partly(parts: Sequence[_Part], stride: int, target: Target = "error") -> tuple[Array, Array]:
+    """Features (m, k) and targets (m, n_joints) of all parts, NaN where a value is left out."""
+    features, targets = zip(*(part.partly(stride, target) for part in parts), strict=True)
+    return np.concatenate(features), np.concatenate(targets)
+
+
 def _fit_model(
     model: JointRegressor,
     parts: Sequence[_Part],
@@ -310,6 +323,8 @@ def _fit_model(
     gap_limit: float,
     report: Progress,
 ) -> JointRegressor:
+    if model.partial:
+        return model.fit(*_partly(parts, stride, target), report)
     if not model.family.remembers:
         known = "error" if target == "error" else "truth"
         return model.fit(_fitted_rows(parts, "features"), _fitted_rows(parts, known), report)
@@ -501,9 +516,9 @@ def _common_units(
 
 
 def _outlying(recordings: Sequence[Recording], joints: Sequence[str]) -> list[Mask]:
-    """Rows (n,) of each recording in which a joint is grossly off its neighbours."""
+    """Values (n, n_joints) of each recording that are grossly off their neighbours."""
     by_joint = [gross_outliers(recordings, joint) for joint in joints]
-    return [np.logical_or.reduce(masks) for masks in zip(*by_joint, strict=True)]
+    return [np.column_stack(masks) for masks in zip(*by_joint, strict=True)]
 
 
 def _part(
@@ -518,7 +533,7 @@ def _part(
     known = np.asarray(np.isfinite(truth).all(axis=1))
     _check_truth(recording, known, joints)
     features, error = feature_set.compute(recording, gap_limit), recording.error(joints)
-    known &= ~outlying
+    known &= ~outlying.any(axis=1)
     return _Part(
         recording, features, truth, error, known, outlying, np.flatnonzero(known)[::stride]
     )

@@ -6,6 +6,7 @@ Exit codes: 0 good, 1 a check failed, 2 the call was wrong, 70 truejoint is, 130
 from __future__ import annotations
 
 # Little is imported here: until `main` runs, Ctrl-C ends Python in Python's own words.
+import atexit
 import os
 import signal
 import sys
@@ -24,8 +25,9 @@ def main() -> None:
     debug = DEBUG in sys.argv
     sys.argv = [word for word in sys.argv if word != DEBUG]
     for stream in (sys.stdout, sys.stderr):
-        # A terminal that cannot show a character gets its number, as in forced ASCII.
-        stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
+        with suppress(AttributeError, OSError):  # what stands in for a terminal's
+            # A terminal that cannot show a character gets its number, as in forced ASCII.
+            stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
         code = _run(stopped)
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # the last resort
@@ -35,13 +37,15 @@ def main() -> None:
             traceback.print_exc()
         code, message = _outcome(error)
     finally:
-        stopped.restore()
+        stopped.ignores()  # all is written by now, but for this line
     if stopped.asked or code == INTERRUPTED:
         code, message = INTERRUPTED, "stopped"
     if message:
         from truejoint.cli.console import err, one_line  # noqa: PLC0415
 
-        err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
+        with suppress(OSError):  # nobody reads it, or it goes to a full disk
+            err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
+    stopped.restore()
     sys.exit(code)
 
 
@@ -57,8 +61,12 @@ def _run(stopped: _Stop) -> int:
 
 def _spelt_out(arguments: list[str]) -> list[str]:
     """Arguments with ``forceps sweep`` as ``study forceps-sweep``, and so for its other studies."""
-    short = arguments[:1] == ["forceps"]
-    return ["study", "-".join(arguments[:2]), *arguments[2:]] if short else arguments
+    if arguments[:1] != ["forceps"]:
+        return arguments
+    from truejoint.studies.catalogue import STUDIES  # noqa: PLC0415  # for this word alone
+
+    name = "-".join(arguments[:2])
+    return ["study", name, *arguments[2:]] if name in STUDIES else arguments
 
 
 class _Stop:
@@ -76,8 +84,13 @@ class _Stop:
         """From now on, Ctrl-C raises KeyboardInterrupt."""
         self._set(self._interrupt)
 
+    def ignores(self) -> None:
+        """From now on, Ctrl-C does nothing."""
+        self._set(signal.SIG_IGN)
+
     def restore(self) -> None:
-        """Do as before."""
+        """Do as before, but nothing again once the interpreter clears up."""
+        atexit.register(self.ignores)
         self._set(self._before)
 
     def _set(self, handler: Any) -> None:
@@ -115,10 +128,7 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             _silence()
             return FAILED, ""
         case OSError():
-            return (
-                FAILED,
-                f"{error.filename or 'file'}: {reason(error)}; check path and permissions",
-            )
+            return FAILED, f"{error.filename or 'file'}: {reason(error)}"
     kind = type(error).__name__
     return FAULTY, (
         f"{kind}: {error}. This is a fault of truejoint, not of yours: please report it with the "

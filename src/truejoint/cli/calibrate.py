@@ -27,6 +27,7 @@ from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
 
 _CROSS: Final = "cross"  # in place of recordings for an interval
+_NONE: Final = "none"  # in place of redundant columns
 
 
 @takes_files
@@ -74,6 +75,16 @@ def calibrate(
     target: Annotated[
         Literal["error", "position"] | None,
         typer.Option(help="What the model predicts: error (the default) or position."),
+    ] = None,
+    redundant: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--redundant",
+            metavar="COLUMN",
+            help="Column, such as 'motor/elbow', by which the loop checks measured positions; give "
+            "it once for each, or 'none'. Default: every motor, driver and setpoint that tells.",
+            autocompletion=complete.features,
+        ),
     ] = None,
     fit_rate_hz: Annotated[
         float | None,
@@ -141,9 +152,12 @@ def calibrate(
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
+    how["redundant"] = [] if redundant == [_NONE] else redundant
     if is_cross:
         how["rezero"] = interval_rezero_s
     fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
+    went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
+    fitted = fitted.with_metadata(accepted=went_on)
     if unseen:
         with progress(f"Making an interval of {len(unseen)} recordings"):
             fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)

@@ -69,24 +69,41 @@ def collect(
             "parameters."
         ),
     ] = "nominal",
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="At the pace of the wall clock, as a robot does.")
+    ] = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave out trajectories that are recorded already.")
+    ] = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Home a simulated arm, drive it along trajectories and record each.
 
-    All trajectories of one call share one homing, as in one session with a robot.
+    All trajectories of one call share one homing, as in one session with a robot. A recording in
+    place of a trajectory is replayed: the arm follows the set-points in it. Whatever stops the
+    command leaves what was recorded; with --resume the same command goes on after it.
     """
-    loaded = [read_trajectory(path) for path in trajectories]
     targets = [output / f"{path.stem}.parquet" for path in trajectories]
+    if resume:
+        done = [target for target in targets if _is_recorded(target)]
+        for target in done:
+            say(f"{target}: recorded already")
+        pairs = zip(trajectories, targets, strict=True)
+        trajectories = [path for path, target in pairs if target not in done]
+        targets = [target for target in targets if target not in done]
+    loaded = [read_trajectory(path) for path in trajectories]
     for target in targets:  # refused before the robot moves, not after
         if targets.count(target) > 1:
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
         check_target(target, overwrite=force, makes_folder=True)
-    device = truejoint.crtk.simulated_arm(
+    made = truejoint.simulation.make_twin(
         robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
     )
+    kind = truejoint.crtk.PacedBackend if real_time else truejoint.crtk.SimulatedBackend
+    device = truejoint.crtk.Arm(kind(made))
     for trajectory in loaded:
         trajectory.check_within(device.robot)
     say(f"Homing {device.robot.title}, simulated ...")
@@ -106,7 +123,14 @@ def collect(
         facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}
         rows.append({**facts, "dropped": dict(recording.provenance.dropped)})
         if not as_json:
-            out.print(f"{target}: {len(recording)} rows; {report}")
+            size = target.stat().st_size / 1e6
+            out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
             say_dropped(recording)
+    device.close()
     if as_json:
         result_json({"recordings": rows})
+
+
+def _is_recorded(target: Path) -> bool:
+    """Whether a whole recording is there; raises RecordingError for a file that is none."""
+    return target.exists() and len(truejoint.recordings.read_parquet(target)) > 0

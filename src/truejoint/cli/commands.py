@@ -18,9 +18,11 @@ from truejoint.cli import (
     demo,
     evaluate,
     export,
+    forceps,
     join,
     show,
     study,
+    teleop,
     trajectory,
 )
 
@@ -48,12 +50,14 @@ for command, example in (
     (show.show, "left_arm.safetensors"),
     (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
     (export.export, "left_arm.safetensors --to c --out controller"),
+    (teleop.teleop, "--robot raven2 --record session/by_hand.parquet"),
     (study.study, "forceps-unloaded --set specimen=B"),
 ):
     app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)
 for group, example in (
     (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
     (datasets, "datasets fetch dvrk_psm_berkeley"),
+    (forceps, "forceps zero jaw.safetensors cycle.parquet -o today.safetensors"),
 ):
     app.add_typer(
         group.app,

@@ -11,7 +11,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.data import CHECK_FAILED
-from truejoint.cli.evaluate import STYLES
+from truejoint.cli.evaluate import show_verdict
 from truejoint.cli.inputs import Files, parse_tolerances, takes_files
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
@@ -69,10 +69,7 @@ def compare(
     )()
     with progress(f"Judging {len(models)} models"):
         result = truejoint.evaluate({title: [m] for title, m in models.items()}, tested, **how)
-        alone = {
-            title: truejoint.evaluate({title: [model]}, tested, **how)
-            for title, model in models.items()
-        }
+        alone = {title: truejoint.evaluate(m, tested, **how) for title, m in models.items()}
     objections = [
         f"{title}: {objection}"
         for title, evaluation in alone.items()
@@ -103,7 +100,7 @@ def compare(
         for joint, score in best.items():
             out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
         for title, one in alone.items():
-            out.print(f"{title}: {one.verdict.text}", style=STYLES[one.verdict.level])
+            show_verdict(one.verdict, f"{title}: ")
         if result.verdict.advice and not objections:
             out.print(result.verdict.advice)
     if objections:

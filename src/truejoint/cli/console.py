@@ -59,6 +59,12 @@ class _Console:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._made, name)
 
+    def __enter__(self) -> Any:
+        return self._made.__enter__()
+
+    def __exit__(self, *raised: Any) -> None:
+        self._made.__exit__(*raised)
+
     @cached_property
     def _made(self) -> Console:
         from rich.console import Console  # noqa: PLC0415
@@ -179,4 +185,4 @@ def result_json(values: Mapping[str, Any]) -> None:
 
 def command_line() -> str:
     """Give the command line as it was typed, to go into what it makes."""
-    return shlex.join(["truejoint", *sys.argv[1:]])
+    return printable(shlex.join(["truejoint", *sys.argv[1:]]))

@@ -68,7 +68,7 @@ def correct(
     calibration = truejoint.read_calibration(model)
     loaded = files.find(recordings, part=part, model=calibration)()
     names = _names(loaded)
-    check = checked(loaded, accepted, model=calibration)
+    check = checked(loaded, accepted, model=calibration, needs_truth=False)
     tables = []
     with progress(f"Correcting {len(loaded)} recording{'s' if len(loaded) > 1 else ''}") as done:
         for count, recording in enumerate(loaded, 1):

@@ -16,9 +16,10 @@ from truejoint.cli.collect import record
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, checked
 from truejoint.cli.evaluate import report_evaluation
-from truejoint.cli.options import Json, Seed
+from truejoint.cli.options import Force, Json, Seed
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
+from truejoint.files import check_folder
 from truejoint.recordings import datasets
 from truejoint.units import display_unit
 
@@ -48,13 +49,17 @@ def demo(
         Path, typer.Option("--out", "-o", help="Folder for everything that is made.")
     ] = Path("demo"),
     seed: Seed = 0,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Home, move, record, calibrate, judge and correct a simulated RAVEN-II.
 
-    Writes trajectories, recordings, the model and the report, and overwrites those of an
+    Writes trajectories, recordings, the model and the report; with --force over those of an
     earlier demo. Exit code 1 when the network is not within the tolerance on random motion.
     """
+    check_folder(folder)
+    if folder.exists() and any(folder.iterdir()) and not force:
+        raise RecordingError(f"{folder}: is not empty; choose another --out, or --force")
     folder.mkdir(parents=True, exist_ok=True)
     recordings = _collected(folder, seed)
     training, tests, short = recordings.training, recordings.tests, recordings.short

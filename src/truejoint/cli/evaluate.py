@@ -16,7 +16,7 @@ from truejoint.cli.inputs import Files, parse_tolerances, takes_files
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.files import check_folder, check_target
 
-STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
+_STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
 @takes_files
@@ -124,8 +124,13 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
             out.print(truejoint.evaluation.domain_table(result))
         say(truejoint.evaluation.view.domain_line(result))
     verdict = result.verdict
-    out.print(verdict.text, style=STYLES[verdict.level])
-    for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
-        out.print(f"  {line}")
+    show_verdict(verdict)
     if verdict.advice and verdict.advice not in verdict.doubts:
         out.print(verdict.advice)
+
+
+def show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> None:
+    """Print a verdict with its reasons, after a `title`."""
+    out.print(f"{title}{verdict.text}", style=_STYLES[verdict.level])
+    for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
+        out.print(f"  {line}")

@@ -11,6 +11,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, result_json
 from truejoint.errors import ExportError
+from truejoint.files import check_folder
 
 
 def export(
@@ -54,6 +55,7 @@ def export(
         raise ExportError(
             "--level and --range-margin are for --to c; an ONNX graph has no interval and no checks"
         )
+    check_folder(folder, error=ExportError)
     # Imported here because they compile.
     from truejoint.export import check_command, default_prefix, export_c, export_onnx  # noqa: PLC0415
     from truejoint.export.c_source import check_prefix  # noqa: PLC0415

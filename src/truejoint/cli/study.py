@@ -11,6 +11,7 @@ import typer
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.options import Force, Json, Seed
 from truejoint.errors import StudyError
+from truejoint.files import check_folder
 from truejoint.studies.catalogue import STUDIES, get_study
 from truejoint.studies.study import PRESETS, shown
 
@@ -62,6 +63,7 @@ def study(
     settings = experiment.settings(preset, seed, _parsed(chosen or []))
     from truejoint.studies import page, runner  # noqa: PLC0415  # a list needs no arithmetic
 
+    check_folder(target, error=StudyError)
     if not force:
         page.check_folder(experiment, settings, target)
     jobs = jobs or len(os.sched_getaffinity(0))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from fractions import Fraction
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -28,11 +28,14 @@ Plot = Annotated[
 
 def parse_sparsity(text: str) -> float:
     """Read ``"1/4"`` or ``"0.25"``; raises TrajectoryError when it is neither."""
+    above, slash, below = text.partition("/")
     try:
-        return float(Fraction(text))
+        sparsity = float(above) / (float(below) if slash else 1.0)
     except (ValueError, ZeroDivisionError):
-        message = f"sparsity {text!r} is not a number; write it as 1/4 or 0.25"
-        raise TrajectoryError(message) from None
+        sparsity = math.nan
+    if not math.isfinite(sparsity):
+        raise TrajectoryError(f"sparsity {text!r:.60} is not a number; write it as 1/4 or 0.25")
+    return sparsity
 
 
 @app.command(

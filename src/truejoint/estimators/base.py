@@ -60,6 +60,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     family: ClassVar[Family]  # what runs it
     least_rows: ClassVar[int] = 10
     rows_per_feature: ClassVar[int] = 0
+    partial: ClassVar[bool] = False  # a target that is NaN is left out, its row's others are not
 
     @property
     def name(self) -> str:
@@ -83,9 +84,13 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         if self.family.remembers:
             inputs, targets = self._sequence(X, y)
         else:
+            given = self.partial and isinstance(y, np.ndarray) and y.dtype.kind == "f"
+            unknown = np.isnan(y) if given else np.False_
             inputs, targets = validate_data(
-                self, X, y, dtype=np.float64, order="C", multi_output=True, y_numeric=True
-            )
+                self, X, np.where(unknown, 0.0, y) if np.any(unknown) else y,
+                dtype=np.float64, order="C", multi_output=True, y_numeric=True,
+            )  # fmt: skip
+            targets = np.where(unknown, np.nan, targets)
         targets = np.asarray(targets, dtype=np.float64)
         self.single_output_ = targets.ndim == 1
         targets = targets.reshape(len(targets), -1)
@@ -242,6 +247,19 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return tags
 
 
+def apart(y: Array) -> list[tuple[Any, Any]]:
+    """Rows and columns of targets `y` (n, k) that are known together; each column where one lacks.
+
+    Raises CalibrationError if a column is known nowhere.
+    """
+    known = ~np.isnan(y)
+    if known.all():
+        return [(slice(None), slice(None))]
+    if not known.any(axis=0).all():
+        raise CalibrationError("a target is known in no row; leave that output out")
+    return [(rows, slice(k, k + 1)) for k, rows in enumerate(known.T)]
+
+
 def standardisation(X: Array) -> tuple[Array, Array]:
     """Mean and inverse standard deviation (k,) of the columns of `X` (n, k), 0 for constants."""
     deviation = X.std(axis=0)
@@ -253,12 +271,14 @@ def standardisation(X: Array) -> tuple[Array, Array]:
 def scaling(X: Array, y: Array) -> Arrays:
     """Give `standardisation` of features and targets, by the names under which models keep it."""
     mean, inverse_scale = standardisation(X)
-    target_mean, inverse = standardisation(y)
+    parts = [y[rows, columns] for rows, columns in apart(y)]
+    target_mean, inverse = np.hstack([standardisation(part) for part in parts])
+    deviation = np.hstack([part.std(axis=0) for part in parts])
     return {
         "mean": mean,
         "inverse_scale": inverse_scale,
         "target_mean": target_mean,
-        "target_scale": np.where(inverse > 0, y.std(axis=0), 1.0),
+        "target_scale": np.where(inverse > 0, deviation, 1.0),
     }
 
 

@@ -104,10 +104,14 @@ class Combination(JointRegressor):
         for member in self._unfitted():
             member.check_shape(n_features, n_outputs)
 
-    def check_recordings(self, recordings: Sequence[Recording]) -> None:
-        """Raise CalibrationError when recordings cannot serve to fit a member."""
-        for member in self._unfitted():
-            member.check_recordings(recordings)
+    def for_recordings(self, recordings: Sequence[Recording]) -> Self:
+        """Unfitted copy whose members know what the recordings say of the robot.
+
+        Raises CalibrationError when they cannot serve to fit a member.
+        """
+        members = tuple(member.for_recordings(recordings) for member in self._unfitted())
+        known = {} if self.members is None else {"members": members}
+        return clone(self).set_params(**known)  # type: ignore[no-any-return]  # sklearn: untyped
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs."""
@@ -129,10 +133,11 @@ class Combination(JointRegressor):
 
     def settled(self) -> Self:
         """Unfitted copy, of settled members."""
-        if self.members is None:
+        fitted = vars(self).get("members_")
+        if self.members is None or fitted is None:
             return super().settled()
         return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
-            members=tuple(member.settled() for member in self.members_),
+            members=tuple(member.settled() for member in fitted),
             weights=None if self.weights is None else self._used(),
         )
 

@@ -80,11 +80,7 @@ def mechanism_of(recordings: Sequence[Recording]) -> ForcepsMechanism:
 
     Raises CalibrationError where they differ, and RobotError for one that cannot be.
     """
-    found: dict[ForcepsMechanism, None] = {}
-    for recording in recordings:
-        stated = recording.provenance.mechanism
-        own = ForcepsMechanism.from_dict(stated) if stated else recording.robot.mechanism
-        found[own or TABLE_1] = None
+    found = dict.fromkeys(recording.mechanism or TABLE_1 for recording in recordings)
     if len(found) > 1:
         raise CalibrationError(
             f"the recordings are of {len(found)} different mechanisms; calibrate each by itself"

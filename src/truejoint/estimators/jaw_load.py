@@ -13,6 +13,7 @@ from scipy.optimize import brentq, least_squares
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.friction_filter import USUAL_GROWTH, FrictionFilter, Stiffness
+from truejoint.estimators.jaw import reversals
 from truejoint.models.friction_filter import DEGREE, external_torque
 
 LARGEST_RATIO: Final = 3.0  # of identified and assumed stiffness, either over the other
@@ -63,7 +64,7 @@ def identify_stiffness(
     >>> rows = np.concatenate([X, at_rest, loaded])
     >>> torque = np.where(np.arange(6000) > 5500, 0.016, np.nan)
     >>> round(identify_stiffness(model, rows, torque).drive_stiffness / 1e3, 1)
-    14.5
+    15.4
     """
     rows, known = np.ascontiguousarray(X, dtype=np.float64), np.asarray(torque, dtype=np.float64)
     times = model.time_steps(dt, len(rows))
@@ -190,8 +191,8 @@ def find_encoder_zero(
     Raises
     ------
     CalibrationError
-        If the motion covers less than a fifth of the calibration's range, or no shift below 0.3 mm
-        explains it.
+        If the motion covers less than a fifth of the calibration's range or turns round less than
+        twice, or no shift below 0.3 mm explains it.
 
     Examples
     --------
@@ -209,6 +210,12 @@ def find_encoder_zero(
             f"the motion covers {100 * span / 2:.0f} % of the calibration's range; move the jaw "
             "there and back over a tenth of it at least to find its zero"
         )
+    turns = reversals(rows[:, 0])
+    if turns < 2:
+        raise CalibrationError(
+            f"the motion turns round {turns} times; friction puts the way there and the way back "
+            "apart, so move the jaw whole cycles about zero"
+        )
 
     def misfit(shift: float) -> Array:
         return model.misfit(rows - np.array([0.0, shift]), times)
@@ -224,6 +231,6 @@ def find_encoder_zero(
         )
     shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
     left, opens = misfit(shift), np.gradient(rows[:, 0]) > 0.0
-    apart = 0.0 if opens.all() or not opens.any() else abs(left[opens].mean() - left[~opens].mean())
+    apart = abs(left[opens].mean() - left[~opens].mean())
     slope = abs(ends[1] - ends[0]) / (2.0 * LARGEST_SHIFT)
     return EncoderZero(shift, math.hypot(_RESOLUTION, 0.25 * apart / slope))

@@ -83,6 +83,7 @@ class NeuralNetwork(JointRegressor):
     family: ClassVar[Family] = network.FAMILY
     least_rows: ClassVar[int] = MINIMUM_ROWS
     rows_per_feature: ClassVar[int] = ROWS_PER_FEATURE
+    partial: ClassVar[bool] = True
     hidden_layer_sizes: tuple[int, ...] = (100, 100)
     weight_decay: float = 5e-4
     learning_rate: float = 1e-3
@@ -135,6 +136,7 @@ class NeuralNetwork(JointRegressor):
         least, best = math.inf, 1
         for epoch in self._epochs(layers, X[~unseen], y[~unseen], longest, rng):
             delta = forward(layers, X[unseen])[-1] - y[unseen]
+            delta[np.isnan(y[unseen])] = 0.0
             loss = float(np.vdot(delta, delta))
             if loss < least:
                 least, best = loss, epoch + 1
@@ -215,12 +217,13 @@ def loss_and_gradient(
     """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
     ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
-    free. The loss of scikit-learn's ``MLPRegressor`` has the same minimiser at ``alpha =
-    weight_decay * n_outputs * n_rows``.
+    free; where `y` is NaN, the difference is none. The loss of scikit-learn's ``MLPRegressor`` has
+    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``.
     """
     activations = forward(layers, X)
     delta = activations.pop()
     delta -= y
+    delta[np.isnan(y)] = 0.0
     loss = float(np.vdot(delta, delta)) / delta.size
     delta *= 2.0 / delta.size
     for layer in reversed(range(len(layers.weights))):

@@ -111,7 +111,7 @@ class GatedPlay(JawEstimator):
 
     family: ClassVar[Family] = gated_play.FAMILY
     gate: float = 3.0
-    smallest_gate: float = 9e-4
+    smallest_gate: float = 1.75e-3
     gear_ratio: float = TABLE_1.gear_ratio
     wheel_radius: float = TABLE_1.wheel_radius
 

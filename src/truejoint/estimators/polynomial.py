@@ -12,7 +12,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, standardisation
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, apart, standardisation
 from truejoint.models import offset, polynomial
 from truejoint.models.family import Family
 
@@ -32,10 +32,11 @@ class FixedOffset(JointRegressor):
     """
 
     family: ClassVar[Family] = offset.FAMILY
+    partial: ClassVar[bool] = True
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         progress(1.0)
-        return {"offset": y.mean(axis=0)}
+        return {"offset": np.hstack([y[rows, own].mean(axis=0) for rows, own in apart(y)])}
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -63,6 +64,7 @@ class PolynomialRegressor(JointRegressor):
     """
 
     family: ClassVar[Family] = polynomial.FAMILY
+    partial: ClassVar[bool] = True
     degree: int = 2
 
     def minimum_rows(self, n_features: int) -> int:
@@ -75,15 +77,20 @@ class PolynomialRegressor(JointRegressor):
         factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
         scaled = (X - mean) * inverse_scale
 
-        def blocks() -> Iterator[tuple[Array, Array]]:
-            for start in range(0, len(X), _BLOCK):
-                rows = slice(start, start + _BLOCK)
-                yield polynomial_design(scaled[rows], factors), y[rows]
-                progress(min(start + _BLOCK, len(X)) / len(X))
+        parts = apart(y)
 
-        coef, intercept = least_squares(blocks())
+        def blocks(done: int) -> Iterator[tuple[Array, Array]]:
+            known, own = parts[done]
+            inputs, targets = scaled[known], y[known, own]
+            for start in range(0, len(inputs), _BLOCK):
+                rows = slice(start, start + _BLOCK)
+                yield polynomial_design(inputs[rows], factors), targets[rows]
+                progress((done + min(start + _BLOCK, len(inputs)) / len(inputs)) / len(parts))
+
+        coef, intercept = zip(*(least_squares(blocks(k)) for k in range(len(parts))), strict=True)
         return {
-            "mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept
+            "mean": mean, "inverse_scale": inverse_scale, "coef": np.hstack(coef),
+            "intercept": np.hstack(intercept),
         }  # fmt: skip
 
 

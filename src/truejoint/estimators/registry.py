@@ -30,11 +30,13 @@ class _Line(NamedTuple):
     tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
 
 
+_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256}
+"""Of a network that converges in seconds."""
 _ESTIMATORS: Final[dict[str, _Line]] = {
     OFFSET: _Line("polynomial", "FixedOffset", {}, {}),
     "linear": _Line("polynomial", "PolynomialRegressor", {"degree": 1}, {}),
     "poly2": _Line("polynomial", "PolynomialRegressor", {}, {}),
-    "dnn": _Line("network", "NeuralNetwork", {}, {"epochs": 0, "hidden_layer_sizes": (50, 50)}),
+    "dnn": _Line("network", "NeuralNetwork", {}, _SMALL),
     "linear_trees": _Line("combination", "Combination", {}, {}),
     "gru": _Line("recurrent", "RecurrentNetwork", {}),
     "lsm": _Line("yan2020", "CableLeastSquares", {}),

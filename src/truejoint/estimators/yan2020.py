@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.jaw import JawEstimator, median_dt
+from truejoint.filters import FilterResult
 from truejoint.models import cable_least_squares, jaw_filter
 from truejoint.models.family import EstimatorData, Family, Params
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST
@@ -102,6 +103,24 @@ class JawFilter(JawEstimator):
         transition, _gain, covariance = self.mechanism.discrete(density, dt)
         kalman = steady_gain(transition, covariance, _OBSERVED, noise.sensor)
         return injection_gain(transition, _OBSERVED, kalman)
+
+    def states(self, X: Array, dt: Array) -> FilterResult:
+        """States, covariances, innovations and NIS of the bare filter over one history.
+
+        Of rows `X` (n, 2), `dt` (n,) [s] after those before; the covariance is what it states of
+        itself, which holds as far as friction is the white noise that it takes it for.
+        """
+        speed = np.divide(
+            np.diff(X[:, 1], prepend=X[0, 1]), dt, where=dt > 0.0, out=np.full(len(X), np.nan)
+        )
+        motor = np.concatenate([X[:1, 0], X[:-1, 0]])
+        return jaw_filter.jaw_filter(self.model_params()).run(
+            np.column_stack([X[:, 1], speed]),
+            np.column_stack([motor, np.zeros(len(X))]),
+            x0=self.mechanism.at_rest(*X[0]),
+            P0=jaw_filter.rest_spread(self.mechanism, self.noise),
+            dt=dt,
+        )
 
     def filtered(self, X: Array, dt: Array) -> Array:
         """Angle of the bare filter (n,) [rad]: (23) without any compensation."""

@@ -144,7 +144,7 @@ def evaluate(
         tolerance=tolerance or {},
         comparisons=comparisons,
         deploy=to_deploy(traces, PLAIN | simple),
-        objections=tuple(objections_to(metadata, recordings, domain)),
+        objections=tuple(dict.fromkeys(objections_to(metadata, recordings, domain))),
         doubts=tuple(doubts_about(metadata, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
@@ -269,9 +269,14 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
 def _models(
     calibrations: Mapping[str, Sequence[JointCalibration]], chosen: str
 ) -> Mapping[str, Sequence[Corrects]]:
-    """Fitted models by estimator, baselines first; one that is given replaces its baseline."""
+    """Fitted models by estimator, baselines first; one that is given replaces its baseline.
+
+    It does under another name too; the fixed offset stays, as the yardstick.
+    """
     first = calibrations[chosen][0]
-    known = {k: [model] for k, model in first.baselines.items()} | dict(calibrations)
+    given = {_estimator(seed) for seeds in calibrations.values() for seed in seeds} - {OFFSET}
+    baselines = {k: [model] for k, model in first.baselines.items() if k not in given}
+    known = baselines | dict(calibrations)
     models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
     if OFFSET not in models:
         raise CalibrationError(

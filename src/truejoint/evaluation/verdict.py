@@ -267,6 +267,12 @@ def doubts_about(
 
     A homing that training has not seen is no doubt where `rezero` seconds of truth make up for it.
     """
+    accepted = metadata.get("accepted") or ()
+    if accepted:
+        yield (
+            f"The model was fitted to recordings whose data check failed ({', '.join(accepted)}), "
+            "which was accepted."
+        )
     for finding in (finding for finding in check.findings if finding.level == "fail"):
         anyway = ", which was accepted" if finding.name in check.accepted else ""
         yield f"The data check failed{anyway}: {finding.what} ({finding.where})."

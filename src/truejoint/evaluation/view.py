@@ -37,6 +37,7 @@ from truejoint.units import DisplayUnit, display_unit
 Grid = list[list[str]]  # header and rows
 
 _LABELS: Final = {
+    "accepted": "data checks that failed and were accepted",
     "created": "made",
     "sha256": "SHA-256",
     "rows": "rows trained on",

@@ -265,9 +265,8 @@ def _standstill(motion: _Motion) -> Iterator[list[Vector]]:
         for n in range(100)
     ]
     held, share = motion.next(), 0.5 * motion.limits.longest
-    n = int(motion.limits.hold / share) + 3
-    if n > _LONGEST_STANDSTILL:
-        n = 0
+    held_for = motion.limits.hold / share + 3.0
+    n = int(held_for) if held_for <= _LONGEST_STANDSTILL else 0
     steps = share / motion.limits.training_dt
     yield [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
 

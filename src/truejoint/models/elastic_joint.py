@@ -41,6 +41,10 @@ NOISE: Final = (
 """Fields of `ElasticJoint` that are one number each, in the order of the model file."""
 
 _LARGEST: Final = 1e30
+_FARTHEST: Final = 3.0
+"""Half ranges from the middle, beyond which no driver is: further out by its whole range."""
+_STRONGEST: Final = 100.0
+"""Standard deviations of the torque beyond which none is."""
 
 # Parameters of the compiled functions; then come the widths and the coefficients.
 _ELEMENTS: Final = 0
@@ -180,6 +184,11 @@ class ElasticJoint:
             measurements=("torque",),
             inputs=("driver", "travel"),
             parameters=np.concatenate([head, self.widths, self.torque]),
+            possible={
+                "driver": (-_FARTHEST, _FARTHEST),
+                "travel": (-2.0 * _FARTHEST, 2.0 * _FARTHEST),
+                **dict.fromkeys(("torque", "load", "rest"), (-_STRONGEST, _STRONGEST)),
+            },
         )
 
     def prior(self) -> tuple[Array, Array]:
@@ -197,7 +206,7 @@ LAYOUT: Final = Layout()
 ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
 N_TERMS: Final = LAYOUT.integer("n_terms", "of an output's response")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges")
+LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges; NaN: start anew")
 MIDDLE: Final = LAYOUT.scalar("middle", "of the driver's range [rad]")
 HALF_RANGE: Final = LAYOUT.scalar("half_range", "of the driver [rad]")
 TORQUE_SCALE: Final = LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
@@ -216,15 +225,15 @@ def elastic_joint_row(
     own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
     angle = (x[0] - memory[MIDDLE]) / memory[HALF_RANGE]
     moved = angle - memory[LAST]
-    if dt == 0.0:
+    if dt == 0.0 or math.isnan(moved):
         restart(own, state)
-        moved = 0.0
+        moved = dt = 0.0
     vector(state, own[at.Z], 1)[0] = x[1] / memory[TORQUE_SCALE]
     u = vector(state, own[at.U], 2)
     u[0] = angle
     u[1] = moved
     good = advance(own, state, dt)
-    memory[LAST] = angle
+    memory[LAST] = angle if good else nan
     elements, n_terms = numbers[ELEMENTS], numbers[N_TERMS]
     n = elements + 2
     estimate = vector(state, own[at.X], n)

@@ -26,7 +26,10 @@ FAULTS: Final = int(
 
 @compiled
 def advance(numbers: Integers, memory: Array, dt: float) -> bool:
-    """Advance the filter; whether its estimate is one."""
+    """Advance the filter; whether its estimate is one. After one that is none, rows start anew.
+
+    What happened meanwhile nobody saw, so that the covariance must be that of a start.
+    """
     memory[at.DT] = dt
     return (step(numbers, memory) & FAULTS) == 0
 

@@ -12,7 +12,7 @@ stands, its friction may hide a part of a load; so may the slider's a part of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import exp, expm1, nan, sqrt
+from math import exp, expm1, isnan, nan, sqrt
 from typing import Final
 
 import numpy as np
@@ -54,6 +54,8 @@ FLICKER: Final = 2e-6
 """Motion of the reset cable that is none, but counts of its encoder [m]."""
 
 _LARGEST: Final = 1e30
+_FARTHEST: Final = 3.0
+"""Largest displacements of training beyond which no cable is: further out by its whole range."""
 
 
 @compiled
@@ -180,6 +182,10 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
     parameters = np.concatenate([[float(n)], widths, arrays["scale"], arrays["drive"], last])
     # A misfit that lasts for a time tells in each row what it told in the row before.
     repeated = max(params["error_time"] / float(arrays["dt"][0]), 1.0)
+    reset = _FARTHEST / float(arrays["scale"][0])
+    powers = np.concatenate([_FARTHEST ** np.arange(DEGREE + 1.0), np.ones(n)])
+    drive = float(np.abs(arrays["drive"]) @ powers) + reset
+    largest = {"reset": reset, "reset_motion": 2.0 * reset, "drive": drive, "stretch": drive}
     model = StateSpaceModel(
         transition=transition,
         measurement=measurement,
@@ -189,6 +195,7 @@ def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFil
         measurements=("drive",),
         inputs=("reset_motion", "reset"),
         parameters=parameters,
+        possible={name: (-bound, bound) for name, bound in largest.items()},
     )
     return UnscentedFilter(model)
 
@@ -201,7 +208,7 @@ def friction_prior(elements: int) -> tuple[Array, Array]:
 LAYOUT: Final = Layout()
 ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
+LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]; NaN: start anew")
 DRIVE_FACTOR: Final = LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
 INVERSE: Final = LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
 MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
@@ -221,15 +228,15 @@ def friction_filter_row(
     own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
     reset = x[1]
     moved = reset - memory[LAST_RESET]
-    if dt == 0.0:
+    if dt == 0.0 or isnan(moved):
         restart(own, state)
-        moved = 0.0
+        moved = dt = 0.0
     vector(state, own[at.Z], 1)[0] = x[0] * memory[DRIVE_FACTOR]
     u = vector(state, own[at.U], 2)
     u[0] = moved
     u[1] = reset
     good = advance(own, state, dt)
-    memory[LAST_RESET] = reset
+    memory[LAST_RESET] = reset if good else nan
     elements = numbers[ELEMENTS]
     weights = vector(memory, numbers[ANGLE], 1 + DEGREE + elements)
     estimate = vector(state, own[at.X], elements + 1)

@@ -145,6 +145,14 @@ def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
     torque = model.drive_stiffness * model.wheel_radius * model.jaw_radius / model.gear_ratio
     masses = [model.jaw_inertia, model.slider_mass, torque]
     friction = np.array([noise.jaw_friction, noise.slider_friction]) ** 2 * noise.correlation_time
+    # No jaw turns further than once round, within a millisecond at that, nor by (26) beforehand; no
+    # cable goes further than twice that.
+    turn, cable = 2.0 * math.pi, 4.0 * math.pi * model.jaw_radius
+    motor = cable * model.gear_ratio / model.wheel_radius
+    largest = {
+        "jaw": turn, "jaw_speed": 1e3 * turn, "reset": cable, "reset_speed": 1e3 * cable,
+        "motor": motor, "compensation": turn,
+    }  # fmt: skip
     return StateSpaceModel(
         transition=transition,
         measurement=measurement,
@@ -154,6 +162,7 @@ def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
         measurements=("reset", "reset_speed"),
         inputs=("motor", "compensation"),
         parameters=np.concatenate([frequencies, shapes.ravel(), masses, friction]),
+        possible={name: (-bound, bound) for name, bound in largest.items()},
     )
 
 
@@ -193,7 +202,7 @@ COMPENSATIONS: Final = ("constant", "output", "scaled", "signed", "literal")
 LAYOUT: Final = Layout()
 COMPENSATION: Final = LAYOUT.integer("compensation", "which of COMPENSATIONS")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]")
+LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]; NaN: start anew")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 INJECTED: Final = LAYOUT.scalar("injected", "what (26) added to the state [rad]")
 DRIVE_PER_ANGLE: Final = LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
@@ -216,13 +225,15 @@ def jaw_filter_row(
     estimate = vector(state, own[at.X], 4)
     motor, reset = x[0], x[1]
     speed = nan
-    if dt == 0.0:
+    fresh = dt == 0.0 or math.isnan(memory[LAST_MOTOR])
+    if fresh:
         restart(own, state)
         tension = memory[DRIVE_PER_ANGLE] * motor + memory[RESET_STIFFNESS] * reset
         estimate[0] = tension / memory[DIVISOR]
         estimate[2] = reset
         memory[LAST_MOTOR] = motor
         memory[INJECTED] = 0.0
+        dt = 0.0
     else:
         speed = (reset - memory[LAST_RESET]) / dt
     z = vector(state, own[at.Z], 2)
@@ -250,7 +261,7 @@ def jaw_filter_row(
             injected = -error
         else:
             injected = error
-    memory[LAST_MOTOR] = motor
+    memory[LAST_MOTOR] = motor if good else nan
     memory[LAST_RESET] = reset
     memory[INJECTED] = injected
     out[0] = estimate[0] + injected + added if good else nan

@@ -8,6 +8,7 @@ from .files import write_trajectory as write_trajectory
 from .follow import TrackingReport as TrackingReport
 from .follow import follow as follow
 from .follow import nominal_duration as nominal_duration
+from .jog import Jog as Jog
 from .plotting import plot_trajectories as plot_trajectories
 from .trajectory import Trajectory as Trajectory
 from .trajectory import workspace_of as workspace_of

@@ -125,7 +125,7 @@ def read_column_map(source: MapSource) -> ColumnMap:
     return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
-_LARGEST_SCALE: Final = 1e30
+_MOST: Final = 1e30  # in size, of a scale
 _TEXTS: Final = ("robot", "arm", "delimiter", "comment")
 
 
@@ -164,9 +164,9 @@ def _column(name: str, value: Any) -> MappedColumn:
         raise RecordingError(f"{name}: column is {column!s:.40}; positions count from 0")
     if unit and unit not in SI_UNITS:
         raise RecordingError(f"{name}: unit {unit!r} is not known; use {', '.join(SI_UNITS)}")
-    if not _is_number(scale) or not 0 < abs(scale) <= _LARGEST_SCALE:
+    if not _is_number(scale) or not 0 < abs(scale) <= _MOST:
         raise RecordingError(
-            f"{name}: scale is {scale!r:.40}; want a number, not 0 and up to {_LARGEST_SCALE:g}"
+            f"{name}: scale is {scale!r:.40}; want a number other than 0, at most {_MOST:g}"
         )
     return MappedColumn(column, unit, float(scale))
 

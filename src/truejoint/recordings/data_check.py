@@ -76,6 +76,7 @@ def check_data(
     *,
     joints: Sequence[str] | None = None,
     model: Calibration | None = None,
+    needs_truth: bool = True,
 ) -> DataCheck:
     """Check recordings before they are used to fit or to judge a calibration.
 
@@ -93,6 +94,8 @@ def check_data(
     model : Calibration, optional
         Signals and ranges of its features; rows outside the ranges seen in training are counted
         as extrapolation. Without one, all measured and effort columns are examined.
+    needs_truth : bool
+        Whether truth that is missing is a finding; correcting a recording needs none.
 
     Raises
     ------
@@ -118,7 +121,7 @@ def check_data(
     columns = [
         (defect, recording)
         for recording in recordings
-        for defect in judge_columns(recording, joints, signals)
+        for defect in judge_columns(recording, joints, signals, needs_truth=needs_truth)
     ]
     findings = [
         *one_line_each(columns, recordings),

@@ -66,7 +66,8 @@ def write_parquet(
         "provenance": recording.provenance.to_dict(),
         "robot": recording.robot.to_dict(),
     }
-    _write(target, header, recording.table, overwrite=overwrite)
+    columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
+    _write(target, header, columns, overwrite=overwrite)
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Recording:
@@ -86,8 +87,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     'motion_9.csv'
     """
     source = require_file(Path(path))
-    header, table, unhashed = _read(source, ())
-    columns = {name: table.column(name).to_numpy() for name in table.column_names}
+    header, columns, unhashed = _read(source)
     _check_described(source, header, columns)
     try:
         provenance = Provenance.from_dict(header["provenance"])
@@ -124,7 +124,12 @@ def write_corrected(
     --------
     >>> write_corrected(model.correct_table(test).assign(status="OK"), "corrected.parquet")
     """
-    _write(Path(path), {"version": VERSION, "kind": _CORRECTED}, table, overwrite=overwrite)
+    columns = {
+        str(name): column.tolist() if name in _TEXTS else column.to_numpy(np.float64)
+        for name, column in table.items()
+    }
+    header = {"version": VERSION, "kind": _CORRECTED}
+    _write(Path(path), header, columns, _TEXTS, overwrite=overwrite)
 
 
 def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
@@ -142,51 +147,51 @@ def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
     'OK'
     """
     source = require_file(Path(path))
-    header, table, unhashed = _read(source, _TEXTS)
+    header, columns, unhashed = _read(source, _TEXTS)
     if unhashed or header.get("kind") != _CORRECTED:
         raise RecordingError(f"{source}: is no table of corrected positions that states its hash")
-    frame: pd.DataFrame = table.to_pandas()
-    return frame
+    return pd.DataFrame(columns)
 
 
 def is_corrected(path: Path) -> bool:
     """Whether a file says that it is a table of corrected positions."""
-    with suppress(pa.ArrowException, OSError):
+    with suppress(pa.ArrowException, OSError, ValueError):
         text = (pq.read_schema(path).metadata or {}).get(METADATA_KEY, b"")
         return f'"kind": "{_CORRECTED}"'.encode() in text
     return False
 
 
-def _write(path: Path, header: Mapping[str, Any], table: pd.DataFrame, *, overwrite: bool) -> None:
-    columns = {
-        str(name): pa.array(list(column), pa.string())
-        if name in _TEXTS
-        else pa.array(column.to_numpy(np.float64))
-        for name, column in table.items()
-    }
-    signed = {**header, "sha256": content_hash(*_content(header, columns))}
+def _write(
+    path: Path,
+    header: Mapping[str, Any],
+    columns: Mapping[str, Any],
+    texts: Collection[str] = (),
+    *,
+    overwrite: bool,
+) -> None:
+    """Write columns of numbers, those named in `texts` of text, with a hash of all that is said."""
+    signed = {**header, "sha256": content_hash(*_content(header, columns, texts))}
     metadata = {METADATA_KEY: json.dumps(signed, allow_nan=False).encode()}
     # Numbers that change a little from row to row pack best with their bytes split apart.
     packing = {
         "compression": "zstd",
-        "use_dictionary": [name for name in columns if name in _TEXTS],
-        "use_byte_stream_split": [name for name in columns if name not in _TEXTS],
+        "use_dictionary": [name for name in columns if name in texts],
+        "use_byte_stream_split": [name for name in columns if name not in texts],
     }
     write = partial(pq.write_table, pa.table(columns, metadata=metadata), **packing)
     write_atomically(path, write, overwrite=overwrite, error=RecordingError)
 
 
 def _content(
-    header: Mapping[str, Any], columns: Mapping[str, Any]
+    header: Mapping[str, Any], columns: Mapping[str, Any], texts: Collection[str]
 ) -> tuple[dict[str, Any], dict[str, Array]]:
     """Give what the hash is taken of: the header with the columns of text, and the numbers."""
-    texts = {name: column.to_pylist() for name, column in columns.items() if name in _TEXTS}
-    numbers = {name: c.to_numpy() for name, c in columns.items() if name not in _TEXTS}
-    return {**header, **texts}, numbers
+    said = {name: column for name, column in columns.items() if name in texts}
+    return {**header, **said}, {n: column for n, column in columns.items() if n not in said}
 
 
-def _read(source: Path, texts: Collection[str]) -> tuple[dict[str, Any], Any, bool]:
-    """Header and table of a file, of which the columns `texts` are text, and if it has no hash."""
+def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], dict[str, Any], bool]:
+    """Header and columns of a file, those in `texts` lists of text, and whether it has no hash."""
     try:
         with pq.ParquetFile(
             source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
@@ -194,6 +199,10 @@ def _read(source: Path, texts: Collection[str]) -> tuple[dict[str, Any], Any, bo
             _check_size(source, file, texts)
             header = _header(source, file.schema_arrow)
             table = file.read(use_threads=False)
+        columns = {
+            name: table[name].to_pylist() if name in texts else table[name].to_numpy()
+            for name in table.column_names
+        }
     except MemoryError:
         raise RecordingError(
             f"{source}: takes more memory than there is; close other programs, or read it where "
@@ -206,13 +215,12 @@ def _read(source: Path, texts: Collection[str]) -> tuple[dict[str, Any], Any, bo
         ) from None
     digest = header.pop("sha256", None)
     unhashed = digest is None and header["version"] == 1
-    content = _content(header, dict(zip(table.column_names, table.columns, strict=True)))
-    if not unhashed and not is_as_written(digest, *content):
+    if not unhashed and not is_as_written(digest, *_content(header, columns, texts)):
         raise RecordingError(
             f"{source}: its content does not match its hash; it was damaged or edited: copy or "
             "record it again"
         )
-    return header, table, unhashed
+    return header, columns, unhashed
 
 
 def _check_size(source: Path, file: Any, texts: Collection[str]) -> None:

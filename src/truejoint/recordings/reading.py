@@ -23,6 +23,7 @@ from truejoint.recordings.readers import (
     raven_csv,
 )
 from truejoint.recordings.recording import Recording, as_recordings
+from truejoint.recordings.stream_file import SUFFIX
 
 PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
 """What a caller may state about any file, and that replaces what the file says."""
@@ -144,7 +145,9 @@ def why_no_recording(
     return f"is {name}, not {format}" if own and name != format else ""
 
 
-def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
+def detect_format(  # noqa: PLR0911  # one for each layout
+    path: str | os.PathLike[str], *, with_map: bool = False
+) -> str:
     """Name of the layout that a file or folder has.
 
     Parameters
@@ -172,6 +175,8 @@ def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> st
     head = read_head(require_file(source))
     if head.startswith(PARQUET_MAGIC):
         return "parquet"
+    if source.suffix == SUFFIX:
+        return "arrows"
     if with_map:
         return "arrays" if b"\0" in head else "csv"
     if head.startswith(VERSION5_MARK):

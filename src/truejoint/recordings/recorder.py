@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 import os
+import threading
 import types
+from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass
 from pathlib import Path
-from typing import Final, Self
+from typing import Final, Protocol, Self
 
 import numpy as np
 
@@ -16,11 +18,22 @@ from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, free_name, uninterrupted
 from truejoint.recordings.parquet import write_parquet
-from truejoint.recordings.recording import Provenance, Recording, nominal_rates
-from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchronise
+from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.stream_file import STATE, SUFFIX, TRUTH, StreamWriter, assembled
+from truejoint.recordings.synchronise import Stream
 
-_PIECE: Final = 1.0  # [s] that are worked on at a time
+_PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 PAST_END: Final = "state: past the longest duration"
+
+
+class TruthSource(Protocol):
+    """Sensors on the joints that report by themselves, as `Arm.subscribe` does for an arm."""
+
+    def subscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Call `callback` with every block from now on."""
+
+    def unsubscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Stop calling `callback`."""
 
 
 class Decimator:
@@ -58,8 +71,9 @@ class Recorder:
     The state is thinned out to `state_rate` as it arrives, so memory grows by about 10 kB per
     second of motion whatever the arm's own rate. If the block is left by an exception or by
     Ctrl-C, what was recorded is kept; with a `path` it is written beside it, as
-    ``<name>.partial.parquet``, and no whole recording is replaced. Where `path` cannot be written
-    at the end, the recording is kept as ``<name>.kept.parquet`` if that can be.
+    ``<name>.partial.parquet``, and no whole recording is replaced. Meanwhile it is written, twice a
+    second of the arm's clock, to ``<name>.unfinished.arrows``, which any command reads: there it is
+    if the program is killed, or where `path` cannot be written at the end.
 
     Parameters
     ----------
@@ -68,6 +82,8 @@ class Recorder:
         Rate of the rows [Hz]; peng2024 (IV-A) records the state at 30 Hz.
     truth_rate : float, optional
         Thin the joint encoders out to this rate [Hz]; all readings by default.
+    truth : TruthSource, optional
+        Joint encoders that are not the arm's own, such as `JointEncoders`, stamped by its clock.
     gap_limit : float
         Longest time between two readings of the joint encoders to interpolate across [s].
     max_duration : float
@@ -94,6 +110,7 @@ class Recorder:
     state_rate: float = 30.0
     truth_rate: float | None = None
     _: KW_ONLY
+    truth: TruthSource | None = None
     gap_limit: float = 0.05
     max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
@@ -110,6 +127,8 @@ class Recorder:
                 "s; both must be above 0 s"
             )
         self.written: Path | None = None
+        self._stream: StreamWriter | None = None
+        self._lock = threading.Lock()
         if self.path is not None:
             check_target(Path(self.path), overwrite=self.overwrite, error=RecordingError)
         if self.homing_id is None:
@@ -118,7 +137,10 @@ class Recorder:
 
     def __enter__(self) -> Self:
         self._clear()
+        self._stream = None if self.path is None else self._open(Path(self.path))
         self.arm.subscribe(self._receive, every=_PIECE)
+        if self.truth is not None:
+            self.truth.subscribe(self._receive)
         return self
 
     def __exit__(
@@ -128,16 +150,26 @@ class Recorder:
         trace: types.TracebackType | None,
     ) -> None:
         self.arm.unsubscribe(self._receive)
+        if self.truth is not None:
+            self.truth.unsubscribe(self._receive)
         if kind is not None:
             self._stopped = f"stopped by {kind.__name__}" + (f": {error}" if str(error) else "")
-        if self.path is not None and self.rows >= 2:
+        if self._stream is not None and self.path is not None:
             with uninterrupted():
                 self._write(Path(self.path))
+                self._stream.close()
+                if self.rows < 2:
+                    self._stream.path.unlink()
 
     @property
     def rows(self) -> int:
         """Rows of the state that are kept so far."""
         return len(self._state)
+
+    @property
+    def size(self) -> int:
+        """Bytes on disk so far; 0 without a `path`."""
+        return self._stream.size if self._stream else 0
 
     def recording(self, source: str = "") -> Recording:
         """Make a recording of what there is so far; may be called while recording goes on.
@@ -147,60 +179,60 @@ class Recorder:
         stamps (`truejoint.recordings.synchronise`). `source` is for the provenance; by default
         ``"recorded from <robot>"``. Raises RecordingError if there are fewer than 2 rows.
         """
-        if self.rows < 2:
-            raise RecordingError(
-                f"recorder: {self.rows} rows from {self.arm.robot.title}; it reports only while "
-                "homed and moving or holding"
-            )
-        state, back = self._state.joined()
-        dropped = {PAST_END: self._past_end, f"state: {BACK}": back}
-        columns = {"t": state.t, **state.columns}
-        known = {} if math.isinf(self.state_rate) else {"state": self.state_rate}
-        rates = nominal_rates(state=state.t) | known
-        if len(self._truth) >= 2:
-            truth, back = self._truth.joined()
-            columns, unmatched = synchronise(state, truth, self.gap_limit)
-            dropped |= {f"truth: {BACK}": back} | unmatched
-            rates |= nominal_rates(truth=truth.t)
-        start = float(columns["t"][0])
-        columns["t"] = columns["t"] - start
-        provenance = Provenance(
-            robot=self.arm.robot.name,
-            arm=self.arm.robot.arm,
-            source=source or f"recorded from {self.arm.robot.title}",
+        return assembled(
+            self._state.joined(),
+            self._truth.joined(),
+            self._provenance(),
+            self.gap_limit,
+            self.state_rate,
+            self._stopped,
+            source or f"recorded from {self.arm.robot.title}",
+            {PAST_END: self._past_end},
+        )
+
+    def _provenance(self) -> Provenance:
+        robot = self.arm.robot
+        return Provenance(
+            robot=robot.name,
+            arm=robot.arm,
             session=self.session,
             homing_id=self.homing_id or "",
             load=self.load,
-            mechanism=vars(self.arm.robot.mechanism) if self.arm.robot.mechanism else {},
-            rates=rates,
-            dropped=dropped,
-            start=start,
+            mechanism=vars(robot.mechanism) if robot.mechanism else {},
             command=self.command,
-            notes=self._stopped,
         )
-        return Recording.from_columns(columns, provenance)
 
     def _write(self, path: Path) -> None:
         """Write what there is; a part of a recording gets a name of its own."""
         stopped = bool(self._stopped)
         if stopped:
             path = free_name(path, "partial")
-        recording = self.recording(str(path))
+        stream = self._stream
+        if stream is None or self.rows < 2:
+            return
+        stream.close()
         try:
-            write_parquet(recording, path, overwrite=self.overwrite and not stopped)
+            write_parquet(self.recording(str(path)), path, overwrite=self.overwrite and not stopped)
         except RecordingError as error:
-            kept = free_name(path, "kept")
-            try:
-                write_parquet(recording, kept)
-            except RecordingError:
-                raise error from None
-            self.written = kept
-            raise RecordingError(f"{error}; the recording is in {kept}") from None
+            self.written = stream.path
+            raise RecordingError(f"{error}; the recording is in {stream.path}") from None
         self.written = path
+        stream.path.unlink()
+
+    def _open(self, path: Path) -> StreamWriter:
+        """Open the file that survives whatever ends the program."""
+        unfinished = free_name(path.with_suffix(SUFFIX), "unfinished")
+        header = {
+            "provenance": self._provenance().to_dict(),
+            "robot": self.arm.robot.to_dict(),
+            "gap_limit": self.gap_limit,
+            "state_rate": None if math.isinf(self.state_rate) else self.state_rate,
+        }
+        return StreamWriter(unfinished, header)
 
     def _clear(self) -> None:
-        self._state = _Rows(self.state_rate)
-        self._truth = _Rows(math.inf if self.truth_rate is None else self.truth_rate)
+        self._state = _Rows(STATE, self.state_rate)
+        self._truth = _Rows(TRUTH, math.inf if self.truth_rate is None else self.truth_rate)
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
@@ -212,33 +244,32 @@ class Recorder:
             self._first = float(block.t[chosen][0])
         late = block.t - self._first > self.max_duration  # never, before the first state
         if isinstance(block, TruthBlock):
-            stream.names = tuple(f"truth/{joint}" for joint in block.name)
-            stream.add(block.t, np.asarray(block.position), chosen & ~late)
-            return
-        self._past_end += int((chosen & late).sum())
-        columns = block.columns()
-        stream.names, rows = tuple(columns), np.column_stack([*columns.values()])
-        stream.add(block.t, rows, chosen & ~late)
+            columns = {f"truth/{n}": block.position[:, k] for k, n in enumerate(block.name)}
+        else:
+            self._past_end += int((chosen & late).sum())
+            columns = block.columns()
+        piece = Stream(block.t, columns).rows(chosen & ~late)
+        with self._lock:  # state and truth may come in threads of their own
+            stream.pieces.append(piece)
+            if self._stream is not None and len(piece.t):
+                self._stream.write(stream.name, piece.t, piece.columns)
 
 
 class _Rows:
-    """Rows kept of one stream, in the blocks that they came in."""
+    """Rows kept of one stream, in the pieces that they came in."""
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, name: str, rate: float) -> None:
+        self.name = name
         self.decimator = Decimator(rate)
-        self.names: tuple[str, ...] = ()
-        self._blocks: list[tuple[Array, Array]] = []
+        self.pieces: list[Stream] = []
 
     def __len__(self) -> int:
-        return sum(len(t) for t, _ in self._blocks)
+        return sum(len(piece.t) for piece in self.pieces)
 
-    def add(self, t: Array, values: Array, kept: Mask) -> None:
-        """Keep some of the rows (n, n_columns) at stamps (n,) [s]."""
-        self._blocks.append((t[kept], values[kept]))
-
-    def joined(self) -> tuple[Stream, int]:
-        """One stream of all rows but those of a clock that was set back, and how many those are."""
-        t, rows = (np.concatenate(part) for part in zip(*self._blocks, strict=True))
-        forward = forward_rows(t)
-        columns = dict(zip(self.names, rows[forward].T, strict=True))
-        return Stream(t[forward], columns), int((~forward).sum())
+    def joined(self) -> Stream | None:
+        """One stream of all rows; None without any."""
+        if not self.pieces:
+            return None
+        names = self.pieces[0].columns
+        columns = {name: np.concatenate([p.columns[name] for p in self.pieces]) for name in names}
+        return Stream(np.concatenate([piece.t for piece in self.pieces]), columns)

@@ -15,6 +15,7 @@ import pandas as pd
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError
 from truejoint.robots import Robot, get_robot
+from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.summary import Summarised
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
@@ -118,6 +119,11 @@ class Provenance:
         return cls(**clean)
 
 
+def _mechanism(provenance: Provenance, robot: Robot) -> ForcepsMechanism | None:
+    stated = provenance.mechanism
+    return ForcepsMechanism.from_dict(stated) if stated else robot.mechanism
+
+
 def _fits(kind: str, value: object) -> bool:
     """Whether plain data can be a field of the type that is annotated as `kind`."""
     if kind == "str":
@@ -181,8 +187,9 @@ class Recording(Summarised):
 
         `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
         `provenance` says where they come from, or no more than the robot's name; `units` those for
-        which `default_unit` is not right. Raises RecordingError or RobotError if the columns break
-        a rule of a recording, or there is no such robot.
+        which `default_unit` is not right. Of a joint whose mechanism is known, the measured
+        position is that of its motor where it is not given. Raises RecordingError or RobotError if
+        the columns break a rule of a recording, or there is no such robot.
 
         Examples
         --------
@@ -209,8 +216,13 @@ class Recording(Summarised):
                 "to columns of numbers"
             ) from None
         _check_shapes(arrays, provenance.source or "recording")
-        table = pd.DataFrame(arrays)
         robot = get_robot(provenance.robot, provenance.arm)
+        mechanism = _mechanism(provenance, robot)
+        for joint in robot.joint_names:
+            motor, measured = f"motor/{joint}", f"measured/{joint}"
+            if mechanism is not None and motor in arrays and measured not in arrays:
+                arrays[measured] = arrays[motor] / mechanism.motor_per_jaw
+        table = pd.DataFrame(arrays)
         filled = {name: default_unit(name, robot) for name in table.columns if name != "t"}
         filled.update(units or {})
         return cls(table, filled, provenance)
@@ -237,6 +249,14 @@ class Recording(Summarised):
     def robot(self) -> Robot:
         """The arm that was recorded."""
         return get_robot(self.provenance.robot, self.provenance.arm)
+
+    @property
+    def mechanism(self) -> ForcepsMechanism | None:
+        """What opens and shuts the jaw, as the provenance or else the robot states it.
+
+        Raises RobotError for one that cannot be.
+        """
+        return _mechanism(self.provenance, self.robot)
 
     @property
     def t(self) -> Array:

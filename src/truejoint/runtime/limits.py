@@ -54,6 +54,8 @@ FROZEN_STEPS: Final = 30.0
 """Training time steps for which all signals may stand still at least: 1 s at 30 Hz."""
 ERROR_MARGIN: Final = 0.5
 """Share of the trained range of errors by which a correction may lie outside."""
+LOAD_TURNS: Final = 0.5
+"""Share of its trained range by which a load may turn a joint off what its motor says."""
 SHORTEST_STEP: Final = 1e-3
 """Share of the training time step below which two stamps are one.
 
@@ -90,7 +92,7 @@ class Limits:
     patience: float
     domain_mean: Array  # (k,)
     whitening: Array  # lower triangle (n_white, n_white)
-    feature_lower: Array  # (k,)
+    feature_lower: Array  # (k,), infinite for features that never changed
     feature_upper: Array
     correction_lower: Array  # (n_joints,)
     correction_upper: Array
@@ -128,17 +130,22 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     held = _held(data, is_position & ~moves, high - low)
+    used = np.abs(seen.whitening).sum(axis=0) > 0.0
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = believable_corrections(seen)
-    bears, far = family.bears_load, np.full(len(data.joints), np.inf)
+    bears = family.bears_load
+    hold = max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt)
     if bears is not None and bears(data.model.params):
-        distance, correction_lower, correction_upper = np.inf, -far, far
+        # It holds a load as still as its encoders' counts show, for as long as it takes.
+        distance = hold = np.inf
+        turned = LOAD_TURNS * (high - low)[[signals.index(f"measured/{j}") for j in data.joints]]
+        correction_lower, correction_upper = correction_lower - turned, correction_upper + turned
     return Limits(
         shortest=shortest * seen.dt,
         longest=data.gap_limit,
         training_dt=seen.dt,
-        hold=max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt),
+        hold=hold,
         square=distance * distance,
         reach=reach,
         jump=jump,
@@ -154,8 +161,8 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         domain_mean=seen.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
         whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
-        feature_lower=feature_lower,
-        feature_upper=feature_upper,
+        feature_lower=np.where(used, feature_lower, -np.inf),
+        feature_upper=np.where(used, feature_upper, np.inf),
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )

@@ -29,7 +29,7 @@ class Status(IntFlag):
     SPIKE = 16
     """A signal changed faster than it ever did in training."""
     FROZEN = 32
-    """A signal stands exactly still while its joint moves, or all of them do for long."""
+    """A signal stands still, or nearly, while its joint moves, or all of them do for long."""
     OUT_OF_RANGE = 64
     """A feature lies outside its trained range."""
     OUT_OF_DOMAIN = 128

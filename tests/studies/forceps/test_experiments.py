@@ -10,6 +10,7 @@ from truejoint.recordings import read_recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import run_study, write_study
+from truejoint.studies.forceps.load import errors_in_grams
 from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS
 from truejoint.studies.forceps.motions import built, plain_specimen, record
@@ -151,12 +152,17 @@ def test_shares_count_specimens():
 
 def test_loads_are_weighed(tmp_path):
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
-    found, opposing, along = (part.numbers for part in result.parts.values())
-    assert along["identified"] == pytest.approx(along["torque"], rel=0.15)
+    (found,) = (part.numbers for part in result.parts.values())
+    opposing, along = found["weighed"]
+    assert along["identified"] == pytest.approx(along["torque"], rel=0.1)
     missed = abs(opposing["identified"] - opposing["torque"])
-    assert missed < found["dead_band"] + 0.15 * abs(along["torque"])
-    assert found["deviation"] > 0.0
-    assert "Dead band" in result.summary.tables[0].markdown()
+    assert missed < 2.0 * found["true_friction"] + 0.1 * abs(along["torque"])
+    assert found["drive_stiffness"] == pytest.approx(found["true_stiffness"], rel=0.05)
+    assert errors_in_grams(found, "along") < 25.0
+    assert 0.8 < found["judged"]["unloaded"][0]["angle_inside"] < 0.99
+    weights, errors = result.summary.tables
+    assert "Dead band" in weights.markdown()
+    assert "Stiffness within 5 % in 100 %." in errors.markdown()
     assert drawn(result, tmp_path)
 
 
@@ -165,7 +171,7 @@ def test_homing_is_mended(tmp_path):
         "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
     )
     (case,) = (part.numbers for part in result.parts.values())
-    assert case["found"] == pytest.approx(2e-5, abs=3e-6)
+    assert case["found"] == case["taken_off"] == pytest.approx(2e-5, abs=3e-6)
     assert case["before"]["play_gated"]["rms"] > np.radians(0.2)
     assert case["after"]["play_gated"]["rms"] < np.radians(0.06)
     assert drawn(result, tmp_path)

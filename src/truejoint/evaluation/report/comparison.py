@@ -49,15 +49,18 @@ def write_comparison(
     Raises
     ------
     CalibrationError
-        If a model is not among those that were judged together.
+        If there are fewer than two models, or one is not among those that were judged together.
     RecordingError
         As `write_report`.
 
     Examples
     --------
-    >>> write_comparison(evaluation, {"linear": evaluation}, "models.html").name
+    >>> alone = {"offset": evaluation, "linear": evaluation}
+    >>> write_comparison(evaluation, alone, "models.html").name
     'models.html'
     """
+    if len(alone) < 2:
+        raise CalibrationError(f"{len(alone)} model to compare; give at least two")
     for name in alone:
         if name not in together.estimators:
             raise CalibrationError(f"{name} was not judged together with the others")

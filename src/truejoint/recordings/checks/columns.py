@@ -20,7 +20,7 @@ _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
 
 def judge_columns(
-    recording: Recording, joints: Sequence[str], signals: Sequence[str]
+    recording: Recording, joints: Sequence[str], signals: Sequence[str], *, needs_truth: bool
 ) -> Iterable[Defect]:
     """Examine measured and true positions of `joints`, and whether `signals`, columns, vary."""
     yield from _clock(recording.t)
@@ -39,7 +39,8 @@ def judge_columns(
         if f"truth/{joint}" in recording.units:
             truth = recording.column(f"truth/{joint}")
             known = np.isfinite(truth)
-            yield from _missing_truth(recording.t, joint, known)
+            if needs_truth:
+                yield from _missing_truth(recording.t, joint, known)
             rows = np.flatnonzero(known)
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)

@@ -165,9 +165,10 @@ def _judge_delay(
 ) -> Iterable[Finding]:
     """Truth that is late or early in all joints together, in single recordings or in all."""
     sources = [[r.provenance.source for r in recordings] for recordings, _ in truths]
-    alike = [pair for pair, names in zip(truths, sources, strict=True) if names == sources[0]]
-    if not alike:
+    if not sources:
         return
+    most = max(sources, key=sources.count)  # a joint is not judged where its sensor is broken
+    alike = [pair for pair, names in zip(truths, sources, strict=True) if names == most]
     recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
     where = ", ".join(f"truth/{e.joint}" for e in explained)
     together = estimate_delay(recordings, explained)

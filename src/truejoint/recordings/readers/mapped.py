@@ -228,7 +228,11 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) ->
                 f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
                 f"{', '.join(machine.channels)}"
             )
-    if not any(name.startswith(f"{needed}/") for name in mapping.columns):
+    known = {name.partition("/")[0] for name in mapping.columns}
+    # Where the mechanism is known, the measured position may be its motor's.
+    if needed not in known and not (
+        needed == "measured" and machine.mechanism and "motor" in known
+    ):
         why = "there is nothing to correct" if needed == "measured" else "it is no truth"
         raise RecordingError(f"{path}: no '{needed}/<joint>' column; {why}")
     return machine

@@ -13,8 +13,8 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.simulation.twin import checked_load
+from truejoint.units import GRAVITY
 
-GRAVITY: Final = 9.81  # [m/s2]
 MAX_MASS: Final = 2.0  # [kg]
 MAX_FREQUENCY: Final = 20.0  # [Hz] of a load that swings
 MAX_END: Final = 3600.0  # [s]

@@ -16,7 +16,7 @@ from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows
 from truejoint.simulation.forceps.constants import plant_constants
-from truejoint.simulation.forceps.load import GRAVITY, MAX_MASS, LoadTest
+from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters
 from truejoint.simulation.forceps.plant import advance, settled
 from truejoint.simulation.forceps.sensors import Sensors, ZeroShift
@@ -29,6 +29,7 @@ from truejoint.simulation.twin import (
     hold,
     in_grains,
 )
+from truejoint.units import GRAVITY
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
 MAX_SAMPLES: Final = 3_600_000  # an hour at 1 kHz

@@ -8,14 +8,14 @@ from typing import Any, Final, cast
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
 from truejoint.estimators.friction_filter import FrictionFilter
 from truejoint.estimators.jaw_load import identify_stiffness
+from truejoint.estimators.yan2020 import JawFilter
 from truejoint.evaluation.digits import fixed
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
-from truejoint.simulation.forceps.load import GRAVITY
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
@@ -23,6 +23,7 @@ from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
+from truejoint.units import GRAVITY
 
 CALIBRATION_WEIGHT: Final = 0.2
 """Known weight that identifies the stiffness, hung once each way [kg]."""
@@ -34,9 +35,9 @@ _CASES: Final = ("unloaded", "along", "opposing")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    hung = list(cases(settings).values())
+    hung, motion = list(cases(settings).values()), settings["motion"]
     return [
-        Part(name, weigh, {"forceps": plant, "seed": seed, "hung": hung})
+        Part(name, weigh, {"forceps": plant, "seed": seed, "motion": motion, "hung": hung})
         for name, plant, seed in drawn_specimens(settings)
     ]
 
@@ -48,9 +49,11 @@ def signals(recording: Recording) -> tuple[Array, Array]:
     return rows, time_steps(recording.t, np.inf)
 
 
-def unloaded_filter(forceps: ForcepsParameters, seed: int) -> FrictionFilter:
-    """Fit the filter of a specimen to (27) without a load; its stiffness is assumed."""
-    recording = settled(record(forceps, "calibration", seed=2 * seed))
+def unloaded_filter(
+    forceps: ForcepsParameters, seed: int, motion: str = "calibration"
+) -> FrictionFilter:
+    """Fit the filter of a specimen to a motion without a load; its stiffness is assumed."""
+    recording = settled(record(forceps, motion, seed=2 * seed))
     return cast("FrictionFilter", calibrate(recording, FrictionFilter()).model)
 
 
@@ -64,6 +67,12 @@ def effective_stiffness(forceps: ForcepsParameters) -> float:
     return 1.0 / (1.0 / cable + 1.0 / gear)
 
 
+def hidden_friction(forceps: ForcepsParameters) -> float:
+    """Friction [Nm] of the jaw and of the drive cable's guide, at the pretension and the jaw."""
+    guide = math.expm1(forceps.drive_cable.guide_friction) * forceps.assembly.pretension
+    return friction_at_pretension(forceps)[0] + guide * forceps.mechanism.jaw_radius
+
+
 def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
     """Torque [Nm] that opens the jaw at an angle [rad] so far that the drive cable is slack."""
     mechanism = forceps.mechanism
@@ -71,10 +80,10 @@ def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
     return (forceps.assembly.pretension + spring) * mechanism.jaw_radius
 
 
-def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartResult:
+def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> PartResult:
     """Find the stiffness of a specimen by two known weights, and estimate others on it."""
     plant = built(forceps)
-    assumed, known = unloaded_filter(plant, seed), []
+    assumed, known = unloaded_filter(plant, seed, motion), []
     for n, way in enumerate(("along", "opposing")):
         test = load_test(CALIBRATION_WEIGHT, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
@@ -83,7 +92,8 @@ def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartR
     X, dt, torque = (np.concatenate(columns) for columns in zip(*known, strict=True))
     found = identify_stiffness(assumed, X, torque, dt)
     identified = assumed.with_stiffness(found)
-    weighed, slack, judged = [], [], {}
+    weighed, slack = [], []
+    judged: dict[str, list[dict[str, float]]] = {}
     for case in hung:
         test = load_test(case["mass"], case["direction"])
         run = record(plant, test, seed=case["hand"])
@@ -96,22 +106,42 @@ def weigh(forceps: Plain, seed: int, hung: Sequence[Mapping[str, Any]]) -> PartR
         tried = assumed.states(*signals(run)).load[still]
         weighed.append({**case, **own, "assumed": float(tried.mean())})
     run = settled(record(plant, "verification", seed=2 * seed + 1))
+    paper = _paper_filter(plant, seed, motion, run)
     judged["unloaded"] = [_judged(identified, run, np.isfinite(run.column("truth/jaw")))]
     return PartResult(
         {
             **vars(found),
             "true_stiffness": effective_stiffness(plant),
             "friction": identified.jaw_friction,
-            "true_friction": friction_at_pretension(plant)[0],
+            "true_friction": hidden_friction(plant),
             "arm": plant.jaw.load_arm,
             "weighed": weighed,
             "slack": slack,
             "judged": judged,
+            "paper": paper,
         }
     )
 
 
-def _judged(model: FrictionFilter, run: Recording, rows: Array) -> dict[str, float]:
+def _paper_filter(
+    plant: ForcepsParameters, seed: int, motion: str, run: Recording
+) -> dict[str, float]:
+    """How the covariance of yan2020's filter stands to its errors (NEES) and innovations (NIS)."""
+    recording = settled(record(plant, motion, seed=2 * seed))
+    model = cast("JawFilter", calibrate(recording, JawFilter("output")).model)
+    X, dt = signals(run)
+    known = np.isfinite(run.column("truth/jaw"))
+    states = model.states(X, dt)
+    error = (model.evaluate(X, dt)[:, 0] - run.column("truth/jaw"))[known]
+    ratio = error / np.sqrt(states.P[known, 0, 0])
+    return {
+        "angle_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
+        "angle_nees": float(np.mean(ratio**2)),
+        "nis": float(np.nanmean(states.nis[known])) / 2.0,  # of two measurements
+    }
+
+
+def _judged(model: FrictionFilter, run: Recording, rows: Mask) -> dict[str, float]:
     """Load and angle of some rows of a run, and how they stand to what is stated of them."""
     states = model.states(*signals(run))
     load = states.load - run.column("truth_load/jaw")
@@ -154,10 +184,11 @@ def _weights(name: str, found: Mapping[str, Any]) -> Table:
         rows.append((load, *cells, f"{100 * case['load_inside']:.0f} %"))
     friction = [_text(found, 2.0 * found[key]) for key in ("friction", "true_friction")]
     notes = [
-        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified "
-        f"with {1e3 * CALIBRATION_WEIGHT:.0f} g each way: K_d = {found['drive_stiffness'] / 1e3:.1f}"
-        f" +- {found['deviation'] / 1e3:.1f} kN/m, growing by {found['growth']:.0f} N/m per N; cable "
-        f"and gear have {found['true_stiffness'] / 1e3:.1f}.",
+        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified"
+        f" with {1e3 * CALIBRATION_WEIGHT:.0f} g each way: "
+        f"K_d = {found['drive_stiffness'] / 1e3:.1f} +- {found['deviation'] / 1e3:.1f} kN/m, "
+        f"growing by {found['growth']:.0f} N/m per N; cable and gear have "
+        f"{found['true_stiffness'] / 1e3:.1f}.",
         f"Dead band: up to {friction[0]} against the last motion may not show, since the jaw's "
         f"friction holds them; in truth {friction[1]}.",
     ]
@@ -173,7 +204,7 @@ def _text(found: Mapping[str, Any], torque: float) -> str:
 
 
 def errors_in_grams(found: Mapping[str, Any], way: str) -> float:
-    """RMS [g] over the weights of one direction of what the mean estimate is off by; NaN if none."""
+    """RMS [g] of what the mean estimate is off by, over the weights one way; NaN without any."""
     off = [c["identified"] - c["torque"] for c in found["weighed"] if c["direction"] == way]
     return _grams(found, math.sqrt(float(np.mean(np.square(off))))) if off else math.nan
 
@@ -207,16 +238,23 @@ def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Tab
                 nees = float(np.mean([j[f"{kind}_nees"] for j in own]))
                 label = f"stated 90 % of the {kind}, {case}"
                 rows.append((label, "", "", "", f"{inside:.0f} % inside, NEES {nees:.2f}"))
+    paper = {key: np.array([n["paper"][key] for n in numbers]) for key in numbers[0]["paper"]}
+    text = (
+        f"{100 * paper['angle_inside'].mean():.0f} % inside, "
+        f"NEES {paper['angle_nees'].mean():.1f}, "
+        f"NIS per measurement {np.median(paper['nis']):.1f} (median)"
+    )
+    rows.append(("the same of the paper's filter (26), unloaded", "", "", "", text))
     floors = measures["its floor by friction [g]"]
     below = float(np.mean(measures["load opposing, RMS [g]"] <= floors))
     slack = sum(len(n["slack"]) for n in numbers)
     notes = (
         f"{len(numbers)} specimens of seed {settings.seed}. Weights "
         f"{', '.join(f'{mass:g}' for mass in settings['masses_g'])} g; still under each. The floor "
-        "is of an estimate that sees all but what the jaw's friction may hide, evenly from nothing "
+        "is of an estimate that sees all but what jaw and guide may hide, evenly from nothing "
         f"to twice its size; opposing is no worse in {100 * below:.0f} %.",
-        f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. Left out, "
-        f"since the drive cable is slack under it: {slack} weights.",
+        f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. "
+        f"Left out, since the drive cable is slack under it: {slack} weights.",
     )
     header = ("", "median", "95 %", "worst", "stated")
     return Table("External load over the specimens", header, tuple(rows), notes)

@@ -19,6 +19,8 @@ from truejoint.studies.forceps.motions import Plain, built, changed, drawn_speci
 from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table, degrees_text
 
+Case = Mapping[str, Any]
+
 _WHEN: Final = ("before", "after")
 _HARM: Final = np.radians(0.002)  # by which an error must grow to count as harm
 
@@ -91,7 +93,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     return Summary((table,), {"forceps-rezero": _figure(by_shift, methods)})
 
 
-def _shifts(cases: Sequence[Mapping[str, Any]]) -> list[float]:
+def _shifts(cases: Sequence[Case]) -> list[float]:
     return sorted({float(case["shift"]) for case in cases})
 
 
@@ -99,17 +101,15 @@ def _micro(metres: Any, decimals: int = 1) -> str:
     return fixed(1e6 * float(metres), decimals)
 
 
-def _rms(cases: Sequence[Mapping[str, Any]]) -> float:
+def _rms(cases: Sequence[Case]) -> float:
     return float(np.sqrt(np.mean([(case["found"] - case["shift"]) ** 2 for case in cases])))
 
 
-def _median(cases: Sequence[Mapping[str, Any]], when: str, method: str) -> float:
+def _median(cases: Sequence[Case], when: str, method: str) -> float:
     return float(np.median([case[when][method]["rms"] for case in cases]))
 
 
-def _figure(
-    by_shift: Mapping[float, Sequence[Mapping[str, Any]]], methods: Sequence[str]
-) -> Figure:
+def _figure(by_shift: Mapping[float, Sequence[Case]], methods: Sequence[str]) -> Figure:
     shifts, curves = 1e6 * np.array(list(by_shift)), []
     for key in methods:
         method = m.METHODS[key]
@@ -124,7 +124,7 @@ def _figure(
         Panel(zeros, "zero off by [um]", "found [um]", "the zero found"),
     )
     caption = (
-        "Left: what a wrong zero of x2 costs each method, and what re-zeroing leaves; medians over "
-        "the specimens. Right: the zero that one unloaded cycle tells, and, as a line, the true one."
+        "Left: what a wrong zero of x2 costs each method, and what re-zeroing leaves; medians "
+        "over the specimens. Right: the zero that one unloaded cycle tells, and the true line."
     )
     return Figure("Re-zeroing after homing", (panels,), caption, height=4.4, legend=True)

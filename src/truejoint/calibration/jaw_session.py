@@ -1,0 +1,157 @@
+"""A jaw's calibration, with what a laboratory finds out by weights, and after each homing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.calibration.sessions import source_of
+from truejoint.calibration.signal_shift import shift_signals
+from truejoint.errors import CalibrationError
+from truejoint.estimators.friction_filter import FrictionFilter, Stiffness
+from truejoint.estimators.jaw_load import EncoderZero, find_encoder_zero, identify_stiffness
+from truejoint.models.features import time_steps
+from truejoint.models.jaw import RESET
+from truejoint.units import GRAVITY
+
+if TYPE_CHECKING:
+    from truejoint.calibration.calibration import Calibration
+    from truejoint.recordings import Recording
+
+
+def weighed(
+    calibration: Calibration, recordings: Sequence[Recording], arm: float, last: float = 5.0
+) -> tuple[Calibration, Stiffness]:
+    """Identify the drive cable's stiffness by weights, for loads that are right in size.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of ``ukf_friction``, made of a motion without a load.
+    recordings : sequence of Recording
+        One a weight, whose mass is the `load` of its provenance; which way it pulls is seen.
+    arm : float
+        Lever of the weights [m].
+    last : float
+        Time at the end of each recording for which the weight hangs still [s].
+
+    Returns
+    -------
+    Calibration, Stiffness
+        The calibration with what was found, and what that is.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration tells no load, a recording states no weight, arm or time is not above 0,
+        or the weights tell no stiffness: see `identify_stiffness`.
+
+    Examples
+    --------
+    >>> weighed(model, [test], arm=0.0135)
+    Traceback (most recent call last):
+        ...
+    truejoint.errors.CalibrationError: linear tells no load; calibrate with -e ukf_friction
+    """
+    model = _friction_filter(calibration, "tells no load")
+    for name, value in (("arm", arm), ("time at the end", last)):
+        if not value > 0.0:
+            raise CalibrationError(f"{name} of the weights is {value!r:.40}; it must be above 0")
+    rows, steps, torques = [], [], []
+    for recording in recordings:
+        mass = recording.provenance.load
+        if not mass > 0.0:
+            raise CalibrationError(
+                f"{source_of(recording)}: its weight is not stated; say it with --load-grams, or "
+                "as the load of its provenance"
+            )
+        X, dt = _signals(calibration, recording)
+        still = recording.t > recording.t[-1] - last
+        side = -np.sign(float(model.states(X, dt).stretch[still].mean())) or 1.0
+        torques.append(np.where(still, side * mass * GRAVITY * arm, np.nan))
+        rows.append(X)
+        steps.append(dt)
+    if not rows:
+        raise CalibrationError("no recording of a weight; give one at least")
+    X, torque, dt = np.concatenate(rows), np.concatenate(torques), np.concatenate(steps)
+    found = identify_stiffness(model, X, torque, dt)
+    known = replace(calibration, model=model.with_stiffness(found))
+    return known.with_metadata(stiffness=vars(found)), found
+
+
+def encoder_rezeroed(
+    calibration: Calibration, recording: Recording, by: Calibration | None = None
+) -> tuple[Calibration, EncoderZero]:
+    """Take off by how much this homing set the reset encoder's zero wrong, if that can be told.
+
+    No sensor at the jaw is needed; see `find_encoder_zero`.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        Of any estimator that reads ``cable/reset``.
+    recording : Recording
+        Whole cycles about zero after the homing, without a load.
+    by : Calibration, optional
+        Of ``ukf_friction``, made of the same motion; `calibration` itself by default.
+
+    Returns
+    -------
+    Calibration, EncoderZero
+        The calibration for this homing, the same where a correction would be as likely to harm,
+        and what was found.
+
+    Raises
+    ------
+    CalibrationError
+        If either calibration is not as it must be, or the motion tells no zero.
+
+    Examples
+    --------
+    >>> encoder_rezeroed(model, test)
+    Traceback (most recent call last):
+        ...
+    truejoint.errors.CalibrationError: linear finds no zero; calibrate with -e ukf_friction
+    """
+    by = calibration if by is None else by
+    model = _friction_filter(by, "finds no zero")
+    if RESET not in calibration.signals or calibration.target != "position":
+        raise CalibrationError(
+            f"{calibration.estimator} takes no jaw's position from {RESET}; there is no zero of it"
+        )
+    if calibration.moves is not None:
+        raise CalibrationError(
+            "the calibration has zeros of its own already; give the one that calibrate wrote"
+        )
+    found = find_encoder_zero(model, *_signals(by, recording))
+    if recording.provenance.load > 0.0:
+        raise CalibrationError(
+            f"{source_of(recording)}: a load of {1e3 * recording.provenance.load:g} g on the jaw; "
+            "its zero is that of a motion without one"
+        )
+    # A zero of the jaw that moves x2 by as much as it was found to be off.
+    moves = np.zeros((len(calibration.signals), len(calibration.joints)))
+    moves[calibration.signals.index(RESET)] = model.jaw_radius
+    offset = np.full(len(calibration.joints), -found.correction / model.jaw_radius)
+    today = replace(calibration, moves=moves, offsets={**calibration.offsets, "model": offset})
+    if recording.provenance.homing_id:
+        today = today.with_metadata(homing_ids=[recording.provenance.homing_id])
+    return today.with_metadata(encoder_zero=vars(found)), found
+
+
+def _friction_filter(calibration: Calibration, lacks: str) -> FrictionFilter:
+    if not isinstance(calibration.model, FrictionFilter):
+        raise CalibrationError(f"{calibration.estimator} {lacks}; calibrate with -e ukf_friction")
+    return calibration.model
+
+
+def _signals(calibration: Calibration, recording: Recording) -> tuple[Array, Array]:
+    """Features (n, 2) of a recording, and time since the row before (n,) [s]."""
+    calibration.check_recording(recording)
+    moved = shift_signals(recording, calibration.signals, calibration.signal_shift)
+    rows = calibration.feature_set.compute(moved, calibration.gap_limit)
+    return rows, time_steps(np.array(recording.t), calibration.gap_limit)

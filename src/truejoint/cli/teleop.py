@@ -1,0 +1,226 @@
+"""`truejoint teleop`: move an arm by keys."""
+
+from __future__ import annotations
+
+import csv
+import os
+import select
+import signal
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+import truejoint
+from truejoint.cli.console import command_line, out, say
+from truejoint.cli.options import Arm as ArmOption
+from truejoint.cli.options import Force, RobotName, Seed
+from truejoint.errors import CommandRefused, TruejointError
+from truejoint.files import check_target, read_small, write_atomically
+from truejoint.robots.catalogue import DEFAULT
+
+if TYPE_CHECKING:
+    from truejoint.motion.teleoperation import Event, Teleoperation
+
+_PERIOD: Final = 0.02  # [s] between two looks at the keys
+_REDRAW: Final = 0.1
+_MOST_BYTES: Final = 1 << 24
+# Kitty's keyboard protocol: ask for events of all keys, and give back what was there.
+_ASK: Final = "\x1b[>11u\x1b[?u"
+_GIVE_BACK: Final = "\x1b[<u"
+_HEADER: Final = ("t_s", "key", "event")
+
+Events = list[tuple[float, str, "Event"]]
+
+
+def teleop(
+    robot: RobotName = DEFAULT,
+    arm: ArmOption = "",
+    seed: Seed = 0,
+    record: Annotated[
+        Path | None, typer.Option(help="Also record the arm, to a Parquet file.")
+    ] = None,
+    save_keys: Annotated[
+        Path | None, typer.Option(help="Also keep the keys with their times, as CSV.")
+    ] = None,
+    keys: Annotated[
+        Path | None, typer.Option(help="Replay keys of such a file instead of reading them.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Move a simulated arm in real time by keys: joints, tool and grasper.
+
+    Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends.
+    """
+    for target in (record, save_keys):
+        if target is not None:
+            check_target(target, overwrite=force)
+    told = None if keys is None else _read_keys(keys)
+    if told is None and not sys.stdin.isatty():
+        raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
+    from truejoint.motion.teleoperation import Teleoperation  # noqa: PLC0415  # needs NumPy
+
+    twin = truejoint.simulation.make_twin(robot, arm, seed=seed)
+    with ExitStack() as stack:
+        device = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(twin)))
+        device.enable()
+        say(f"Homing {device.robot.title}, simulated in real time ...")
+        device.home()
+        if record is not None:
+            recorder = truejoint.recordings.Recorder(
+                device, path=record, overwrite=force, session="teleoperation",
+                command=command_line(),
+            )  # fmt: skip
+            stack.enter_context(recorder)
+        jog = stack.enter_context(truejoint.motion.Jog(device))
+        operator = Teleoperation(jog)
+        events = _replay(operator, told) if told is not None else _from_terminal(operator)
+    if save_keys is not None:
+        write_atomically(save_keys, lambda path: _write_keys(path, events), overwrite=force)
+    now = device.operating_state()
+    out.print(f"{len(events)} keys; the arm is {now.state}")
+
+
+def _replay(operator: Teleoperation, events: Events) -> Events:
+    """Tell the keys of a file at their times."""
+    start = time.monotonic()
+    for t, name, event in [*events, (events[-1][0] + 1.0 if events else 0.0, "9", "press")]:
+        while (left := start + t - time.monotonic()) > 0.0:
+            time.sleep(min(left, _PERIOD))
+            operator.pass_time(time.monotonic() - start, tells_release=_tells(events))
+            if not operator.jog.motion.is_busy():
+                operator.jog.motion.wait()  # says what ended it
+        operator.tell(name, event, t)
+        if operator.is_over:
+            break
+    return events
+
+
+def _tells(events: Events) -> bool:
+    return any(event == "release" for _, _, event in events)
+
+
+def _from_terminal(operator: Teleoperation) -> Events:
+    """Tell the keys that are pressed, showing what they do."""
+    from rich.live import Live  # noqa: PLC0415
+
+    from truejoint.motion.teleoperation import key_events  # noqa: PLC0415
+
+    events: Events = []
+    start, drawn, tells = time.monotonic(), -1.0, False
+    with _raw_terminal() as read, Live(console=out, auto_refresh=False, transient=True) as live:
+        while not operator.is_over and operator.jog.motion.is_busy():
+            for name, event in key_events(read(_PERIOD)):
+                now = time.monotonic() - start
+                tells = tells or event == "release"
+                events.append((now, name, event))
+                operator.tell(name, event, now)
+            now = time.monotonic() - start
+            operator.pass_time(now, tells_release=tells)
+            if now - drawn > _REDRAW:
+                live.update(_picture(operator), refresh=True)
+                drawn = now
+    return events
+
+
+def _picture(operator: Teleoperation) -> Any:
+    """Key map, positions and what is held."""
+    from rich.console import Group  # noqa: PLC0415
+    from rich.table import Table  # noqa: PLC0415
+    from rich.text import Text  # noqa: PLC0415
+
+    from truejoint.motion.teleoperation import FASTER, LEAVE, SLOWER  # noqa: PLC0415
+    from truejoint.units import display_unit  # noqa: PLC0415
+
+    arm, pairs = operator.jog.arm, list(operator.keys.values())
+    state = arm.measured_js(1.0)
+    table = Table(title=f"{arm.robot.title}, speed {100 * operator.share:.0f} %", box=None)
+    for heading in ("keys", "moves", "now"):
+        table.add_column(heading, justify="right" if heading == "now" else "left")
+    for up, down in zip(pairs[::2], pairs[1::2], strict=True):
+        what, now = up.action.removesuffix(" +"), ""
+        if what in state.name:
+            k = state.name.index(what)
+            unit = display_unit(arm.robot.joints[k].unit)
+            now = f"{state.position[k] * unit.scale:.2f} {unit.name}"
+        style = "bold" if {up.action, down.action} & set(operator.held) else ""
+        table.add_row(f"{up.name} {down.name}", what, now, style=style)
+    help_line = f"{FASTER} {SLOWER} speed   space stop   {LEAVE} pause and leave"
+    return Group(table, Text(help_line, style="dim"))
+
+
+@contextmanager
+def _raw_terminal() -> Iterator[Any]:
+    """Terminal that gives keys as they are pressed; restored whatever happens.
+
+    Yields a function that waits up to some seconds and returns what was typed meanwhile.
+    """
+    import termios  # noqa: PLC0415  # no such thing on Windows
+    import tty  # noqa: PLC0415
+
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+
+    def read(timeout: float) -> str:
+        if not select.select([descriptor], [], [], timeout)[0]:
+            return ""
+        typed = os.read(descriptor, 1024)
+        # The other end is gone: as if the key to leave had been pressed.
+        return typed.decode("utf-8", errors="replace") if typed else "\x04"
+
+    def end(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    old = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    try:
+        tty.setcbreak(descriptor)
+        sys.stdout.write(_ASK)
+        sys.stdout.flush()
+        yield read
+    finally:
+        for number, handler in old.items():
+            signal.signal(number, handler)
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+        sys.stdout.write(_GIVE_BACK)
+        sys.stdout.flush()
+
+
+def _write_keys(path: Path, events: Events) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(_HEADER)
+        writer.writerows((f"{t:.4f}", _spelt(name), event) for t, name, event in events)
+
+
+def _spelt(name: str) -> str:
+    """Key as text: what cannot be seen by its number, such as U+0020."""
+    return name if name.isprintable() and name != " " else f"U+{ord(name):04X}"
+
+
+def _read_keys(path: Path) -> Events:
+    """Keys of a file that `_write_keys` wrote; raises TruejointError, naming the line."""
+    text = read_small(path, TruejointError, _MOST_BYTES, "keys").decode("utf-8", "replace")
+    rows = list(csv.reader(text.splitlines()))
+    if not rows or tuple(rows[0]) != _HEADER:
+        raise TruejointError(f"{path}: is no file of keys; its first line must be t_s,key,event")
+    events: Events = []
+    for number, row in enumerate(rows[1:], 2):
+        try:
+            t, name, event = float(row[0]), row[1], row[2]
+            if name.startswith("U+"):
+                name = chr(int(name[2:], 16))
+        except (ValueError, IndexError, OverflowError):
+            t, name, event = -1.0, "", ""
+        last = events[-1][0] if events else 0.0
+        known = event in ("press", "repeat", "release") and len(name) == 1
+        if not (known and last <= t < 86400.0):
+            raise TruejointError(
+                f"{path}: line {number} is {','.join(row)[:60]!r}; want a time that does not fall "
+                "[s], a key (a character, or U+0020) and press, repeat or release"
+            )
+        events.append((t, name, event))  # type: ignore[arg-type]  # known events
+    return events

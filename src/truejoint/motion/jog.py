@@ -1,0 +1,131 @@
+"""Jogging: velocities that may change at any moment become a steady stream of set-points."""
+
+from __future__ import annotations
+
+import math
+import threading
+import types
+from collections.abc import Iterator
+from typing import Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.array_types import Array
+from truejoint.crtk import SERVO_RATE, Arm, Motion
+from truejoint.crtk.limits import move_speed
+from truejoint.errors import CommandRefused, RobotError
+from truejoint.robots.joint_rows import GRAIN, checked_vector
+
+RAMP: Final = 0.1
+"""Time in which a joint reaches its speed cap from rest [s]."""
+_PIECE: Final = round(GRAIN * SERVO_RATE)
+_DAMPING: Final = 1e-3  # of the inverse of the Jacobian: near a singular pose joints stay slow
+
+
+class Jog:
+    """Moves an arm at velocities that are told while it moves, from entering to leaving.
+
+    A velocity holds until the next one. Speeds are kept below the caps, the change of speed below
+    that which reaches a cap in 0.1 s, and a joint comes to rest before its limit. What is asked
+    takes effect within 10 ms. The arm must run in real time (`PacedBackend`, a robot).
+
+    Parameters
+    ----------
+    arm : Arm
+        Enabled and homed.
+    speed : array_like, shape (n_joints,), optional
+        Speed caps [rad/s or m/s]; by default those of a move.
+
+    Raises
+    ------
+    CommandRefused
+        If the arm is not ready, or a cap is not positive or above the joint's top speed.
+
+    Examples
+    --------
+    >>> with Jog(arm) as jog:
+    ...     jog.joints(np.zeros(7))
+    >>> jog.motion.is_busy()
+    False
+    """
+
+    def __init__(self, arm: Arm, speed: ArrayLike | None = None) -> None:
+        self.arm: Final = arm
+        self.speed = move_speed(arm.robot, speed, "jog")
+        self.motion: Motion
+        self._lock = threading.Lock()
+        self._velocity = np.zeros(len(arm.robot.joints))
+        self._twist: Array | None = None
+
+    def __enter__(self) -> Self:
+        start = self.arm.setpoint_js(math.inf).position
+        self.motion = self.arm.stream(self._pieces(start), math.inf, "jog")
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: types.TracebackType | None,
+    ) -> None:
+        self.motion.cancel()
+
+    def joints(self, velocity: ArrayLike) -> None:
+        """Go on at joint velocities (n_joints,) [rad/s or m/s], each cut to its cap."""
+        wanted = checked_vector(self.arm.robot, velocity, "jog")
+        with self._lock:
+            self._velocity, self._twist = np.clip(wanted, -self.speed, self.speed), None
+
+    def tool(self, twist: ArrayLike) -> None:
+        """Go on at a twist (6,) of the tool [m/s, rad/s] in the frame of the CRTK topics.
+
+        Where a joint would be faster than its cap all are slowed, so that the direction is kept.
+        Raises RobotError if the robot's kinematics are not known.
+        """
+        if self.arm.robot.kinematics is None:
+            raise RobotError(f"jog: the kinematics of {self.arm.robot.title} are not known")
+        wanted = np.asarray(twist, dtype=float)
+        if wanted.shape != (6,) or not np.isfinite(wanted).all():
+            raise CommandRefused("jog refused: a twist is 6 finite values [m/s] and [rad/s]")
+        with self._lock:
+            self._twist = wanted
+
+    def stop(self) -> None:
+        """Come to rest and hold."""
+        self.joints(np.zeros(len(self.arm.robot.joints)))
+
+    def _pieces(self, start: Array) -> Iterator[Array]:
+        robot, position = self.arm.robot, start.copy()
+        velocity, change = np.zeros(len(start)), self.speed / RAMP * GRAIN
+        share = np.arange(1, _PIECE + 1)[:, None] / _PIECE
+        while True:
+            wanted = self._wanted(position)
+            # What still can be braked before a limit, at the deceleration that is allowed.
+            room = np.stack([position - robot.lower, robot.upper - position]).clip(0.0)
+            # The speed of a whole piece more is used before braking begins.
+            edge = np.sqrt(2.0 * room * self.speed / RAMP + change**2) - change
+            wanted = np.clip(wanted, -edge[0], edge[1])
+            after = np.clip(wanted, velocity - change, velocity + change)
+            # The mean speed up to each row of the piece, over which the speed changes evenly.
+            rows = position + GRAIN * share * (velocity + 0.5 * share * (after - velocity))
+            rows = np.clip(rows, robot.lower, robot.upper)
+            position, velocity = rows[-1], after
+            yield rows
+
+    def _wanted(self, position: Array) -> Array:
+        """Joint velocities (n_joints,) that are asked for now."""
+        with self._lock:
+            if self._twist is None:
+                return self._velocity
+            twist = self._twist
+        kinematics = self.arm.robot.kinematics
+        if kinematics is None:  # checked when the twist was told
+            return self._velocity
+        turned = kinematics.crtk_from_base[:3, :3].T
+        rows = kinematics.jacobian(position)
+        scaled = rows * self.speed  # in shares of the caps, so that radians and metres compare
+        inside = np.concatenate([turned @ twist[:3], turned @ twist[3:]])
+        square = scaled @ scaled.T + _DAMPING**2 * np.eye(6) * np.trace(scaled @ scaled.T) / 6
+        shares = scaled.T @ np.linalg.solve(square, inside)
+        return np.asarray(self.speed * shares / max(1.0, float(np.abs(shares).max())))

@@ -1,0 +1,201 @@
+"""Keys that move an arm: what each does, and how pressing and letting go becomes a velocity."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from typing import Final, Literal
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.motion.jog import Jog
+from truejoint.robots import Robot
+
+HELD: Final = 0.2
+"""A key that a terminal reports is taken to be held for so long [s]; it says nothing of letting
+go, but repeats a held key within a fraction of this."""
+SPEEDS: Final = (0.1, 0.25, 0.5, 1.0)
+"""Shares of the speed caps to step through."""
+
+Event = Literal["press", "repeat", "release"]
+_KITTY: Final = re.compile(r"\x1b\[(\d+)(?::\d*)*(?:;\d*(?::(\d))?)?u")
+_KITTY_EVENTS: Final[Mapping[str, Event]] = {"1": "press", "2": "repeat", "3": "release"}
+# Joint keys are those of uw-biorobotics/raven2_CRTK_Python_controller
+# (python_controller/utils_r2_keyboard_controller.py): a row up, the row below down.
+_JOINT_KEYS: Final = tuple(zip("12345678", "qwertyui", strict=True))
+_TOOL_KEYS: Final = tuple(zip("asxfgh", "dzcvbn", strict=True))
+_TOOL_AXES: Final = ("x", "y", "z", "turn about x", "turn about y", "turn about z")
+FASTER, SLOWER, HOLD, LEAVE = "+", "-", " ", "9"
+_LEAVING: Final = (LEAVE, "\x1b", "\x03", "\x04")
+
+
+@dataclass(frozen=True)
+class Key:
+    """What one key does.
+
+    Attributes
+    ----------
+    name : str
+        The character.
+    action : str
+        In words.
+    joints : tuple of float
+        Direction of each joint, as shares of their caps; empty for a key of the tool.
+    twist : tuple of float
+        Direction of the tool, as shares of `TOOL_SPEED`.
+
+    Examples
+    --------
+    >>> key_map(truejoint.get_robot("forceps"))["1"].action
+    'jaw +'
+    """
+
+    name: str
+    action: str
+    joints: tuple[float, ...] = ()
+    twist: tuple[float, ...] = ()
+
+
+TOOL_SPEED: Final = np.array([0.02, 0.02, 0.02, 0.3, 0.3, 0.3])
+"""Speeds of the tool at a share of 1 [m/s, rad/s]."""
+
+
+def key_map(robot: Robot) -> dict[str, Key]:
+    """Keys that move a robot, by character: a pair for each joint, the tool and the grasper.
+
+    Examples
+    --------
+    >>> len(key_map(truejoint.get_robot("raven2")))
+    28
+    """
+    keys, n = [], len(robot.joints)
+    for k, (joint, pair) in enumerate(zip(robot.joint_names, _JOINT_KEYS, strict=False)):
+        row = np.eye(n)[k]
+        keys += [_key(pair[0], f"{joint} +", row), _key(pair[1], f"{joint} -", -row)]
+    if robot.grasper:
+        row = np.zeros(n)
+        row[robot.index(robot.grasper)] = 1.0
+        keys += [_key("o", "open", row), _key("p", "shut", -row)]
+    if robot.kinematics is not None:
+        for k, (axis, (up, down)) in enumerate(zip(_TOOL_AXES, _TOOL_KEYS, strict=True)):
+            along = np.eye(6)[k]
+            keys += [
+                Key(up, f"tool {axis} +", twist=tuple(along.tolist())),
+                Key(down, f"tool {axis} -", twist=tuple((-along).tolist())),
+            ]
+    return {key.name: key for key in keys}
+
+
+def _key(name: str, action: str, joints: Array) -> Key:
+    return Key(name, action, tuple(joints.tolist()))
+
+
+def key_events(text: str) -> Iterator[tuple[str, Event]]:
+    """Keys that a terminal reports, and whether each is pressed, repeated or let go of.
+
+    Plain characters are pressed; a terminal with kitty's keyboard protocol tells the three apart.
+    Other escape sequences are passed over.
+
+    Examples
+    --------
+    >>> list(key_events("1" + chr(27) + "[49;1:3u"))
+    [('1', 'press'), ('1', 'release')]
+    """
+    at = 0
+    while at < len(text):
+        found = _KITTY.match(text, at)
+        if found:
+            code = int(found[1])
+            if code < 0x110000:
+                yield chr(code), _KITTY_EVENTS.get(found[2] or "1", "press")
+            at = found.end()
+            continue
+        sequence = re.compile(r"\x1b[\[O][0-?]*[ -/]*[@-~]?").match(text, at)
+        if sequence and sequence.end() > at + 1:
+            at = sequence.end()
+            continue
+        yield text[at], "press"
+        at += 1
+
+
+@dataclass(eq=False)
+class Teleoperation:
+    """Turns keys into the velocities of a `Jog`.
+
+    A key moves while it is held: until it is let go of where the terminal says so, else for 0.2 s
+    after it was last reported. Of joint and tool keys those pressed last count.
+
+    Attributes
+    ----------
+    jog : Jog
+    step : int
+        Which of `SPEEDS` is used.
+    is_over : bool
+        Whether a key has ended it.
+
+    Examples
+    --------
+    >>> keys = Teleoperation(Jog(arm))
+    >>> keys.tell("1", "press", 0.0)
+    >>> keys.held
+    ('shoulder +',)
+    >>> keys.pass_time(0.3)
+    >>> keys.held
+    ()
+    """
+
+    jog: Jog
+    step: int = 1
+    is_over: bool = False
+    _held: dict[str, float] = field(default_factory=dict)  # until when [s]
+
+    def __post_init__(self) -> None:
+        self.keys = key_map(self.jog.arm.robot)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """What the keys that are held do."""
+        return tuple(self.keys[name].action for name in self._held)
+
+    @property
+    def share(self) -> float:
+        """Share of the speed caps that is used."""
+        return SPEEDS[self.step]
+
+    def tell(self, name: str, event: Event, now: float) -> None:
+        """Take in a key at the time `now` [s]; one without a meaning does nothing."""
+        if event == "release":
+            self._held.pop(name, None)
+        elif name in _LEAVING:
+            self.is_over = True
+            self._held.clear()
+        elif name == HOLD:
+            self._held.clear()
+        elif name in (FASTER, "=", SLOWER) and event == "press":
+            change = -1 if name == SLOWER else 1
+            self.step = min(max(self.step + change, 0), len(SPEEDS) - 1)
+        elif name in self.keys:
+            self._held.pop(name, None)  # the latest stands last
+            self._held[name] = now + HELD
+        self._move()
+
+    def pass_time(self, now: float, *, tells_release: bool = False) -> None:
+        """Let go of keys that have not been reported for long, unless the terminal tells."""
+        over = [] if tells_release else [k for k, until in self._held.items() if now > until]
+        for name in over:
+            del self._held[name]
+        if over:
+            self._move()
+
+    def _move(self) -> None:
+        held = [self.keys[name] for name in self._held]
+        if not held:
+            self.jog.stop()
+        elif held[-1].joints:
+            direction = np.sum([key.joints for key in held if key.joints], axis=0)
+            self.jog.joints(np.clip(direction, -1.0, 1.0) * self.share * self.jog.speed)
+        else:
+            direction = np.sum([key.twist for key in held if key.twist], axis=0)
+            self.jog.tool(np.clip(direction, -1.0, 1.0) * self.share * TOOL_SPEED)

@@ -1,0 +1,296 @@
+"""Temporary sensors on a serial line: joint encoders, and a force gauge."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import RecordingError
+from truejoint.extras import require
+from truejoint.robots.blocks import TruthBlock
+from truejoint.robots.raven2.hardware import JOINT_ENCODERS, JointEncoder
+
+RECONNECT: Final = 0.5
+"""Time between two tries to open a port that is gone [s]."""
+REGISTRATION: Final = 60.0
+"""Longest time that the counts during homing are kept for [s]."""
+_MOST_WAITING: Final = 4096  # bytes without a whole message: garbage
+_LARGEST: Final = 2**31
+
+
+class SerialSensor(ABC):
+    """A sensor that sends short messages; read in a thread, from entering to leaving.
+
+    A line that is no message is counted and left out; a port that is gone is opened again.
+
+    Parameters
+    ----------
+    port : str
+        Such as ``/dev/ttyACM0``, or what ``serial.serial_for_url`` takes.
+    clock : callable, optional
+        Gives the time stamp of a message when it is complete [s]: the arm's, for a recording.
+
+    Attributes
+    ----------
+    messages, garbage : int
+        How many were read, and how many lines or pieces were none.
+    disconnections : int
+        How often the port was gone.
+
+    Raises
+    ------
+    TruejointError
+        If pyserial is not installed.
+    RecordingError
+        On entering, if the port cannot be opened.
+    """
+
+    baud_rate: ClassVar[int]
+
+    def __init__(self, port: str, *, clock: Callable[[], float] = time.monotonic) -> None:
+        self.port: Final = port
+        self.messages = self.garbage = self.disconnections = 0
+        self._serial: Any = require("serial", "serial", "a sensor on a serial line")
+        self._clock = clock
+        self._listeners: list[Callable[[TruthBlock], None]] = []
+        self._over = threading.Event()
+        self._waiting = b""
+        self._error: BaseException | None = None
+
+    def __enter__(self) -> Self:
+        try:
+            line = self._open()
+        except (self._serial.SerialException, ValueError) as error:
+            raise RecordingError(
+                f"{self.port}: cannot be opened ({' '.join(str(error).split())[:100]}); check the "
+                "cable, the name and who else uses it"
+            ) from None
+        self._over.clear()
+        self._thread = threading.Thread(target=self._read, args=(line,), daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+
+    def subscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Call `callback` with a TruthBlock for each message, in the thread that reads."""
+        self._listeners.append(callback)
+
+    def unsubscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Stop calling `callback`; one that is not subscribed is left alone."""
+        if callback in self._listeners:
+            self._listeners.remove(callback)
+
+    @abstractmethod
+    def _parse(self, waiting: bytes) -> tuple[list[Array | None], bytes]:
+        """Messages of what was received, None for garbage, and the bytes that are left."""
+
+    @abstractmethod
+    def _told(self, t: float, values: Array) -> TruthBlock | None:
+        """Block of a message; None where it means nothing yet."""
+
+    def _open(self) -> Any:
+        return self._serial.serial_for_url(self.port, baudrate=self.baud_rate, timeout=0.1)
+
+    def _read(self, line: Any) -> None:
+        while not self._over.is_set():
+            try:
+                received = line.read(max(1, line.in_waiting))
+            except (OSError, TypeError, self._serial.SerialException):
+                with suppress(Exception):
+                    line.close()
+                self.disconnections += 1
+                self._waiting = b""
+                line = self._opened_again()
+                continue
+            if received:
+                self._take(received)
+        if line is not None:
+            line.close()
+
+    def _opened_again(self) -> Any:
+        while not self._over.wait(RECONNECT):
+            with suppress(OSError, ValueError, self._serial.SerialException):
+                return self._open()
+        return None
+
+    def _take(self, received: bytes) -> None:
+        now = self._clock()
+        messages, self._waiting = self._parse(self._waiting + received)
+        if len(self._waiting) > _MOST_WAITING:
+            self._waiting = b""
+            self.garbage += 1
+        for values in messages:
+            if values is None:
+                self.garbage += 1
+                continue
+            self.messages += 1
+            block = self._told(now, values)
+            if block is not None:
+                for listener in tuple(self._listeners):
+                    listener(block)
+
+
+class JointEncoders(SerialSensor):
+    """Temporary joint encoders that send their counts as lines ``n1_n2_n3``.
+
+    They count from where they were switched on. While the arm homes, each joint goes to its hard
+    stop: `start_registration` before, `register` after, and the counts at the extreme become the
+    known position of the stop. Only then are positions told.
+
+    Parameters
+    ----------
+    port : str
+    encoders : sequence of JointEncoder
+        Resolution and hard stop of each, in the order of the numbers in a line.
+    directions : sequence of int
+        +1 where counts rise with the joint's position, -1 where they fall.
+    tolerances : sequence of int
+        Counts from the extreme that still belong to the stop.
+    to_upper : sequence of bool
+        Whether the hard stop is at the upper end of the joint.
+    clock : callable, optional
+        As `SerialSensor`.
+
+    References
+    ----------
+    uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py
+
+    Examples
+    --------
+    >>> from truejoint.recordings.serial_sensors import JointEncoders
+    >>> with JointEncoders("/dev/ttyACM0", clock=lambda: arm.time) as encoders:  # doctest: +SKIP
+    ...     encoders.start_registration()
+    ...     arm.home()
+    ...     encoders.register()
+    """
+
+    baud_rate = 115200
+
+    def __init__(
+        self,
+        port: str,
+        encoders: Sequence[JointEncoder] = JOINT_ENCODERS,
+        *,
+        directions: Sequence[int] = (-1, 1, 1),
+        tolerances: Sequence[int] = (50, 20, 20),
+        to_upper: Sequence[bool] = (False, True, True),
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        super().__init__(port, clock=clock)
+        counts = {len(encoders), len(directions), len(tolerances), len(to_upper)}
+        if len(counts) > 1 or not encoders or any(abs(sign) != 1 for sign in directions):
+            raise RecordingError(
+                f"{port}: {len(encoders)} encoders need as many directions (+1 or -1), tolerances "
+                "and ends"
+            )
+        self.encoders: Final = tuple(encoders)
+        self._scale = np.array([e.resolution for e in encoders]) * np.array(directions)
+        self._tolerance = np.array(tolerances)
+        self._upwards = np.where(to_upper, 1, -1) * np.array(directions)
+        self._line = re.compile(rb"-?\d{1,10}" + rb"_-?\d{1,10}" * (len(encoders) - 1) + rb"\r?")
+        self._seen: list[Array] | None = None
+        self._began = math.nan
+        self._zero: Array | None = None  # counts at the hard stops
+
+    @property
+    def is_registered(self) -> bool:
+        """Whether positions are told."""
+        return self._zero is not None
+
+    def start_registration(self) -> None:
+        """Keep the counts from now on, for at most 60 s: the arm is going to its hard stops."""
+        self._zero, self._began, self._seen = None, self._clock(), []
+
+    def register(self) -> Array:
+        """Take the extremes since `start_registration` for the hard stops; gives their counts (n,).
+
+        The mean of all within the tolerance. Raises RecordingError if nothing was read, or a joint
+        did not move.
+        """
+        seen, self._seen = self._seen, None
+        if not seen:
+            raise RecordingError(
+                f"{self.port}: no counts were read during the homing ({self.garbage} lines of "
+                "garbage); check the cable and the encoders' power"
+            )
+        counts = np.array(seen)
+        still = counts.max(axis=0) - counts.min(axis=0) <= self._tolerance
+        if still.any():
+            joint = self.encoders[int(np.argmax(still))].joint
+            raise RecordingError(
+                f"{self.port}: the encoder of {joint} did not move during the homing; check that "
+                "it is fixed to the joint, and home again"
+            )
+        turned = counts * self._upwards
+        top = turned.max(axis=0)
+        at_stop = turned >= top - self._tolerance
+        zero = np.array([counts[rows, k].mean() for k, rows in enumerate(at_stop.T)])
+        self._zero = zero
+        return zero
+
+    def _parse(self, waiting: bytes) -> tuple[list[Array | None], bytes]:
+        *lines, rest = waiting.split(b"\n")
+        messages: list[Array | None] = []
+        for line in lines:
+            if not self._line.fullmatch(line):
+                messages.append(None)
+                continue
+            counts = [int(number) for number in line.split(b"_")]
+            good = all(abs(count) < _LARGEST for count in counts)
+            messages.append(np.array(counts, dtype=np.float64) if good else None)
+        return messages, rest
+
+    def _told(self, t: float, values: Array) -> TruthBlock | None:
+        if self._seen is not None and t - self._began <= REGISTRATION:
+            self._seen.append(values)
+        if self._zero is None:
+            return None
+        stops = np.array([encoder.hard_stop for encoder in self.encoders])
+        position = stops + self._scale * (values - self._zero)
+        return TruthBlock(np.array([t]), tuple(e.joint for e in self.encoders), position[None])
+
+
+class ForceGauge(SerialSensor):
+    """A force gauge that sends frames of six characters, such as ``+01.23`` [N].
+
+    Its blocks have one column, called ``force``.
+
+    References
+    ----------
+    uw-biorobotics/raven2_CRTK_Python_controller:run_r2_force_gauge_pub.py
+    """
+
+    baud_rate = 2400
+    _FRAME: Final = re.compile(rb"[+\- 0-9][0-9. ]{5}")
+
+    def _parse(self, waiting: bytes) -> tuple[list[Array | None], bytes]:
+        messages: list[Array | None] = []
+        while len(waiting) >= 6:
+            frame, value = waiting[:6], math.nan
+            if self._FRAME.fullmatch(frame):
+                with suppress(ValueError):
+                    value = float(frame.replace(b" ", b""))
+            if math.isfinite(value):
+                messages.append(np.array([value]))
+                waiting = waiting[6:].lstrip(b"\r\n")
+            else:
+                skipped = len(waiting) - len(waiting[1:].lstrip(b"\r\n"))
+                if waiting[:1] not in b"\r\n":
+                    messages.append(None)
+                waiting = waiting[skipped:]
+        return messages, waiting
+
+    def _told(self, t: float, values: Array) -> TruthBlock | None:
+        return TruthBlock(np.array([t]), ("force",), values[None])

@@ -1,0 +1,110 @@
+"""Tests of `truejoint teleop`, over a real pseudo-terminal."""
+
+import os
+import pty
+import select
+import signal
+import subprocess
+import sys
+import termios
+
+import pytest
+
+from truejoint.recordings import read_parquet
+
+LIMIT = 120.0  # [s] in which a terminal shows what it is to show
+
+
+class Terminal:
+    """The command in a pseudo-terminal of its own."""
+
+    def __init__(self, *arguments):
+        self.ours, self.theirs = pty.openpty()
+        self.before = termios.tcgetattr(self.theirs)
+        command = [sys.executable, "-m", "truejoint", "teleop", "--robot", "forceps", *arguments]
+        self.process = subprocess.Popen(  # noqa: S603  # our own command
+            command, stdin=self.theirs, stdout=self.theirs, stderr=self.theirs,
+            start_new_session=True, env={**os.environ, "TERM": "xterm", "COLUMNS": "100"},
+        )  # fmt: skip
+        self.shown = ""
+
+    def until(self, text):
+        """Wait until the terminal shows something new that holds `text`."""
+        self.shown = ""
+        while text not in self.shown:
+            assert select.select([self.ours], [], [], LIMIT)[0], self.shown
+            self.shown += os.read(self.ours, 65536).decode("utf-8", "replace")
+
+    def type(self, text):
+        os.write(self.ours, text.encode())
+
+    def end(self):
+        """Exit code; the terminal must be as it was."""
+        while self.process.poll() is None:
+            if select.select([self.ours], [], [], 0.1)[0]:
+                self.shown += os.read(self.ours, 65536).decode("utf-8", "replace")
+        while select.select([self.ours], [], [], 0.0)[0]:
+            self.shown += os.read(self.ours, 65536).decode("utf-8", "replace")
+        assert termios.tcgetattr(self.theirs) == self.before
+        return self.process.returncode
+
+
+@pytest.fixture
+def terminal():
+    opened = []
+
+    def start(*arguments):
+        opened.append(Terminal(*map(str, arguments)))
+        return opened[-1]
+
+    yield start
+    for one in opened:
+        if one.process.poll() is None:
+            one.process.kill()
+            one.process.wait()
+        os.close(one.ours)
+        os.close(one.theirs)
+
+
+def test_keys_move_the_arm_and_can_be_replayed(terminal, tmp_path, call):
+    recorded, keys = tmp_path / "jaw.parquet", tmp_path / "keys.csv"
+    by_hand = terminal("--record", recorded, "--save-keys", keys)
+    by_hand.until("pause and leave")
+    by_hand.type("+")
+    for _ in range(3):
+        by_hand.type("1")
+        by_hand.until("jaw")
+    by_hand.type("9")
+    assert by_hand.end() == 0, by_hand.shown
+    assert "the arm is PAUSED" in by_hand.shown
+    moved = read_parquet(recorded).column("setpoint/jaw")
+    assert moved[-1] > moved[0] + 1e-3
+    assert keys.read_text().splitlines()[0] == "t_s,key,event"
+    replayed = call("teleop", "--robot", "forceps", "--keys", keys)
+    assert replayed.code == 0, replayed.err
+    assert "the arm is PAUSED" in replayed.out
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT])
+def test_however_it_ends_the_terminal_is_restored(terminal, number):
+    stopped = terminal()
+    stopped.until("pause and leave")
+    os.kill(stopped.process.pid, number)
+    assert stopped.end() == 130, stopped.shown
+
+
+def test_refusals(call, tmp_path):
+    nowhere = call("teleop", "--robot", "forceps")
+    assert nowhere.code == 2
+    assert "teleop reads keys from a terminal" in nowhere.err
+    keys = tmp_path / "keys.csv"
+    for text, says in [
+        ("", "is no file of keys"),
+        ("t_s,key,event\n0.5,1,press\n0.4,1,press\n", "line 3 is '0.4,1,press'"),
+        ("t_s,key,event\n0.5,12,press\n", "line 2"),
+        ("t_s,key,event\nx\n", "line 2"),
+    ]:
+        keys.write_text(text)
+        refused = call("teleop", "--keys", keys)
+        assert refused.code == 2
+        assert says in refused.err

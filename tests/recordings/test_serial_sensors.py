@@ -1,0 +1,181 @@
+"""Tests of truejoint.recordings.serial_sensors, over a real pseudo-terminal."""
+
+import os
+import pty
+import threading
+import tty
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings.serial_sensors import ForceGauge, JointEncoders
+from truejoint.robots.raven2.hardware import JOINT_ENCODERS
+
+pytest.importorskip("serial", reason="pyserial is not installed")
+
+
+class Line:
+    """A pseudo-terminal, to whose other end a sensor's messages are written."""
+
+    def __init__(self):
+        self.ours, theirs = pty.openpty()
+        tty.setraw(theirs)
+        self.port = os.ttyname(theirs)
+        self.theirs = theirs
+
+    def send(self, text):
+        os.write(self.ours, text if isinstance(text, bytes) else text.encode())
+
+    def close(self):
+        for descriptor in (self.ours, self.theirs):
+            os.close(descriptor)
+
+
+@pytest.fixture
+def line():
+    one = Line()
+    yield one
+    one.close()
+
+
+class Until:
+    """Blocks of a sensor, and waiting for so many of them."""
+
+    def __init__(self, sensor):
+        self.blocks, self.more = [], threading.Condition()
+        sensor.subscribe(self)
+
+    def __call__(self, block):
+        with self.more:
+            self.blocks.append(block)
+            self.more.notify_all()
+
+    def wait(self, count):
+        with self.more:
+            assert self.more.wait_for(lambda: len(self.blocks) >= count, 60.0)
+        return self.blocks
+
+
+def reached(condition):
+    """Wait until a condition of the reading thread holds."""
+    pause = threading.Event()
+    for _ in range(6000):
+        if condition():
+            return
+        pause.wait(0.01)
+    raise AssertionError
+
+
+def test_counts_become_positions_once_registered(line):
+    ticks = iter(np.arange(10000) * 0.01)
+    with JointEncoders(line.port, clock=lambda: next(ticks)) as encoders:
+        told = Until(encoders)
+        line.send("100_200_300\n")  # before the registration: no position
+        reached(lambda: encoders.messages == 1)
+        assert not encoders.is_registered
+        encoders.start_registration()
+        # To the stops: the shoulder's lower end with counts that fall with it, the others' upper.
+        for share in np.linspace(0, 1, 21):
+            line.send(f"{round(5000 * share)}_{round(9000 * share)}_{round(7000 * share)}\n")
+        for bounce in (0, -10, 10, 0):
+            line.send(f"{5000 + bounce}_{9000 + bounce}_{7000 + bounce}\n")
+        reached(lambda: encoders.messages == 26)
+        zero = encoders.register()
+        assert zero == pytest.approx([5000, 9000, 7000], abs=5)
+        line.send("4000_8000_5000\r\n")
+        block = told.wait(1)[0]
+    stops = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
+    steps = np.array([encoder.resolution for encoder in JOINT_ENCODERS])
+    moved = np.array([1000, -1000, -2000]) + np.array([1, -1, -1]) * (zero - [5000, 9000, 7000])
+    assert block.name == ("shoulder", "elbow", "insertion")
+    assert block.position[0] == pytest.approx(stops + steps * moved)
+    assert block.position[0, 0] > stops[0]
+    assert (block.position[0, 1:] < stops[1:]).all()
+
+
+def test_garbage_and_half_lines_are_left_out(line):
+    with JointEncoders(line.port) as encoders:
+        line.send(b"7_8")
+        line.send(b"_9\n\xff\x00garbage\n1_2\n1_2_3_4\n99999999999_1_1\n\n3_4_5\n")
+        reached(lambda: encoders.messages == 2)
+        assert encoders.garbage == 5
+
+
+def test_a_line_without_end_is_given_up(line):
+    with JointEncoders(line.port) as encoders:
+        for _ in range(10):
+            line.send(b"1" * 500)
+        reached(lambda: encoders.garbage >= 1)
+        line.send(b"\n1_2_3\n")
+        reached(lambda: encoders.messages == 1)
+
+
+def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
+    monkeypatch.setattr("truejoint.recordings.serial_sensors.RECONNECT", 0.01)
+    port = tmp_path / "encoders"
+    port.symlink_to(line.port)
+    again = Line()
+    try:
+        with JointEncoders(str(port)) as encoders:
+            line.send("1_2_3\n")
+            reached(lambda: encoders.messages == 1)
+            port.unlink()
+            port.symlink_to(again.port)
+            os.close(line.ours)  # the other end is gone
+            line.ours = os.open(os.devnull, os.O_RDONLY)
+            reached(lambda: encoders.disconnections >= 1)
+            pause = threading.Event()
+            while encoders.messages < 2:
+                again.send("4_5_6\n")
+                pause.wait(0.01)
+    finally:
+        again.close()
+
+
+def test_a_registration_that_cannot_be_is_refused(line):
+    with JointEncoders(line.port) as encoders:
+        encoders.start_registration()
+        with pytest.raises(RecordingError, match="no counts were read during the homing"):
+            encoders.register()
+        encoders.start_registration()
+        line.send("0_0_0\n5000_10_5000\n")
+        reached(lambda: encoders.messages == 2)
+        with pytest.raises(RecordingError, match="encoder of elbow did not move"):
+            encoders.register()
+        assert not encoders.is_registered
+
+
+def test_refusals(tmp_path):
+    with (
+        pytest.raises(RecordingError, match="cannot be opened"),
+        JointEncoders(str(tmp_path / "x")),
+    ):
+        pass
+    with pytest.raises(RecordingError, match="3 encoders need as many directions"):
+        JointEncoders("x", directions=(1, 1))
+    with pytest.raises(RecordingError, match=r"directions \(\+1 or -1\)"):
+        JointEncoders("x", directions=(1, 0, 1))
+
+
+def test_a_force_gauge_is_read_frame_by_frame(line):
+    with ForceGauge(line.port) as gauge:
+        told = Until(gauge)
+        line.send("+01.23")
+        line.send("-0.500\r\n x 2.0")
+        line.send("00+10.00")
+        blocks = told.wait(3)
+    values = [block.position[0, 0] for block in blocks]
+    assert values[:2] == [1.23, -0.5]
+    assert values[-1] == 10.0
+    assert gauge.garbage >= 1
+
+
+@given(st.lists(st.binary(max_size=20), max_size=20))
+def test_no_bytes_break_a_parser(pieces):
+    for sensor in (JointEncoders("none"), ForceGauge("none")):
+        for piece in pieces:
+            sensor._take(piece)
+        assert len(sensor._waiting) <= 4096
