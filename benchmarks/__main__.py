@@ -34,6 +34,7 @@ BENCHMARKS = (
     "interval_coverage",
     "accuracy_twin",
     "faults",
+    "disk_faults",
     "effort_monitor",
     "soak",
 )

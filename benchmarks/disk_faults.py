@@ -32,6 +32,7 @@ from pathlib import Path
 import numpy as np
 
 import truejoint
+from truejoint.calibration.model_file import read_model_file, to_bytes
 from truejoint.cli.app import INTERRUPTED, main
 from truejoint.errors import TruejointError
 
@@ -72,7 +73,7 @@ CASES = (
     ),
     Case(("export", "m.st", "--to", "onnx", "-o", "out", "--prefix", "m"), ("out/m.onnx",)),
     Case(
-        ("join", "z.parquet", "truth.csv", "--offset-s", "0", "-o", "out/j.parquet"),
+        ("join", "robot.parquet", "truth.csv", "--offset-s", "0", "-o", "out/j.parquet"),
         ("out/j.parquet",),
     ),
     Case(("columns", "run.csv", "--robot", "raven2", "-o", "out/m.toml"), ("out/m.toml",)),
@@ -267,7 +268,7 @@ def flips(count: int, rng: random.Random, tally: Counter[str]) -> None:
     """Flip single bits, and count what is read with other values."""
     readers: dict[str, Callable[[Path], object]] = {
         "short.parquet": lambda path: truejoint.read_recording(path).table.to_numpy().tobytes(),
-        "m.st": lambda path: truejoint.read_calibration(path).to_bytes(),
+        "m.st": lambda path: to_bytes(*read_model_file(path)),
         "z.csv": lambda path: truejoint.motion.read_trajectory(path).positions.tobytes(),
     }
     whole = truejoint.read_recording("z.parquet")
@@ -290,14 +291,16 @@ def shorten() -> None:
     """Keep as many rows of the recording as it takes, and its truth in a file of its own."""
     short = truejoint.read_recording("z.parquet").rows(slice(600))
     truejoint.write_parquet(short, "z.parquet", overwrite=True)
-    truth = ["t", *(name for name in short.table.columns if name.startswith("truth/"))]
-    short.table[truth].dropna().to_csv("truth.csv", index=False)
+    truth = [name for name in short.table.columns if name.startswith("truth/")]
+    short.table[["t", *truth]].dropna().to_csv("truth.csv", index=False)
+    alone = short.table.drop(columns=truth)
+    robot = truejoint.Recording.from_columns(alone, short.provenance, short.units)
+    truejoint.write_parquet(robot, "robot.parquet")
 
 
-def measure(options: argparse.Namespace) -> Counter[str]:
-    """Run all trials in the current folder."""
+def measure(options: argparse.Namespace, tally: Counter[str]) -> None:
+    """Run all trials in the current folder, and count what came of them."""
     rng = random.Random(options.seed)  # noqa: S311  # no secret
-    tally: Counter[str] = Counter()
     Path("out").mkdir()
     Path("run.csv").write_text("stamp_ms,elbow_pos_deg\n0,5\n1,6\n")
     for words in (
@@ -318,7 +321,6 @@ def measure(options: argparse.Namespace) -> Counter[str]:
     for case in (CASES[0], CASES[2], CASES[3], CASES[5]):
         races(case, options.pairs, tally)
     flips(options.flips, rng, tally)
-    return tally
 
 
 def parsed() -> argparse.Namespace:
@@ -335,13 +337,16 @@ def run() -> None:
     """Print how often which fault left what."""
     options = parsed()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # until a run takes it
+    tally: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
-        tally = measure(options)
-        os.chdir("/")
-    print("| what | how often |\n|---|---|")
-    for what, count in tally.items():
-        print(f"| {what} | {count} |")
+        try:
+            measure(options, tally)
+        finally:  # what was counted until something failed
+            os.chdir("/")
+            print("| what | how often |\n|---|---|")
+            for what, count in tally.items():
+                print(f"| {what} | {count} |")
 
 
 if __name__ == "__main__":

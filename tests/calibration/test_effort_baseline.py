@@ -127,10 +127,10 @@ def test_recordings_that_disagree_raise_the_limits():
     changed = Recording(table, other.units, other.provenance)
     alike = calibrate([motion(0), other], "linear", features=FEATURES).effort_baseline
     apart = calibrate([motion(0), changed], "linear", features=FEATURES).effort_baseline
-    assert alike.shift_limit.tolist() == [0.6, 0.6, 0.6]
-    # 0.05 is twelve standard deviations of the noise, and the limit over five times what was held out.
+    assert alike.shift_limit == pytest.approx(0.6, rel=0.1)
+    # 0.05 is twelve standard deviations of the noise, and what is held out counts five times.
     assert apart.shift_limit[1] > 10
-    assert apart.shift_limit[[0, 2]].tolist() == [0.6, 0.6]
+    assert apart.shift_limit[[0, 2]].tolist() == alike.shift_limit[[0, 2]].tolist()
 
 
 def test_size_and_correlation_time_of_errors_are_found():

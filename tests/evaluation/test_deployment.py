@@ -7,7 +7,7 @@ import pytest
 
 from truejoint.evaluation.deployment import PLAIN, to_deploy
 
-NOISE = np.random.default_rng(0).normal(size=(4, 2, 800, 1))
+NOISE = np.random.default_rng(0).normal(size=(5, 2, 800, 1))
 
 
 def _trace(row: int, **sizes: float) -> Any:
@@ -44,3 +44,8 @@ def test_tests_count_together() -> None:
     good, bad = {"raw": 2.0, "offset": 1.0, "dnn": 0.5}, {"raw": 2.0, "offset": 1.0, "dnn": 4.0}
     assert to_deploy([_trace(0, **good)]) == "dnn"
     assert to_deploy([_trace(0, **good), _trace(1, **bad)]) == "offset"
+
+
+def test_a_model_too_erratic_to_be_beaten_is_not_named() -> None:
+    steady = {"raw": 3.0, "offset": 1.0, "linear": 0.5, "poly2": 0.4, "dnn": 0.3}
+    assert to_deploy([_trace(0, **steady), _trace(1, **(steady | {"poly2": 4.0}))]) == "dnn"

@@ -60,6 +60,14 @@ def test_round_trip_is_exact(
     assert after.provenance.to_dict() == before.provenance.to_dict()
 
 
+def test_units_of_columns_that_are_not_there_are_not_written(tmp_path: Path) -> None:
+    t = np.arange(3.0)
+    units = {"measured/joint1": "rad", "truth/joint1": "rad"}
+    recording = Recording.from_columns({"t": t, "measured/joint1": t}, Provenance("bros"), units)
+    write_parquet(recording, tmp_path / "a.parquet")
+    assert read_parquet(tmp_path / "a.parquet").units == {"measured/joint1": "rad"}
+
+
 def test_a_file_that_is_there_is_not_replaced(recording: Recording, tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)

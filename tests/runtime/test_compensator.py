@@ -28,7 +28,7 @@ class Told:
 
     joints, signals = ("jaw",), ("measured/jaw",)
     spike_speed = np.array([10.0])
-    offset = np.zeros(1)
+    offset = position = np.zeros(1)
 
     def __init__(self, loss=0.0, status=Status.OK):
         self.correction, self.status = np.array([loss]), status
@@ -145,6 +145,28 @@ def test_what_cannot_work_is_refused_in_one_line():
     checking = SimpleNamespace(signals=("measured/jaw", "setpoint/jaw"), joints=("jaw",))
     with pytest.raises(CommandRefused, match="checks setpoint/jaw"):
         Compensator(checking, FORCEPS, rate=250.0, lag=LAG)
+
+
+def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging_arm):
+    """A RAVEN-II whose insertion is 2 mm further out than its motor says."""
+    told = Told(0.002)
+    told.joints, told.signals = ("insertion",), ("measured/insertion",)
+    robot = lagging_arm.robot
+    compensator = Compensator(told, robot, rate=500.0, lag=0.02, gain=0.5)
+    place = robot.index(["insertion"])[0]
+    start = robot.home[place]
+    wanted = start + 0.01 * (1.0 - np.cos(np.arange(2000) * 2e-3 * np.pi)) / 2.0
+    blocks = []
+    lagging_arm.subscribe(blocks.append)
+    motion = track(lagging_arm, compensator, wanted[:, None])
+    assert motion.setpoint.shape == motion.corrected.shape == (1000, 1)
+    states = [block for block in blocks if hasattr(block, "measured")]
+    measured = np.concatenate([block.measured for block in states])[1:]
+    column = robot.channels.index("insertion")
+    error = measured[:, column] + 0.002 - wanted
+    assert np.abs(error[300:]).max() < 2e-4
+    others = np.delete(measured, column, axis=1)
+    assert np.ptp(others, axis=0).max() == 0.0
 
 
 def test_the_jaw_follows_and_the_motor_does_not():

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.evaluation.comparison import simplest
+from truejoint.evaluation.comparison import compare, simplest
 from truejoint.evaluation.results import OFFSET, RAW, Trace
 
 PLAIN: Final = frozenset({RAW, OFFSET, "linear"})
@@ -18,8 +18,8 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     """Name the best of the `plain` estimators, unless a richer one beats it beyond chance.
 
     Counted are the rows that the loop would correct (all, where there are none), each by its error
-    as a multiple of the fixed offset's in that joint. Of richer ones that cannot be told apart, the
-    first named is the one.
+    as a multiple of the fixed offset's in that joint. Of richer ones that do and cannot be told
+    apart, the first named is the one.
 
     Parameters
     ----------
@@ -45,5 +45,9 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     scaled = {name: [error / scale for error in own] for name, own in errors.items()}
     size = {name: sum(float(np.sum(e**2)) for e in own) for name, own in scaled.items()}
     best = min((name for name in scaled if name in plain), key=lambda name: size[name])
-    richer = {name: own for name, own in scaled.items() if name not in plain}
-    return simplest({best: scaled[best], **richer})
+    richer = {
+        name: own
+        for name, own in scaled.items()
+        if name not in plain and compare(own, scaled[best]).outcome == "better"
+    }
+    return simplest(richer) if richer else best

@@ -63,9 +63,9 @@ FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         _own("parquet", "what truejoint writes", "parquet:read_parquet"),
-        _own("arrows", "what a recorder was stopped in", "stream_file:read_stream_file"),
         _own("csv", "header, or column map", "readers.mapped:read", _MAPPED),
         _own("arrays", ".npy or .mat with a column map", "readers.mapped:read", _MAPPED),
+        _own("arrows", "what a recorder was stopped in", "stream_file:read_stream_file"),
         _own("raven_csv_240", "RAVEN-II state", "readers.raven_csv:read_240", ("arm",)),
         _own(
             "raven_csv_252",

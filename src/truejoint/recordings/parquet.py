@@ -60,13 +60,13 @@ def write_parquet(
     400
     """
     target, recording = Path(path), as_recording(recording)
+    columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
     header = {
         "version": VERSION,
-        "units": dict(recording.units),
+        "units": {name: unit for name, unit in recording.units.items() if name in columns},
         "provenance": recording.provenance.to_dict(),
         "robot": recording.robot.to_dict(),
     }
-    columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
     _write(target, header, columns, overwrite=overwrite)
 
 

@@ -27,7 +27,6 @@ GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
 """Of the speed from which the corrector sees a spike, the share that set-points keep to."""
-
 SETTLING: Final = 0.1
 """Time constant with which set-points go on where a joint shall stand still [s]: friction and
 backlash would make a loop swing there that is quick enough for reversals."""
@@ -40,7 +39,7 @@ class Compensator:
     corrected less the measured position, low-passed. While friction holds the joint, that makes it
     an integrator; it cannot wind up at a limit, because it follows what the motor did rather than
     what it was told. Where the corrector's status is not OK, `lost` is held, and nothing else is
-    fed back.
+    fed back. Where a joint is wanted to stand still, set-points go on slowly.
 
     Parameters
     ----------
@@ -204,7 +203,7 @@ class TrackedMotion:
     t : ndarray, shape (n,)
         Stamps of the samples [s].
     wanted, setpoint, corrected : ndarray, shape (n, n_joints)
-        Where the joints were wanted, set-points sent, and corrected positions [rad or m].
+        Where the joints were wanted, set-points sent, and `Corrector.position` [rad or m].
     status : ndarray, shape (n,)
         Bits of `Status`.
 

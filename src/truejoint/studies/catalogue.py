@@ -87,6 +87,10 @@ _FORCEPS: Final = (
         "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
     ),
     _study(
+        "physical", "Does friction in physical parameters make a better filter?",
+        "yan2020, (10) and (11)", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
+    ),
+    _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
         "", _SPECIMEN, _COUNT, _DRAWN,
         Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,

@@ -8,6 +8,7 @@ import pytest
 from truejoint.errors import StudyError, TruejointError
 from truejoint.recordings import read_recording
 from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import run_study, write_study
 from truejoint.studies.forceps.load import errors_in_grams
@@ -163,6 +164,20 @@ def test_loads_are_weighed(tmp_path):
     weights, errors = result.summary.tables
     assert "Dead band" in weights.markdown()
     assert "Stiffness within 5 % in 100 %." in errors.markdown()
+    assert drawn(result, tmp_path)
+
+
+def test_friction_in_physical_parameters_is_found_and_compared(tmp_path):
+    result = run_study(
+        "forceps-physical",
+        {"specimen": "nominal", "masses_g": "200", "directions": "along", "motion": "calibration"},
+    )
+    (found,) = (part.numbers for part in result.parts.values())
+    stiffness, jaw, slider, *_ = found["parameters"]
+    assert 7e3 < stiffness < 16e3
+    assert jaw == pytest.approx(friction_at_pretension(specimen())[0], rel=0.5)
+    assert slider == pytest.approx(friction_at_pretension(specimen())[1], rel=0.6)
+    assert np.degrees(found["unloaded"]["physical"]) < 0.08
     assert drawn(result, tmp_path)
 
 

@@ -35,7 +35,7 @@ KNOWN: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
 """A load takes motor, x2 and their errors where the calibration, unloaded, never was."""
 BARS: Final = {"none": 0.12, "steady": 0.25}
 """Wanted of the error with our estimate in the loop, without a load and with a steady one [deg]."""
-MARGINS: Final = (1.0, 2.0, 4.0)
+MARGINS: Final = (1.0, 2.0)
 """Factors of the gain at which stability is tried."""
 DEAD_BAND: Final = math.radians(0.05)
 """Of the loop where the jaw shall stand still [rad], half a step of the reference encoder."""
@@ -44,7 +44,8 @@ SWING: Final = math.radians(0.05)
 _ASTRAY: Final = math.radians(1.0)  # a jaw told to stand still is unstable from this error on
 _A_PERIOD: Final = 22.0  # [s] of (28), enough on the specimens of a population
 _STEPS: Final = (0.0, 0.35, -0.2, 0.0)  # [rad] where the jaw stands still in turn
-_STANDS: Final = 0.8  # [s]
+_STANDS: Final = 2.0  # [s]
+_AT_REST: Final = 0.5  # [s] of them, the last
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -228,7 +229,7 @@ def is_stable(plant: ForcepsParameters, model: Calibration | None, **how: Any) -
         pieces += [glide(before, after, 0.5), hold(after, _STANDS)]
     wanted = np.concatenate(pieces)[:, 0]
     exact = follow_jaw(plant, model, wanted, SwingingLoad(0.0), **how)[1]
-    still = round(0.5 * _STANDS / SETPOINT_DT)
+    still = round(_AT_REST / SETPOINT_DT)
     ends = np.cumsum([len(piece) for piece in pieces])[::2]
     rests = [exact[end - still : end] - wanted[end - 1] for end in ends]
     return all(rest.std() < SWING and abs(rest.mean()) < _ASTRAY for rest in rests)
