@@ -140,7 +140,7 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
     model = truejoint.calibrate([bent(0, 0.2)], "auto", progress=seen.append)
     assert model.estimator == "poly2"
     assert seen == sorted(seen)
-    assert seen[:5] == pytest.approx([k / 6 for k in range(1, 6)])  # five parts, then the fit
+    assert len(set(seen)) > 5  # parts left out, each with its candidates, then the fit
     assert seen[-1] == 1.0
     assert set(told(model)) >= {"offset", "linear", "poly2"}
 

@@ -42,7 +42,7 @@ def test_a_designers_own_file_is_taken(call, tmp_path):
         "directions=along", "-o", tmp_path, "--jobs", "1",
     )  # fmt: skip
     assert result.code == 0
-    assert "specimen stiff" in result.out
+    assert "specimen-stiff" in result.out
 
 
 @pytest.mark.parametrize(
@@ -78,4 +78,5 @@ def test_an_interrupt_says_how_to_go_on(call, tmp_path, monkeypatch):
 
 def test_option_names_complete(monkeypatch):
     context = type("Context", (), {"params": {"name": "forceps-rezero"}})()
-    assert command._options(context) == ["specimen=", "shifts_um=", "methods="]
+    expected = ["specimen=", "count=", "prior=", "shifts_um=", "methods="]
+    assert command._options(context) == expected

@@ -143,8 +143,8 @@ def test_check_notices_a_changed_number(tmp_path):
 
 @pytest.mark.parametrize(
     ("errors", "precision", "said"),
-    [((-1e-9, 1e-9), "float", "in float, positions would be off"),
-     ((1.0, 2.0), "double", "only 0 of 60 ordinary samples")],
+    [((-1e-9, 1e-9), "float", "in float, shoulder would be off by up to"),
+     ((1.0, 2.0), "double", "only 0 of 1084 samples would be corrected")],
 )  # fmt: skip
 def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, precision, said):
     model = calibration(FixedOffset(), PLAIN)

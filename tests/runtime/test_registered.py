@@ -330,8 +330,9 @@ def test_a_fault_of_the_filter_is_no_estimate(name):
     X = data.feature_set.compute(ordinary, data.gap_limit)
     fresh = [predict(0.005 * (i > 0), X[i]) for i in range(20)]
     assert np.isfinite(fresh).all()
-    assert np.isnan(predict(0.005, np.full(2, 1e200)))
     assert np.isnan(predict(np.inf, X[20]))
+    assert [predict(0.005 * (i > 0), X[i]) for i in range(20)] == fresh
+    assert np.isnan(predict(0.005, np.full(2, 1e200)))
     again = [predict(0.005 * (i > 0), X[i]) for i in range(20)]
     assert again == fresh  # a new history leaves nothing of it
 

@@ -14,6 +14,7 @@ from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError
 from truejoint.estimators.friction_filter import FrictionFilter, Stiffness
 from truejoint.estimators.jaw_load import EncoderZero, find_encoder_zero, identify_stiffness
+from truejoint.estimators.registry import name_of
 from truejoint.models.features import time_steps
 from truejoint.models.jaw import RESET
 from truejoint.units import GRAVITY
@@ -145,7 +146,8 @@ def encoder_rezeroed(
 
 def _friction_filter(calibration: Calibration, lacks: str) -> FrictionFilter:
     if not isinstance(calibration.model, FrictionFilter):
-        raise CalibrationError(f"{calibration.estimator} {lacks}; calibrate with -e ukf_friction")
+        wanted = name_of(FrictionFilter())
+        raise CalibrationError(f"{calibration.estimator} {lacks}; calibrate with -e {wanted}")
     return calibration.model
 
 

@@ -157,25 +157,31 @@ def _picture(operator: Teleoperation) -> Any:
 def _raw_terminal() -> Iterator[Any]:
     """Terminal that gives keys as they are pressed; restored whatever happens.
 
-    Yields a function that waits up to some seconds and returns what was typed meanwhile.
+    Yields a function that waits up to some seconds and returns what was typed meanwhile; a signal
+    to end is as if the key to leave had been pressed, and raises KeyboardInterrupt at the end: an
+    exception out of the handler would be lost where Python ignores it.
     """
     import termios  # noqa: PLC0415  # no such thing on Windows
     import tty  # noqa: PLC0415
 
     descriptor = sys.stdin.fileno()
+    signals: list[int] = []
     before = termios.tcgetattr(descriptor)
 
     def read(timeout: float) -> str:
+        if signals:
+            return "\x04"
         if not select.select([descriptor], [], [], timeout)[0]:
             return ""
         typed = os.read(descriptor, 1024)
         # The other end is gone: as if the key to leave had been pressed.
         return typed.decode("utf-8", errors="replace") if typed else "\x04"
 
-    def end(*_: object) -> None:
-        raise KeyboardInterrupt
+    def end(number: int, _: object) -> None:
+        signals.append(number)
 
-    old = {number: signal.signal(number, end) for number in (signal.SIGTERM, signal.SIGHUP)}
+    ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    old = {number: signal.signal(number, end) for number in ends}
     try:
         tty.setcbreak(descriptor)
         sys.stdout.write(_ASK)
@@ -187,6 +193,8 @@ def _raw_terminal() -> Iterator[Any]:
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
         sys.stdout.write(_GIVE_BACK)
         sys.stdout.flush()
+    if signals:
+        raise KeyboardInterrupt
 
 
 def _write_keys(path: Path, events: Events) -> None:

@@ -144,6 +144,9 @@ class Family:
     that disagree more than in training are no fault."""
     offline: str = "uses later rows"  # why there is no row, where there is none
 
+    def __reduce__(self) -> tuple[Callable[[str], Family], tuple[str]]:
+        return find_family, (self.name,)  # pickled, by an estimator that holds it, by its name
+
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""
         if set(params) != set(self.rules):

@@ -228,8 +228,8 @@ def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Tab
     rows = []
     for label, values in measures.items():
         known = values[np.isfinite(values)]
-        quantiles = [fixed(float(np.quantile(known, q)), 1) for q in (0.5, 0.95, 1.0)]
-        rows.append((label, *(quantiles if len(known) else [fixed(math.nan, 1)] * 3), ""))
+        quantiles = np.quantile(known, [0.5, 0.95, 1.0]) if len(known) else [math.nan] * 3
+        rows.append((label, *(fixed(float(value), 1) for value in quantiles), ""))
     for kind in ("load", "angle"):
         for case in _CASES:
             own = [j for n in numbers for j in n["judged"].get(case, ())]
