@@ -63,7 +63,7 @@ class Combination(JointRegressor):
     random_state: int | None = None
 
     def __post_init__(self) -> None:
-        listed = isinstance(self.members, Sequence)  # else `fit` says so
+        listed = isinstance(self.members, list | tuple | None)  # else `fit` says so
         if listed and any(member.family.remembers for member in self._unfitted()):
             self.family = combination_with_memory.FAMILY  # type: ignore[misc]  # by its members
 
@@ -78,7 +78,7 @@ class Combination(JointRegressor):
 
     def check_params(self) -> None:
         """Raise CalibrationError if a member cannot be one, or the weights are not theirs."""
-        if not (self.members is None or isinstance(self.members, Sequence)):
+        if not isinstance(self.members, list | tuple | None):
             raise CalibrationError(
                 f"members of a combination are {self.members!r:.60}; give a list of estimators"
             )
