@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, ClassVar, Self
@@ -63,9 +64,11 @@ class Combination(JointRegressor):
     random_state: int | None = None
 
     def __post_init__(self) -> None:
-        listed = isinstance(self.members, list | tuple | None)  # else `fit` says so
-        if listed and any(member.family.remembers for member in self._unfitted()):
-            self.family = combination_with_memory.FAMILY  # type: ignore[misc]  # by its members
+        if not isinstance(self.members, list | tuple | None):
+            return  # `fit` says so, and what else is wrong
+        with suppress(CalibrationError):
+            if any(member.family.remembers for member in self._unfitted()):
+                self.family = combination_with_memory.FAMILY  # type: ignore[misc]  # by its members
 
     @property
     def name(self) -> str:
