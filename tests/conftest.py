@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,9 +16,6 @@ from truejoint.errors import RecordingError
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import locate
 from truejoint.robots import get_robot
-
-# A shell that runs the suite in the background has Ctrl-C ignored, by all that it starts.
-signal.signal(signal.SIGINT, signal.default_int_handler)
 
 # No example is a timing assertion: a first one compiles, and machines are busy.
 settings.register_profile("untimed", settings.default, deadline=None)

@@ -23,6 +23,14 @@ HUGE = "9" * 400
 ENDLESS = "9" * 5000
 
 
+@pytest.fixture(autouse=True)
+def _listening():
+    """Ctrl-C is ignored in workers of the suite, and by a shell that runs it in the background."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @given(st.text())
 def test_what_is_printed_steers_no_terminal(text: str) -> None:
     shown = printable(text)

@@ -29,7 +29,9 @@ _END: Final = "end"  # whose one block stands last in a file that was closed
 _KEY: Final = b"truejoint"
 _VERSION: Final = 1
 _DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  # says Arrow
-_SCHEMA: Final = pa.schema([("t", pa.float64()), ("values", pa.list_(pa.float64()))])
+# A block is one row of bytes, float64 little-endian: arrays that Arrow itself would unpack could,
+# damaged, end the process.
+_SCHEMA: Final = pa.schema([("t", pa.binary()), ("values", pa.binary())])
 
 
 class StreamWriter:
@@ -83,9 +85,8 @@ class StreamWriter:
         values = np.column_stack([*columns.values()]) if columns else np.empty((len(t), 0))
         described = {"stream": stream, "columns": list(columns)}
         signed = {**described, "sha256": content_hash(described, {"t": t, "values": values})}
-        offsets = np.arange(len(t) + 1, dtype=np.int32) * values.shape[1]
-        lists = pa.ListArray.from_arrays(pa.array(offsets), pa.array(values.ravel()))
-        batch = pa.record_batch([pa.array(np.asarray(t, dtype=np.float64)), lists], schema=_SCHEMA)
+        row = [pa.array([np.asarray(a, "<f8").tobytes()], pa.binary()) for a in (t, values)]
+        batch = pa.record_batch(row, schema=_SCHEMA)
         try:
             self._stream.write_batch(batch, custom_metadata={_KEY: json.dumps(signed).encode()})
             self._file.flush()
@@ -212,7 +213,7 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
     header = None
     with suppress(ValueError, RecursionError):
         header = json.loads((schema.metadata or {}).get(_KEY, b""))
-    if not isinstance(header, dict) or schema.names != _SCHEMA.names:
+    if not isinstance(header, dict) or not schema.equals(_SCHEMA):
         raise RecordingError(f"{source}: was not written by truejoint's recorder")
     if header.get("version") != _VERSION:
         raise RecordingError(
@@ -226,14 +227,17 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
 
 def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str], Array, Array]]:
     """Stream that a block belongs to, its columns, stamps (n,) and values (n, n_columns)."""
+    batch.validate(full=True)
     described: Any = None
     with suppress(ValueError, RecursionError):
         described = json.loads((metadata or {}).get(_KEY, b""))
-    if isinstance(described, dict) and isinstance(described.get("columns"), list):
+    named = isinstance(described, dict) and isinstance(described.get("columns"), list)
+    if named and batch.num_rows == 1:
         digest = described.pop("sha256", None)
-        names, t = described["columns"], batch.column(0).to_numpy()
-        values = batch.column(1).flatten().to_numpy(zero_copy_only=False)
-        if values.size == len(t) * len(names):
+        names, pair = described["columns"], [column[0].as_py() for column in batch.columns]
+        whole = all(isinstance(a, bytes) and len(a) % 8 == 0 for a in pair)
+        t, values = (np.frombuffer(a, "<f8") if whole else np.empty(1) for a in pair)
+        if whole and values.size == len(t) * len(names):
             values = values.reshape(len(t), len(names))
             if is_as_written(digest, described, {"t": t, "values": values}):
                 return str(described["stream"]), (names, t, values)
