@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import atexit
 import threading
-import types
 import weakref
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
@@ -25,7 +24,7 @@ from truejoint.crtk.subscription import Subscription
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import GRAIN, checked_rows, checked_vector
+from truejoint.robots.joint_rows import GRAIN, checked_rows, checked_vector, in_grains
 from truejoint.robots.robot import Kinematics
 
 MAX_AGE: Final = 0.1
@@ -36,7 +35,6 @@ TIMEOUT: Final = 5.0
 """What a state command may take [s], all but homing."""
 HOMING_TIMEOUT: Final = 120.0
 
-_PIECE: Final = round(GRAIN * SERVO_RATE)  # rows
 _BRAKING_ROWS: Final = round(BRAKING * SERVO_RATE)
 _OPEN: Final[weakref.WeakSet[Arm]] = weakref.WeakSet()
 
@@ -95,12 +93,7 @@ class Arm:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: types.TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -341,11 +334,8 @@ class Arm:
             self._backend.wait(left)
             return
         hold = self._start_of("wait")
-        pieces = (
-            np.tile(hold, (min(rows, _PIECE), 1))
-            for rows in range(round(left * SERVO_RATE), 0, -_PIECE)
-        )
-        self._run(self._begin("wait", left), pieces)
+        rows = np.broadcast_to(hold, (round(left * SERVO_RATE), len(hold)))
+        self._run(self._begin("wait", left), iter([rows]))
 
     def subscribe(self, callback: Listener, every: float = 0.0) -> None:
         """Call `callback` with every StateBlock and TruthBlock from now on, in time order.
@@ -447,10 +437,10 @@ class Arm:
         error: BaseException | None = None
         try:
             for rows in pieces:
-                for start in range(0, len(rows), _PIECE):
+                for piece in in_grains(rows):
                     if self._asked:
                         break
-                    self._send(motion, rows[start : start + _PIECE])
+                    self._send(motion, piece)
                 if self._asked:
                     break
             if not self._asked:
@@ -502,8 +492,8 @@ class Arm:
         share = 1.0 - np.arange(1, _BRAKING_ROWS + 1) / _BRAKING_ROWS
         rows = start + np.cumsum(share)[:, None] * step
         rows = np.clip(rows, self.robot.lower, self.robot.upper)
-        for first in range(0, len(rows), _PIECE):
-            self._backend.servo_jp(rows[first : first + _PIECE])
+        for piece in in_grains(rows):
+            self._backend.servo_jp(piece)
         self._backend.flush()
         self._sent = rows[-1:].repeat(2, axis=0)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import threading
-import types
 from collections.abc import Iterator
 from typing import Final, Self
 
@@ -63,12 +62,7 @@ class Jog:
         self.motion = self.arm.stream(self._pieces(start), math.inf, "jog")
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: types.TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.motion.cancel()
 
     def joints(self, velocity: ArrayLike) -> None:

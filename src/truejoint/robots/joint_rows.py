@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
@@ -14,6 +15,13 @@ from truejoint.robots.robot import Robot
 SETPOINT_DT: Final = 1e-3  # [s] between set-points: RAVEN's servo period (peng2024 IV-A)
 GRAIN: Final = 0.01
 """Longest piece of a motion [s]: what is asked meanwhile takes effect after it."""
+
+
+def in_grains(rows: Array) -> Iterator[Array]:
+    """Pieces of set-points (n, n_joints), at most `GRAIN` long."""
+    size = round(GRAIN / SETPOINT_DT)
+    for start in range(0, len(rows), size):
+        yield rows[start : start + size]
 
 
 def checked_vector(robot: Robot, value: ArrayLike, command: str) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -14,7 +14,7 @@ from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.parameter_file import Parameters
 
 
@@ -117,13 +117,6 @@ def glide(start: Array, end: Array, duration: float) -> Array:
 def hold(position: Array, duration: float) -> Array:
     """Set-points (n, n_joints) that stay at `position` (n_joints,) for `duration` [s]."""
     return np.tile(position, (round(duration / SETPOINT_DT), 1))
-
-
-def in_grains(rows: Array) -> Iterator[Array]:
-    """Pieces of set-points (n, n_joints), at most `GRAIN` long."""
-    size = round(GRAIN / SETPOINT_DT)
-    for start in range(0, len(rows), size):
-        yield rows[start : start + size]
 
 
 def checked_seed(seed: int) -> int:

@@ -14,7 +14,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows
+from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
 from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters
@@ -27,7 +27,6 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
-    in_grains,
 )
 from truejoint.units import GRAVITY
 

@@ -13,7 +13,7 @@ from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import QUANTITIES, TruthBlock
-from truejoint.robots.joint_rows import checked_rows
+from truejoint.robots.joint_rows import checked_rows, in_grains
 from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
@@ -25,7 +25,6 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
-    in_grains,
 )
 
 MAX_LOAD: Final = 2.0
