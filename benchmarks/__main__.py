@@ -17,6 +17,8 @@ from pathlib import Path
 BENCHMARKS = (
     "twin_speed",
     "stopping",
+    "compensation",
+    "recorder",
     "forceps_speed",
     "filter_speed",
     "corrector_speed",
@@ -25,6 +27,7 @@ BENCHMARKS = (
     "beyond_chance",
     "clock_offset",
     "accuracy_recordings",
+    "histories",
     "grasper",
     "moved_zeros",
     "data_check",
@@ -36,7 +39,10 @@ BENCHMARKS = (
     "faults",
     "disk_faults",
     "effort_monitor",
+    "monitor",
     "soak",
+    "paced_loop",
+    "ros_node",
 )
 
 

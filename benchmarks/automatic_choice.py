@@ -1,6 +1,6 @@
 """What an automatic choice picks on recordings of real joints, beside the best in hindsight.
 
-    python -m benchmarks.automatic_choice [--harder | --development] [--out bench/automatic_choice]
+    python -m benchmarks.automatic_choice [--harder | --development] [--plain]
 
 Each data set is split as it recommends (20 joints) and, with ``--harder``, in other ways too: other
 frequencies, loads and stops, other instruments, one motion against another, recordings exchanged, a
@@ -29,17 +29,16 @@ from numpy.typing import NDArray
 from sklearn.ensemble import HistGradientBoostingRegressor
 
 from truejoint import calibrate
-from truejoint.calibration import Automatic
+from truejoint.calibration import Automatic, Calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, WrappedRegressor, candidates
-from truejoint.models.features import FeatureSet
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 
 WITHIN = (1.10, 1.15, 1.20)
 MARGIN = 0.1  # share of its range by which a feature is outside it
 OUTSIDE = 0.1  # share of the rows, from which on a range was never seen
-MOST_ROWS = 10_000  # that a fit in hindsight sees
+REZERO = 2.0  # [s] of the start of a recording, from which it is re-zeroed
 MOST_HZ = 250.0  # of a recording
 
 Share = tuple[float, float]
@@ -61,9 +60,9 @@ class Split:
         """Data set and split for a table."""
         return f"{self.dataset}, {self.name}"
 
-    def sides(self) -> tuple[list[Recording], list[Recording]]:
-        """Training and held-out recordings."""
-        found = read(self.dataset, self.files)
+    def sides(self, most_hz: float = MOST_HZ) -> tuple[list[Recording], list[Recording]]:
+        """Training and held-out recordings, thinned to `most_hz`."""
+        found = read(self.dataset, self.files, most_hz)
         training, testing = found, found
         if self.test:
             out = [fnmatch(one.provenance.session, self.test) for one in found]
@@ -73,10 +72,10 @@ class Split:
 
 
 @cache
-def read(dataset: str, files: str) -> list[Recording]:
-    """Read a data set, at most at `MOST_HZ`: more rows would only take longer."""
+def read(dataset: str, files: str, most_hz: float) -> list[Recording]:
+    """Read a data set, at most at `most_hz`: more rows would only take longer."""
     every = [
-        (one, max(1, round(len(one) / one.duration / MOST_HZ)))
+        (one, max(1, round(len(one) / one.duration / most_hz)))
         for one in read_dataset(dataset, files)
     ]
     return [one.rows(np.arange(0, len(one), step)) for one, step in every]
@@ -137,53 +136,48 @@ def development() -> Iterator[Split]:
     yield Split("kflex_tendon_sheath", "first half", "[0-9]*", "", (0.0, 0.3), (0.3, 0.5))
 
 
-def rows_of(
-    recordings: list[Recording], features: FeatureSet, joints: tuple[str, ...], rate: float | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Features (n, k) and errors (n, n_joints) [rad or m] of rows with truth, at most at a rate."""
-    X, error = [], []
-    for recording in recordings:
-        known = np.flatnonzero(np.isfinite(recording.error(joints)).all(axis=1))
-        every = 1 if rate is None else max(1, round(len(recording) / recording.duration / rate))
-        X.append(features.compute(recording)[known[::every]])
-        error.append(recording.error(joints)[known[::every]])
-    return np.concatenate(X), np.concatenate(error)
+def left(model: Calibration, testing: list[Recording], rezero: float) -> NDArray[np.float64]:
+    """RMSE (n_joints,) of recordings, less the mean error of the first seconds [s] of each."""
+    errors = []
+    for recording in testing:
+        error = recording.columns("truth", model.joints) - model.correct(recording)
+        begin = recording.t < recording.t[0] + rezero
+        zero = np.nanmean(error[begin], axis=0) if begin.any() else 0.0
+        errors.append(error[~begin] - zero)
+    return np.sqrt(np.nanmean(np.concatenate(errors) ** 2, axis=0))
 
 
-def judged(split: Split) -> dict[str, Any]:
+def judged(split: Split, *, plain: bool) -> dict[str, Any]:
     """RMSE by joint and estimator on what was held out, and what was chosen."""
     dataset = DATASETS[split.dataset]
     training, testing = split.sides()
-    settings = dataset.settings.get("dnn", {})
+    settings = {} if plain else dataset.settings.get("dnn", {})
+    features = None if plain else dataset.features
     tried = candidates()
     for one in tried:
         if isinstance(one, NeuralNetwork):
             one.set_params(**settings)
+    fit = partial(calibrate, training, features=features, fit_rate=dataset.fit_rate)
     began = time.perf_counter(), time.process_time()
-    chosen = calibrate(
-        training, Automatic(tried), features=dataset.features, fit_rate=dataset.fit_rate
-    )
+    chosen = fit(Automatic(tried))
     took = time.perf_counter() - began[0], time.process_time() - began[1]
-    joints, features = chosen.joints, chosen.feature_set
-    X, y = rows_of(training, features, joints, dataset.fit_rate)
-    every = -(-len(X) // MOST_ROWS)
-    X, y = X[::every].copy(), y[::every]
-    X_test, y_test = rows_of(testing, features, joints, dataset.fit_rate)
+    joints = chosen.joints
+    raw = np.concatenate([recording.error(joints) for recording in testing])
+    rmse = {"raw": np.sqrt(np.nanmean(raw**2, axis=0)), "auto": left(chosen, testing, 0.0)}
     boosted = HistGradientBoostingRegressor(early_stopping=False, random_state=0)
-    errors = {"raw": y_test, "auto": y_test - chosen.model.predict(X_test).reshape(y_test.shape)}
     for one in [*tried, NeuralNetwork(**settings), WrappedRegressor(boosted)]:
         name = one.name + (" 200" if getattr(one, "epochs", 0) else "")
         with suppress(CalibrationError):  # too few rows for it
-            if len(X) >= one.minimum_rows(X.shape[1]):
-                errors[name] = y_test - one.fit(X, y).predict(X_test)
-    rmse = {name: np.sqrt(np.mean(error**2, axis=0)) for name, error in errors.items()}
+            rmse[name] = left(fit(one), testing, 0.0)
     excess = np.concatenate([chosen.range_excess(one) for one in testing])
+    rezeroed = left(chosen, testing, REZERO)
     return {
         "title": split.title,
         "rmse": {
             joint: {name: float(values[k]) for name, values in rmse.items()}
             for k, joint in enumerate(joints)
         },
+        "rezeroed": dict(zip(joints, rezeroed.tolist(), strict=True)),
         "outside": float((excess > MARGIN).mean()),
         "seconds": took[0],
         "cpu_seconds": took[1],
@@ -227,6 +221,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--harder", action="store_true", help="other splits instead")
     parser.add_argument("--development", action="store_true", help="those of the rule instead")
+    parser.add_argument("--plain", action="store_true", help="default features and settings")
     parser.add_argument("--only", nargs="+", default=["*"], help="patterns of titles, in turn")
     parser.add_argument("--datasets", nargs="+", default=list(DATASETS), choices=list(DATASETS))
     parser.add_argument("--out", type=Path, default=Path("bench/automatic_choice"))
@@ -235,12 +230,15 @@ def main() -> None:
         "| data set, held out | joint | chosen | best in hindsight | to it | to linear "
         "| to raw | outside | CPU [s] |\n" + "|---" * 9 + "|"
     )
+    out = options.out / "plain" if options.plain else options.out
     wanted = development if options.development else harder if options.harder else recommended
     ratios = []
     for split in (one for only in options.only for one in wanted() if fnmatch(one.title, only)):
         if split.dataset not in options.datasets:
             continue
-        for line, *numbers in rows(kept(options.out, split.title, partial(judged, split))):
+        for line, *numbers in rows(
+            kept(out, split.title, partial(judged, split, plain=options.plain))
+        ):
             print(line, flush=True)
             ratios.append(numbers)
     to_best, to_linear, to_raw, outside = np.array(ratios).T

@@ -52,7 +52,6 @@ MIRRORS = {
     "runtime/limits": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/status": ("tests/runtime/test_status.py",),
-    "runtime/homing": ("tests/runtime/test_status.py",),
     "calibration/calibration": ("tests/calibration/test_conformal.py",),
     "calibration/effort_fitting": ("tests/calibration/test_effort_baseline.py",),
     "calibration/encoding": ("tests/calibration/test_model_file.py",),

@@ -3,7 +3,8 @@
     python -m benchmarks.stopping [--pauses 1000] [--seed 0]
 
 A thread asks for a pause at a random moment of a random command of the simulated RAVEN-II: homing,
-moves in joint space and in space, a stream, waiting, following a trajectory. What counts is the
+moves in joint space and in space, a stream, waiting, following a trajectory; in pieces of 10 ms
+where it listens to each, else of up to 0.5 s. What counts is the
 robot's clock from the first state message after the asking until the last one. `allowed` is 20 ms
 and the braking; a miss is a pause that took longer, a set-point that did not come to rest, an arm
 that is not PAUSED, or a command that did not say that it was stopped.
@@ -24,31 +25,34 @@ from truejoint.motion import follow, zigzag
 
 ALLOWED = 0.02 + BRAKING
 LATEST = 4.0  # of the robot's clock [s] after a command began
+SLOW = np.array([0.005, 0.005, 0.001, 0.02, 0.02, 0.02, 0.02])  # [rad/s, m/s]
 
 
 def commands(arm: Arm, rng: np.random.Generator) -> dict[str, Callable[[], object]]:
-    """Every kind of command, none over before `LATEST` has passed."""
+    """Every kind of command, none over within a minute: a thread is not woken at once."""
     home = arm.robot.home
     way = 0.5 * rng.choice([-1.0, 1.0], 7) * np.array([0.5, 0.5, 0.1, 1.0, 1.0, 0.5, 0.5])
-    rows = home + np.linspace(0.0, 0.5, 8000)[:, None] * way
+    rows = home + np.linspace(0.0, 0.5, 60_000)[:, None] * way
 
     def move_cp() -> None:
         pose = arm.setpoint_cp()
         pose[:3, 3] += rng.choice([-1.0, 1.0], 3) * [0.01, 0.008, 0.01]
-        arm.move_cp(pose, 0.1 * np.array([0.05, 0.05, 0.01, 0.2, 0.2, 0.2, 0.2])).wait()
+        arm.move_cp(pose, 0.1 * SLOW).wait()
 
     return {
         "home": arm.home,
-        "move_jp": lambda: arm.move_jp(home + way).wait(),
-        "move_jr": lambda: arm.move_jr(way).wait(),
+        "move_jp": lambda: arm.move_jp(home + way, SLOW).wait(),
+        "move_jr": lambda: arm.move_jr(way, SLOW).wait(),
         "move_cp": move_cp,
         "servo_jp_stream": lambda: arm.servo_jp_stream(rows),
-        "wait": lambda: arm.wait(2 * LATEST),
+        "wait": lambda: arm.wait(60.0),
         "follow": lambda: follow(arm, zigzag(arm.robot, "J1-J2-J3", 1 / 2)),
     }
 
 
-def one(arm: Arm, name: str, call: Callable[[], object], delay: float) -> tuple[float, bool]:
+def one(
+    arm: Arm, name: str, call: Callable[[], object], delay: float, every: float
+) -> tuple[float, bool]:
     """Time until the arm stood [s], and whether all is as it should be."""
     start, due, asked = arm.time, threading.Event(), []
 
@@ -63,7 +67,7 @@ def one(arm: Arm, name: str, call: Callable[[], object], delay: float) -> tuple[
         asked.append(arm.time)
         arm.pause()
 
-    arm.subscribe(look)
+    arm.subscribe(look, every)
     thread = threading.Thread(target=pause)
     thread.start()
     said = False
@@ -93,7 +97,8 @@ def main() -> None:
     misses = dict.fromkeys(names, 0)
     for _ in range(options.pauses):
         name = names[rng.integers(len(names))]
-        took, good = one(arm, name, commands(arm, rng)[name], float(rng.uniform(0.0, LATEST)))
+        delay, every = float(rng.uniform(0.0, LATEST)), float(rng.choice([0.0, 0.5]))
+        took, good = one(arm, name, commands(arm, rng)[name], delay, every)
         times[name].append(took)
         misses[name] += not good or took > ALLOWED + 1e-9
         arm.resume()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import signal
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,14 @@ from truejoint.robots import get_robot
 # No example is a timing assertion: a first one compiles, and machines are busy.
 settings.register_profile("untimed", settings.default, deadline=None)
 settings.load_profile("untimed")
+
+
+@pytest.fixture(autouse=True)
+def _listening() -> Iterator[None]:
+    """Ctrl-C is ignored in what a shell runs in the background: let tests of it be heard."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 class LaggingBackend:
@@ -55,9 +64,12 @@ class LaggingBackend:
             self._measured = self.robot.home.copy()
             self._run(self.robot.home[None])
 
-    def servo_jp(self, position: np.ndarray) -> None:
+    def servo_jp(self, position: np.ndarray, go_on: Callable[[], bool]) -> int:
+        if not go_on():
+            return 0
         self.sent.append(position.copy())
         self._run(position)
+        return len(position)
 
     def flush(self) -> None:
         pass

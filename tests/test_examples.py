@@ -27,6 +27,7 @@ PACKAGES = (
     "truejoint.export",
     "truejoint.filters",
     "truejoint.models",
+    "truejoint.monitor",
     "truejoint.motion",
     "truejoint.recordings",
     "truejoint.recordings.datasets",

@@ -13,6 +13,7 @@ import pytest
 from truejoint.errors import TruejointError
 from truejoint.files import (
     check_folder,
+    check_target,
     content_hash,
     free_name,
     is_as_written,
@@ -168,3 +169,8 @@ def test_the_hash_is_of_what_is_said() -> None:
         ({"a": float("nan"), "b": [2]}, {"x": array, "y": array[0]}),
     ):
         assert not is_as_written(digest, description, arrays)
+
+
+def test_a_name_that_no_file_can_have_is_refused(tmp_path):
+    with pytest.raises(TruejointError, match="cannot be written: File name too long"):
+        check_target(tmp_path / ("a" * 5000), overwrite=True)

@@ -9,7 +9,19 @@ Read recordings, calibrate, correct and judge::
     corrected = model.correct(truejoint.read_recording("motion.parquet"))
 """
 
-import lazy_loader
 
-# Imported on first use; the names stand in the stub beside this file.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+def __getattr__(name: str) -> object:
+    """Import on first use what stands in the stub beside this file, which is read then, not now.
+
+    So the command line comes to look after Ctrl-C a few milliseconds after the interpreter.
+    """
+    import lazy_loader  # noqa: PLC0415
+
+    attached = lazy_loader.attach_stub(__name__, __file__)
+    globals().update(zip(("__getattr__", "__dir__", "__all__"), attached, strict=True))
+    return globals()[name] if name in globals() else attached[0](name)
+
+
+def __dir__() -> list[str]:
+    __getattr__("__all__")
+    return globals()["__dir__"]()

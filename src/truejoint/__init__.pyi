@@ -5,6 +5,7 @@ from . import evaluation as evaluation
 from . import export as export
 from . import filters as filters
 from . import models as models
+from . import monitor as monitor
 from . import motion as motion
 from . import recordings as recordings
 from . import robots as robots

@@ -80,6 +80,17 @@ class MotionStopped(CommandRefused):
     """
 
 
+class RosError(TruejointError):
+    """ROS, its master or a topic is not there, or a topic has come to a stop.
+
+    Examples
+    --------
+    >>> truejoint.crtk.open_transport(3)
+    Traceback (most recent call last):
+    truejoint.errors.RosError: ...
+    """
+
+
 class TrajectoryError(TruejointError):
     """A trajectory that is malformed or leaves a robot's limits.
 

@@ -89,9 +89,13 @@ def check_target(
 
     With `makes_folder` its folder need not be there yet.
     """
-    if path.exists() and not path.is_file():
+    try:
+        exists = path.exists()
+    except OSError as cause:  # a name that no file can have
+        raise error(f"{str(path)[:200]}: cannot be written: {reason(cause)}") from None
+    if exists and not path.is_file():
         raise error(f"{path}: exists already and is no file; choose another name")
-    if path.exists() and not overwrite:
+    if exists and not overwrite:
         raise _taken(path, error)
     if not (makes_folder or path.parent.is_dir()):
         raise error(f"{path}: the folder {path.parent} does not exist; make it first")

@@ -37,7 +37,9 @@ def choose(bend: float, tried, **how):
 
 
 def told(model):
-    return {trial["estimator"]: trial for trial in model.metadata["choice"]["tried"]}
+    """What is said of each estimator, with the features that it is chosen with if it is."""
+    tried = model.metadata["choice"]["tried"]
+    return {trial["estimator"]: trial for trial in sorted(tried, key=lambda t: bool(t["weights"]))}
 
 
 def test_what_is_better_on_unseen_recordings_is_chosen():
@@ -133,6 +135,32 @@ def test_other_features_are_tried_beside_those_asked_for():
     assert tried[0]["ratio"] == 1.0
 
 
+def with_current(seed: int) -> Recording:
+    """Jaw whose error follows the motor's current."""
+    recording = bent(seed, 0.0)
+    current = np.random.default_rng(seed).normal(size=len(recording))
+    moved = recording.column("truth/jaw") + 0.05 * current
+    table = recording.table.assign(**{"current/jaw": current, "truth/jaw": moved})
+    return replace(recording, table=table, units={**recording.units, "current/jaw": "A"})
+
+
+def test_motor_currents_are_tried_where_no_features_are_asked_for():
+    tried = Automatic([PolynomialRegressor(2)])
+    recordings = [with_current(seed) for seed in range(3)]
+    assert calibrate(recordings, tried).feature_set.names[-1] == "current/jaw"
+    asked = calibrate(recordings, tried, features=["measured/jaw", "effort/jaw"])
+    assert asked.feature_set.names[-1] == "effort/jaw"
+    some = [recordings[0], bent(1, 0.0), recordings[2]]
+    assert calibrate(some, tried).feature_set.names[-1] == "effort/jaw"
+
+
+def test_features_that_take_more_rows_than_there_are_are_left_out():
+    recordings = [with_current(seed).rows(np.arange(18)) for seed in range(3)]
+    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    assert model.feature_set.names == ("measured/jaw", "effort/jaw")
+    assert [trial["folds"] for trial in model.metadata["choice"]["tried"]] == [3, 0]
+
+
 def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
     few = candidates()[:3]
     monkeypatch.setattr("truejoint.estimators.wrapped.tried", lambda: few)
@@ -147,7 +175,7 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
 
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
-    assert names == ["offset", "linear", "poly2", "dnn", "linear_trees"]
+    assert names == ["offset", "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees"]
     assert candidates()[3].epochs == 0
 
 

@@ -232,6 +232,13 @@ def test_a_lie_is_refused_by_its_field(tmp_path, saved, field, lie):
     refused(tmp_path, to_bytes({**description, field: lie}, arrays), field)
 
 
+@pytest.mark.parametrize("dt", [-1.0, 0.0, "30"])
+def test_a_model_that_counts_samples_states_its_time_step(tmp_path, saved, dt):
+    description, arrays = from_bytes(saved)
+    metadata = {**description["metadata"], "sample_dt": dt}
+    refused(tmp_path, to_bytes({**description, "metadata": metadata}, arrays), "time step")
+
+
 JSON = st.recursive(
     st.none() | st.booleans() | st.integers(-(10**20), 10**20) | st.text(max_size=8)
     | st.floats(allow_nan=False, allow_infinity=False),

@@ -15,11 +15,14 @@ from truejoint.calibration.training_domain import (
     decode_training_domain,
     fit_training_domain,
     partners,
+    resting_features,
 )
 from truejoint.errors import ModelFileError
+from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
 SIGNALS = ("measured/elbow", "effort/elbow", "measured/roll")
+NONE = np.zeros(3, dtype=bool)  # rests
 
 
 def table(t, rows) -> Recording:
@@ -53,7 +56,7 @@ def test_changes_and_standstill_as_counted_by_hand():
     ]
     t = [0.0, 0.1, 0.2, 0.3, 0.4, 0.6, 7.0, 7.1]
     X, error = np.array(rows), np.array(rows)[:, :1]
-    training_domain = fit_training_domain([table(t, rows)], SIGNALS, 1.0, X, error)
+    training_domain = fit_training_domain([table(t, rows)], SIGNALS, 1.0, X, error, NONE)
     np.testing.assert_allclose(training_domain.signal_step, [0.5, 0.4, 0.0], rtol=1e-12)
     np.testing.assert_allclose(
         training_domain.signal_travel, [0.4 / 1.0, 0.5 / 8.0, 0.0], rtol=1e-12
@@ -84,11 +87,28 @@ def test_copies_of_a_feature_are_told_apart_but_not_without_end():
     X = np.column_stack([x, x, rng.normal(size=500)])
     rows = np.column_stack([x, rng.normal(size=(500, 2))])
     training_domain = fit_training_domain(
-        [table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1]
+        [table(np.arange(500.0), rows)], SIGNALS, 2.0, X, X[:, :1], NONE
     )
     split = np.linalg.norm(training_domain.whitening @ [0.5, -0.5, 0.0])
     expected = np.sqrt(0.5) / x.std() / np.sqrt(SMALLEST_VARIANCE)
     assert split == pytest.approx(expected, rel=1e-6)
+
+
+def test_where_a_joint_rests_is_no_matter_of_the_distance():
+    rng = np.random.default_rng(0)
+    elbow, effort = rng.uniform(-1.0, 1.0, (2, 500))
+    X = np.column_stack([elbow, effort, 0.1 * elbow + 1e-4 * effort])  # cables drag the roll along
+    training, names = [table(np.arange(500.0), X)], FeatureSet.parse(["rate(measured/roll, 0.1)"])
+    units = {name: training[0].units[name] for name in SIGNALS}
+    assert resting_features(training, names, ["elbow"], units).tolist() == [True]
+    assert resting_features(training, names, ["elbow", "roll"], units).tolist() == [False]
+    every = FeatureSet.parse(SIGNALS)
+    resting = resting_features(training, every, ["elbow"], units)
+    assert resting.tolist() == [False, False, True]
+    domain = fit_training_domain(training, SIGNALS, 2.0, X, X[:, :1], resting)
+    alone = fit_training_domain(training, SIGNALS, 2.0, X[:, :2], X[:, :1], NONE[:2])
+    np.testing.assert_allclose(domain.whitening[:, 2], 0.0)
+    assert domain.distance == pytest.approx(alone.distance)
 
 
 def test_the_file_keeps_it_bit_for_bit(tmp_path, calibration):

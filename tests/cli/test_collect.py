@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
-from truejoint.crtk import SimulatedBackend
-from truejoint.recordings import read_parquet
+from truejoint.crtk import SimulatedBackend, TruthBlock
+from truejoint.recordings import read_parquet, serial_sensors
+
+SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
 
 @pytest.fixture
@@ -35,11 +37,11 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
     whole = (tmp_path / "jaw.parquet").read_bytes()
     run, samples = SimulatedBackend.servo_jp, []
 
-    def stop_on_the_way(self, position):
+    def stop_on_the_way(self, position, go_on):
         samples.extend(position)
         if len(samples) > 3000:
             raise KeyboardInterrupt
-        run(self, position)
+        return run(self, position, go_on)
 
     monkeypatch.setattr(SimulatedBackend, "servo_jp", stop_on_the_way)
     stopped = call(*arguments)
@@ -81,6 +83,65 @@ def test_a_recording_is_replayed(call, motion, tmp_path):
     assert np.max(errors, axis=1).min() < 5e-3
 
 
+def test_the_joint_itself_is_taken_along(call, motion, tmp_path):
+    arguments = ("--robot", "forceps", "-o", tmp_path, "--state-rate-hz", 100)
+    assert call("collect", motion, *arguments).code == 0
+    model = tmp_path / "jaw.st"
+    recording = tmp_path / "jaw.parquet"
+    assert call("calibrate", recording, "-e", "play_reset", "-o", model).code == 0
+    steered = ("--compensate", model, "--rezero-s", 5, "--seed", 4, "--force")
+    made = call("collect", motion, *arguments, *steered)
+    assert made.code == 0, made.err
+    assert "steps of the loop by what was said of the sample: OK" in made.err
+    path = tmp_path / "short.csv"
+    path.write_text(SHORT)
+    refused = call("collect", path, "--compensate", model, "-o", tmp_path / "x")
+    assert refused.code == 2
+    assert "is of forceps, but the arm is raven2 (left arm)" in refused.err
+
+
+class FakeEncoders:
+    """Says what is asked of joint encoders on a serial line, and tells one reading."""
+
+    def __init__(self, port, encoders, *, clock):
+        self.asked = FakeEncoders.asked = [port, len(encoders)]
+        self.clock = clock
+
+    def __enter__(self):
+        self.asked.append("open")
+        return self
+
+    def __exit__(self, *_):
+        self.asked.append("close")
+
+    def start_registration(self):
+        self.asked.append(f"start at {self.clock():.0f} s")
+
+    def register(self):
+        self.asked.append(f"register after {self.clock():.0f} s")
+
+    def subscribe(self, callback):
+        for t in (self.clock() + 0.1, self.clock() + 0.14):
+            callback(TruthBlock(np.array([t]), ("elbow",), np.array([[1.25]])))
+
+    def unsubscribe(self, callback):
+        self.asked.append("unsubscribe")
+
+
+def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, monkeypatch):
+    monkeypatch.setattr(serial_sensors, "JointEncoders", FakeEncoders)
+    path = tmp_path / "short.csv"
+    path.write_text(SHORT)
+    made = call("collect", path, "-o", tmp_path, "--encoders", "/dev/ttyX")
+    assert made.code == 0, made.err
+    assert FakeEncoders.asked == [
+        "/dev/ttyX", 3, "open", "start at 0 s", "register after 13 s", "unsubscribe", "close",
+    ]  # fmt: skip
+    recording = read_parquet(tmp_path / "short.parquet")
+    assert recording.joints_of("truth") == ("elbow",)
+    assert np.nanmax(recording.column("truth/elbow")) == 1.25
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -89,6 +150,8 @@ def test_a_recording_is_replayed(call, motion, tmp_path):
         (("--robot", "forceps", "--load-grams", "3000"), "load is 3.0 kg"),
         (("--robot", "forceps", "--seed", "-1"), "should be greater than or equal to 0"),
         (("--robot", "forceps", "--state-rate-hz", "nan"), "rate nan Hz"),
+        (("--robot", "forceps", "--encoders", "x"), "no encoders are stated for this robot"),
+        (("--robot", "forceps", "--rezero-s", "5"), "for --compensate alone"),
     ],
 )
 def test_what_cannot_be_collected_is_refused_in_one_line(call, motion, tmp_path, arguments, says):

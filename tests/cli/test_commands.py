@@ -148,10 +148,11 @@ def test_held_out_accuracy_goes_into_the_model(call: Call, session: Path, tmp_pa
 
 
 def test_parts_of_one_recording(call: Call, session: Path, tmp_path: Path) -> None:
-    model, recording = tmp_path / "m.st", session / "zigzag.parquet"
+    model, recording = tmp_path / "m.st", session / "random.parquet"
     assert call("calibrate", recording, "-e", "linear", "--part", "0:0.7", "-o", model).code == 0
     late = call("evaluate", model, recording, "--part", "0.75:1", "--json")
-    assert json.loads(late.out)["verdict"]["objections"] == []
+    objections = json.loads(late.out)["verdict"]["objections"]
+    assert all("of a motion unlike it" in said for said in objections), "parts of one motion differ"
 
 
 def test_settings_reach_the_estimator(call: Call, session: Path, tmp_path: Path) -> None:

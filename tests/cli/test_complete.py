@@ -39,7 +39,7 @@ def complete(call: Call, session: Path, monkeypatch: pytest.MonkeyPatch) -> Comp
         (["calibrate", "--feature", "kuka"], ["kuka_kr300_dual_encoder"]),
         (["datasets", "show", "kuka"], ["kuka_kr300_dual_encoder"]),
         (["evaluate", "m.st", "random.parquet", "--tolerance", "i"], ["insertion="]),
-        (["export", "m.st", "--to", ""], ["c", "onnx"]),
+        (["export", "m.st", "--to", ""], ["c", "onnx", "ros"]),
         (["calibrate", "--format", "k"], ["kuka_kr300_dual_encoder", "kflex_tendon_sheath"]),
         (["calibrate", "-e", "gru", "--set", "e"], ["epochs="]),
         (["calibrate", "-e", "no_such", "--set", ""], []),

@@ -23,14 +23,6 @@ HUGE = "9" * 400
 ENDLESS = "9" * 5000
 
 
-@pytest.fixture(autouse=True)
-def _listening():
-    """Ctrl-C is ignored in workers of the suite, and by a shell that runs it in the background."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
-
-
 @given(st.text())
 def test_what_is_printed_steers_no_terminal(text: str) -> None:
     shown = printable(text)
@@ -206,6 +198,17 @@ def test_an_interrupt_that_is_swallowed_is_remembered(
 
     monkeypatch.setattr("truejoint.cli.commands.app", swallows)
     assert call("show", "x").code == 130
+
+
+def test_ctrl_c_is_looked_after_before_anything_large_is_imported() -> None:
+    package = Path(truejoint.__file__).parents[1]
+    program = f"import sys; sys.path.insert(0, {str(package)!r}); import truejoint.cli.app\n" + (
+        "print(*{'ast', 'lazy_loader', 'numpy', 're', 'typer', 'typing'} & set(sys.modules))"
+    )
+    ended = subprocess.run(  # noqa: S603
+        [sys.executable, "-S", "-c", program], capture_output=True, check=True, text=True
+    )
+    assert ended.stdout.strip() == ""
 
 
 def test_ctrl_c_while_modules_are_imported_ends_at_once() -> None:

@@ -5,6 +5,7 @@ import pytest
 from tests.estimators.conftest import columns, fitted, rms_deg, steps, target
 
 from truejoint.estimators import CableLeastSquares
+from truejoint.models.cable_least_squares import observe
 from truejoint.models.jaw import rational_error
 
 
@@ -42,3 +43,9 @@ def test_equation_30_takes_off_its_own_error_model(pair):
     taken = [rational_error(*row, model.scale_, model.error_coef_) for row in rows]
     assert np.abs(estimate - (bare - taken)).max() < 1e-9
     assert rms_deg(estimate, test) < 0.6 * rms_deg(bare, test)
+
+
+def test_a_history_starts_at_rest():
+    out = np.full(7, np.nan)
+    observe(0.0, 0.01, 0.02, np.ones(4), out)
+    np.testing.assert_array_equal(out, [0.01, 0.0, 0.0, 0.02, 0.0, 0.0, 0.0])

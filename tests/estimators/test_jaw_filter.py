@@ -17,6 +17,15 @@ from truejoint.simulation.forceps.specimens import specimen
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+def test_friction_holds_the_jaw_off_its_rest(pair):
+    model = fitted(pair, JawFilter())
+    own, noise = model.mechanism, model.noise
+    slider = noise.slider_friction / own.reset_stiffness / own.jaw_radius
+    jaw = noise.jaw_friction / own.jaw_radius / (own.reset_stiffness + own.drive_stiffness)
+    spread = slider + jaw / own.jaw_radius
+    assert rest_spread(own, noise)[0, 0] == pytest.approx(spread**2, rel=1e-12)
+
+
 def test_filter_is_a_kalman_filter(pair):
     """(12) is linear, so (15)-(23) must give what an ordinary Kalman filter gives."""
     model = fitted(pair, JawFilter())

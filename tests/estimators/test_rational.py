@@ -85,6 +85,8 @@ def test_a_pole_gives_a_finite_number():
     coefficients = np.zeros(11)
     coefficients[[0, 1]] = 1.0, -1.0  # 1 / (1 - u)
     assert np.isfinite(rational_error(1.0, 0.0, np.ones(2), coefficients))
+    for beside in (1e-9, -1e-9):  # each side keeps its sign
+        assert rational_error(1.0 - beside, 0.0, np.ones(2), coefficients) * beside > 0.0
 
 
 @pytest.mark.parametrize(

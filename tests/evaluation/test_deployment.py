@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from truejoint.evaluation.comparison import compare
 from truejoint.evaluation.deployment import PLAIN, to_deploy
 
 NOISE = np.random.default_rng(0).normal(size=(5, 2, 800, 1))
@@ -49,3 +50,14 @@ def test_tests_count_together() -> None:
 def test_a_model_too_erratic_to_be_beaten_is_not_named() -> None:
     steady = {"raw": 3.0, "offset": 1.0, "linear": 0.5, "poly2": 0.4, "dnn": 0.3}
     assert to_deploy([_trace(0, **steady), _trace(1, **(steady | {"poly2": 4.0}))]) == "dnn"
+
+
+def test_one_that_is_better_in_each_test_need_not_be_so_by_as_much_in_each() -> None:
+    """A few tests that differ would else say less together than each of them does."""
+    sizes = {"raw": 9.0, "offset": 9.0, "linear": 0.5, "dnn": 0.45}
+    traces = [_trace(row, **(sizes | {"linear": own})) for row, own in enumerate((0.6, 5.0))]
+    errors = [[t.error(name)[t.inside] for t in traces] for name in ("dnn", "linear")]
+    assert compare(*errors).outcome == "cannot be told", "the case shows nothing"
+    assert to_deploy(traces) == "dnn"
+    worse = _trace(0, **(sizes | {"linear": 0.4}))
+    assert to_deploy([worse, traces[1]]) == "linear"

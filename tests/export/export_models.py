@@ -68,6 +68,7 @@ def calibration(
     )
     needed = columns(features, joints)
     error = model.evaluate(X)
+    resting = np.zeros(len(feature_set), dtype=bool)
     if target == "position":
         error = error - training.columns("measured", joints)
     widths = np.sort(rng.uniform(0.001, 0.01, (2, len(joints))), axis=0)
@@ -86,7 +87,7 @@ def calibration(
         metadata={
             "sample_dt": 1 / 30, "data_sha256": "0" * 64, "homing_ids": list(homing_ids),
         },
-        training_domain=fit_training_domain([training], needed, 0.3, X, error),
+        training_domain=fit_training_domain([training], needed, 0.3, X, error, resting),
         interval=None
         if rezero is None
         else Interval(np.array([0.8, 0.9]), widths, widths, widths, 2.0, rezero, 12, 12),

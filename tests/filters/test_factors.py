@@ -147,3 +147,10 @@ def test_wrapped_angle_is_the_same_direction(angle: float) -> None:
 @pytest.mark.parametrize("angle", [math.pi, -math.pi, 3 * math.pi, 1e300, -1e300, 0.0, 5e-324])
 def test_wrap_at_its_edges(angle: float) -> None:
     assert -math.pi <= wrap(angle) <= math.pi
+
+
+def test_downdate_where_nothing_varies_takes_nothing_away() -> None:
+    factor = np.array([[0.0, 0.0], [0.0, 2.0]])
+    assert downdate(factor, 2, np.array([0.0, 1.0]))
+    np.testing.assert_allclose(factor, [[0.0, 0.0], [0.0, np.sqrt(3.0)]])
+    assert not downdate(np.ones((1, 1)), 1, np.ones(1))  # all of it: no direction is left

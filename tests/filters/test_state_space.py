@@ -14,6 +14,7 @@ from truejoint.filters.sigma_points import FilterError
 from truejoint.filters.state_space import (
     StateSpaceModel,
     check_covariance,
+    covariance_factor,
     discretise,
     linear_measurement,
     linear_model,
@@ -105,6 +106,12 @@ def test_model_that_zero_breaks_is_accepted() -> None:
         out[0] = 1.0 / x[0]
 
     StateSpaceModel(**arguments(transition=reciprocal))
+
+
+def test_factor_of_a_covariance() -> None:
+    covariance = check_covariance([[4.0, 2.0], [2.0, 5.0]], 2, "P0")
+    np.testing.assert_allclose(covariance_factor(covariance), [[2.0, 0.0], [1.0, 2.0]], rtol=1e-15)
+    assert check_covariance(np.zeros((0, 0)), 0, "R").shape == (0, 0)
 
 
 def test_rounding_in_a_covariance_is_forgiven_and_taken_off() -> None:

@@ -10,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
-from truejoint.recordings import Provenance, Recording, Stream, join_truth
+from truejoint.recordings import ClockOffset, Provenance, Recording, Stream, join_truth, joining
+from truejoint.recordings.checks.delay import Delay
 from truejoint.recordings.datasets import read_dataset
 
 JOINTS = ("joint1", "joint2")
@@ -140,3 +141,23 @@ def test_the_offset_is_found_on_real_joints(
         _, clock = join_truth(robot, Stream(whole.t[rows] - 123.4, truth))
         assert clock.seconds == pytest.approx(123.4, abs=0.005)
         assert abs(clock.seconds - 123.4) < 2 * clock.sd
+
+
+@pytest.mark.parametrize(
+    ("sd", "delay", "uncertainty", "moves"),
+    [
+        (0.05, 0.02, 0.001, True),
+        (0.05, 0.02, 0.1, False),  # it is no surer
+        (0.05, 0.2, 0.001, False),  # further off than the first one may be
+        (0.005, 0.002, 0.001, False),  # known well enough
+    ],
+)
+def test_an_unsure_offset_gives_way_to_what_plays_and_efforts_say(
+    monkeypatch: pytest.MonkeyPatch, sd: float, delay: float, uncertainty: float, moves: bool
+) -> None:
+    recording, truth = robot_and_truth(5.0, 0)
+    monkeypatch.setattr(joining, "find_clock_offset", lambda *_: ClockOffset(5.0, sd, JOINTS))
+    monkeypatch.setattr(joining, "estimate_delay", lambda *_: Delay(delay, uncertainty, 0.5))
+    _, clock = join_truth(recording, truth)
+    assert clock.seconds == pytest.approx(5.0 - delay if moves else 5.0)
+    assert clock.sd < sd if moves else clock.sd == sd

@@ -92,7 +92,7 @@ def test_what_the_caller_knows_goes_into_the_provenance(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"format": "bag"}, "no format called 'bag'; known: parquet, csv"),
+        ({"format": "pickle"}, "no format called 'pickle'; known: parquet, csv"),
         ({"robot": "raven2"}, "format 'parquet' takes no 'robot'; it takes load, homing_id"),
         ({"truth_unit": "deg_m"}, "takes no 'truth_unit'"),
     ],

@@ -161,6 +161,7 @@ def test_truth_may_come_from_sensors_of_their_own(arm: Any) -> None:
     sensors = Sensors()
     with Recorder(arm, truth=sensors) as recorder:
         arm.state(np.arange(1000) * 1e-3)
+        arm.truth(np.arange(100) * 1e-2)  # of its own, which is left alone
         t = np.arange(120) * 1e-2
         sensors.tell(TruthBlock(t, ("elbow",), 0.5 * t[:, None]))
     recording = recorder.recording()

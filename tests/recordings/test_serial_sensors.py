@@ -71,7 +71,7 @@ def reached(condition):
 
 def test_counts_become_positions_once_registered(line):
     ticks = iter(np.arange(10000) * 0.01)
-    with JointEncoders(line.port, clock=lambda: next(ticks)) as encoders:
+    with JointEncoders(line.port, JOINT_ENCODERS, clock=lambda: next(ticks)) as encoders:
         told = Until(encoders)
         line.send("100_200_300\n")  # before the registration: no position
         reached(lambda: encoders.messages == 1)
@@ -97,7 +97,7 @@ def test_counts_become_positions_once_registered(line):
 
 
 def test_garbage_and_half_lines_are_left_out(line):
-    with JointEncoders(line.port) as encoders:
+    with JointEncoders(line.port, JOINT_ENCODERS) as encoders:
         line.send(b"7_8")
         line.send(b"_9\n\xff\x00garbage\n1_2\n1_2_3_4\n99999999999_1_1\n\n3_4_5\n")
         reached(lambda: encoders.messages == 2)
@@ -105,7 +105,7 @@ def test_garbage_and_half_lines_are_left_out(line):
 
 
 def test_a_line_without_end_is_given_up(line):
-    with JointEncoders(line.port) as encoders:
+    with JointEncoders(line.port, JOINT_ENCODERS) as encoders:
         for _ in range(10):
             line.send(b"1" * 500)
         reached(lambda: encoders.garbage >= 1)
@@ -119,7 +119,7 @@ def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
     port.symlink_to(line.port)
     again = Line()
     try:
-        with JointEncoders(str(port)) as encoders:
+        with JointEncoders(str(port), JOINT_ENCODERS) as encoders:
             line.send("1_2_3\n")
             reached(lambda: encoders.messages == 1)
             port.unlink()
@@ -136,7 +136,7 @@ def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
 
 
 def test_a_registration_that_cannot_be_is_refused(line):
-    with JointEncoders(line.port) as encoders:
+    with JointEncoders(line.port, JOINT_ENCODERS) as encoders:
         encoders.start_registration()
         with pytest.raises(RecordingError, match="no counts were read during the homing"):
             encoders.register()
@@ -151,13 +151,11 @@ def test_a_registration_that_cannot_be_is_refused(line):
 def test_refusals(tmp_path):
     with (
         pytest.raises(RecordingError, match="cannot be opened"),
-        JointEncoders(str(tmp_path / "x")),
+        JointEncoders(str(tmp_path / "x"), JOINT_ENCODERS),
     ):
         pass
-    with pytest.raises(RecordingError, match="3 encoders need as many directions"):
-        JointEncoders("x", directions=(1, 1))
-    with pytest.raises(RecordingError, match=r"directions \(\+1 or -1\)"):
-        JointEncoders("x", directions=(1, 0, 1))
+    with pytest.raises(RecordingError, match=r"its file needs \[\[encoders\]\]"):
+        JointEncoders("x", ())
 
 
 def test_a_force_gauge_is_read_frame_by_frame(line):
@@ -175,7 +173,7 @@ def test_a_force_gauge_is_read_frame_by_frame(line):
 
 @given(st.lists(st.binary(max_size=20), max_size=20))
 def test_no_bytes_break_a_parser(pieces):
-    for sensor in (JointEncoders("none"), ForceGauge("none")):
+    for sensor in (JointEncoders("none", JOINT_ENCODERS), ForceGauge("none")):
         for piece in pieces:
             sensor._take(piece)
         assert len(sensor._waiting) <= 4096

@@ -220,3 +220,43 @@ def test_any_data_are_a_robot_or_refused_in_one_line(
         message = str(error)
     assert message.startswith("model: ")
     assert "\n" not in message
+
+
+ENCODERS = """
+[[encoders]]
+joint = "lift"
+resolution = 0.005
+hard_stop = 5
+end = "lower"
+direction = -1
+"""
+
+
+def test_a_file_states_temporary_encoders_in_the_units_of_their_joints(tool):
+    tool.write_text(TOOL + ENCODERS)
+    robot = get_robot(str(tool), "left")
+    (encoder,) = robot.encoders
+    assert (encoder.joint, encoder.end, encoder.direction, encoder.tolerance) == (
+        "lift", "lower", -1, 20,
+    )  # fmt: skip
+    assert encoder.resolution == pytest.approx(5e-6)
+    assert encoder.hard_stop == pytest.approx(5e-3)
+    assert Robot.from_dict(json.loads(json.dumps(robot.to_dict()))).encoders == robot.encoders
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "says"),
+    [
+        ("resolution = 0.005", "resolution = 0", "encoder of lift: resolution 0"),
+        ("direction = -1", "direction = 0.5", "whole numbers"),
+        ("direction = -1", "direction = 2", "a direction of 1 or -1"),
+        ('end = "lower"', 'end = "middle"', "lower or upper"),
+        ('joint = "lift"', 'joint = "left"', "did you mean 'lift'"),
+        ("hard_stop = 5", "", "'hard_stop' is missing"),
+        ("hard_stop = 5", "stop = 5", "key 'stop' is not known"),
+    ],
+)
+def test_encoders_that_cannot_be_are_refused(tool, before, after, says):
+    tool.write_text(TOOL + ENCODERS.replace(before, after))
+    with pytest.raises(RobotError, match=says):
+        get_robot(str(tool))

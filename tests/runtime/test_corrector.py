@@ -6,7 +6,9 @@ import copy
 import subprocess
 import sys
 import tracemalloc
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from threading import Barrier
 
 import numpy as np
 import pytest
@@ -167,6 +169,59 @@ def test_without_an_interval_the_half_width_is_infinite(calibration):
     corrector = ready(calibration)
     assert corrector.step(LOOP[0], stream(LOOP[:1])[0]) == Status.OK
     np.testing.assert_array_equal(corrector.half_width, np.inf)
+
+
+def test_of_two_threads_one_has_the_corrector(calibration):
+    corrector, samples = ready(calibration), stream(LOOP[:2])
+    own: list[Status] = []
+    other: list[Status] = []
+
+    def step(k: int, said: list[Status]) -> None:
+        said.append(corrector.step(float(LOOP[k]), samples[k]))
+
+    with ThreadPoolExecutor(1) as pool:
+        step(0, own)
+        before = corrector.position.copy()
+        pool.submit(step, 1, other).result()
+        np.testing.assert_array_equal(corrector.position, before)
+        corrector.release()
+        pool.submit(step, 1, other).result()
+        step(1, own)
+    assert other == [Status.OTHER_THREAD, Status.OK]
+    step(1, own)  # that thread has ended
+    assert own == [Status.OK, Status.OTHER_THREAD, Status.STALE]
+
+
+def test_a_recording_is_not_run_on_what_another_thread_has(calibration):
+    corrector, samples = ready(calibration), stream(LOOP[:2])
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(corrector.step, LOOP[0], samples[0]).result() == Status.OK
+        with pytest.raises(CalibrationError, match="another thread has this corrector"):
+            corrector.run(recording(LOOP[:5]))
+        assert pool.submit(corrector.step, LOOP[0], samples[0]).result() == Status.STALE
+
+
+def test_threads_at_once_never_see_each_others_sample(calibration):
+    corrector, samples = ready(calibration), stream(LOOP[[0, 1500]])
+    start, before = Barrier(2), sys.getswitchinterval()
+
+    def refused(k: int) -> int:
+        start.wait()
+        count = 0
+        for i in range(2000):
+            if corrector.step(LOOP[0] + 1e-3 * i, samples[k]) & Status.OTHER_THREAD:
+                count += 1
+            else:
+                np.testing.assert_allclose(corrector.position, samples[k, ::2], rtol=0, atol=0.05)
+        return count
+
+    assert np.abs(samples[0, ::2] - samples[1, ::2]).max() > 0.1
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            assert sorted(pool.map(refused, range(2))) == [0, 2000]
+    finally:
+        sys.setswitchinterval(before)
 
 
 def test_rezeroing_adds_an_offset_and_makes_its_interval_hold(calibration):

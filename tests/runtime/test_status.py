@@ -189,6 +189,17 @@ def test_a_jump_too_small_for_the_rate_of_training_is_seen_at_that_of_the_loop(c
     assert bits[-1] & Status.ZERO_SUSPECT
 
 
+def test_a_feature_that_the_distance_leaves_out_is_held_to_its_range(calibration):
+    seen = calibration.training_domain
+    left_out = replace(seen, whitening=seen.whitening * [0.0, *np.ones(len(seen.feature_mean) - 1)])
+    changed, plain = (
+        limits_of(decode(*encode(model)))
+        for model in (replace(calibration, training_domain=left_out), calibration)
+    )
+    assert np.isfinite(changed.feature_lower[0])
+    np.testing.assert_array_equal(changed.feature_lower, plain.feature_lower)
+
+
 def test_features_unlike_any_trained_row_together(calibration):
     low, high = calibration.lower, calibration.upper
     rows = stream(T)
@@ -238,7 +249,9 @@ def test_sample_that_is_not_a_number_for_each_signal(corrector, sample):
     assert corrector.step(0.002, good[2]) == Status.OK
 
 
-@pytest.mark.parametrize("stamp", ["noon", (), 10**400, 1j, np.complex128(1j), Odd()], ids=repr)
+@pytest.mark.parametrize(
+    "stamp", ["noon", "1.0", (), 10**400, 1j, np.complex128(1j), Odd()], ids=repr
+)
 def test_stamp_that_is_no_number(corrector, stamp):
     assert corrector.step(stamp, stream(T[:1])[0]) == Status.WRONG_SIZE
     assert corrector.step(0.0, stream(T[:1])[0]) == Status.OK
@@ -336,6 +349,26 @@ def test_homing_of_a_model_that_names_none():
     assert corrector.set_homing(True, "b") == Status.HOMED_AGAIN
     assert corrector.rezero([0.0, 0.0]) == Status.OK
     assert corrector.set_homing(True, "b") == Status.OK
+
+
+def test_a_rezeroed_homing_that_was_left_is_another_one(calibration):
+    corrector = Corrector(calibration)
+    for left in ((False, None), (True, "h3")):
+        assert corrector.set_homing(True, "h2") == Status.HOMED_AGAIN
+        assert corrector.rezero([0.01, 0.0]) == Status.OK
+        assert corrector.set_homing(True, "h2") == Status.OK
+        assert corrector.offset[0] == 0.01
+        corrector.set_homing(*left)
+        assert corrector.set_homing(True, "h2") == Status.HOMED_AGAIN  # its offset is gone
+        assert corrector.offset[0] == 0.0
+
+
+def test_an_offset_ends_with_a_homing_of_the_training_too(calibration):
+    corrector = Corrector(calibration.with_metadata(homing_ids=["h1", "h2"]))
+    corrector.set_homing(True, "h1")
+    corrector.rezero([0.01, 0.0])
+    assert corrector.set_homing(True, "h2") == Status.OK
+    assert corrector.offset[0] == 0.0
 
 
 def test_homing_starts_the_history_anew(corrector):

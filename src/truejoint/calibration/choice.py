@@ -40,14 +40,16 @@ class Automatic:
     10 % and by two standard errors of the logarithm's mean over the folds. Elsewhere the linear
     model stays. The fits that serve the choice see six
     thousand rows; what is chosen is fitted to all. What was tried stands in the metadata under
-    ``choice``.
+    ``choice``. Where no features are asked for, every measured position, effort and motor current
+    that all recordings have is tried beside the default ones.
 
     Parameters
     ----------
     candidates : sequence of Regressor
         What is tried; by default what the registry says: offset, linear, quadratic, a network
-        until convergence, and boosted trees on the residual of the linear model. One that takes
-        features of its own, or only works offline, is taken for all joints or not at all.
+        until convergence, boosted trees on the residual of the linear model, and rich plays with
+        and without trees. One that takes features of its own, or only works offline, is taken for
+        all joints or not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
@@ -175,7 +177,10 @@ class Group:
             targets = np.full_like(self._targets, np.nan)
             targets[seen] = self._targets[seen]
             model.fit(self._inputs, targets, None, self._dt)
-            predicted = model.evaluate(self._inputs, self._dt)[unseen]
+            history = np.cumsum(self._dt == 0.0)
+            told = np.isin(history, history[unseen])  # what runs before it does not matter
+            predicted = model.evaluate(self._inputs[told], self._dt[told])
+            predicted = predicted[np.searchsorted(np.flatnonzero(told), unseen)]
         else:
             model.fit(self._inputs[seen], self._targets[seen])
             predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
@@ -281,8 +286,9 @@ def choose(
 ) -> Choice:
     """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
 
-    A fold without which the linear model cannot be fitted is passed over; raises CalibrationError
-    if that is every one.
+    A fold without which the linear model of the first features cannot be fitted is passed over;
+    raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
+    more of them take more rows, are left out.
     """
     tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
     raw: list[Array] = []
@@ -294,16 +300,23 @@ def choose(
             report((number + share) / len(left_out))
 
         try:
-            errors = [group.judge(fold, say) for group in groups]
-            raw.append(errors[0])
+            raw.append(groups[0].judge(fold, say))
             judged.append(fold)
         except CalibrationError:
-            for group in groups:
-                del group.products[len(judged) :]
             if fold is left_out[-1] and not judged:
                 raise
+            continue
+        groups = [groups[0], *(group for group in groups[1:] if _is_judged(group, fold, say))]
     tell("Fitting what was chosen")
     return _best(groups, judged, raw, joints)
+
+
+def _is_judged(group: Group, fold: Fold, say: Callable[[str, float], None]) -> bool:
+    try:
+        group.judge(fold, say)
+    except CalibrationError:
+        return False
+    return True
 
 
 def _best(

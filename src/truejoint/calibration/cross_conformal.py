@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -19,7 +18,7 @@ from truejoint.calibration.conformal import (
     state_interval,
     trajectory_scores,
 )
-from truejoint.calibration.fitting import calibrate
+from truejoint.calibration.fitting import calibrate, within
 from truejoint.calibration.folds import FOLDS, Part, blocks, dealt, wholes, without
 from truejoint.calibration.interval import GROWTH, LEVELS
 from truejoint.estimators.base import Progress
@@ -89,14 +88,13 @@ def cross_interval(
     possible = possible_levels(levels, len(units))
     left_out = dealt(units, "", FOLDS)
     share = 1.0 / (len(left_out) + 1)
-    first = partial(_within, report, 0.0, share)
-    fitted = calibrate(recordings, estimator, progress=first, **how)
+    fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
     again = {**how, "features": fitted.feature_set, "target": fitted.target}
     again["joints"] = fitted.joints
     scores: dict[Part, Array] = {}
     judged = []
     for k, fold in enumerate(left_out):
-        done = partial(_within, report, (k + 1) * share, share)
+        done = within(report, (k + 1) * share, share)
         training = without(recordings, fold.parts)
         other = calibrate(training, fitted.model.settled(), progress=done, **again)
         other = other.fitted_for(rezeroing=rezero > 0.0)
@@ -116,7 +114,3 @@ def cross_interval(
         cut=len(recordings) if is_cut else 0,
     )
     return state_interval(fitted, interval, recordings, judged)
-
-
-def _within(report: Progress, begin: float, share: float, fraction: float) -> None:
-    report(begin + share * fraction)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import math
 import platform
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 from typing import Any, Final, Literal, get_args
@@ -14,21 +13,30 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.choice import Automatic, Choice, Group, Rows, choose
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
-from truejoint.calibration.parity import fit_parity_equations, redundant_columns
-from truejoint.calibration.sessions import (
-    check_arm,
-    check_columns,
-    check_unit,
-    session_of,
-    source_of,
+from truejoint.calibration.parity import fit_parity_equations
+from truejoint.calibration.selection import (
+    chosen_features,
+    chosen_joints,
+    chosen_redundant,
+    common_robot,
+    common_units,
 )
+from truejoint.calibration.sessions import session_of, source_of
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
-from truejoint.calibration.training_domain import fit_training_domain
+from truejoint.calibration.training_domain import fit_training_domain, resting_features
+from truejoint.calibration.training_rows import (
+    RowRules,
+    TrainingRows,
+    fitted_rows,
+    outlying_values,
+    partly_known,
+    stride_of,
+)
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
@@ -40,17 +48,13 @@ from truejoint.models.features import (
     default_features,
     default_gap_limit,
     sample_dt,
-    time_steps,
 )
 from truejoint.recordings import Recording
-from truejoint.recordings.checks.outliers import gross_outliers
 from truejoint.recordings.recording import as_recordings
-from truejoint.robots import Robot
-
-LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond which it is refused
 
 ZeroOf = Literal["shared", "recording", "homing"]
 
+_MORE: Final = ("measured", "effort", "current")  # that a choice tries, where it chooses features
 _CHOICE_SHARE: Final = 0.9  # of the progress bar, where there is a choice
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 _SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
@@ -130,75 +134,48 @@ def calibrate(
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
         choice = _choose(
-            recordings,
-            wanted,
-            features,
-            joints,
-            target,
-            fit_rate,
-            random_state,
-            lambda fraction: report(_CHOICE_SHARE * fraction),
-        )
+            recordings, wanted, features, joints, target, fit_rate, random_state,
+            within(report, 0.0, _CHOICE_SHARE),
+        )  # fmt: skip
         fitted = calibrate(
             recordings, choice.estimator, features=choice.features, joints=joints, target=target,
             redundant=redundant, fit_rate=fit_rate, zero=zero,
-            progress=lambda fraction: report(_CHOICE_SHARE + (1.0 - _CHOICE_SHARE) * fraction),
+            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
         )  # fmt: skip
         return fitted.with_metadata(choice=choice.told)
-    robot = _common_robot(recordings)
+    robot = common_robot(recordings)
     groups = _groups(recordings, zero)
     model = _unfitted(estimator, target, random_state)
     target = target or model.family.targets[0]
     model = model.for_recordings(recordings)
-    chosen = _chosen_joints(robot, recordings, joints)
-    feature_set = _chosen_features(model, robot, recordings, features)
+    chosen = chosen_joints(robot, recordings, joints)
+    feature_set = chosen_features(model, robot, recordings, features)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
             check_sample_dt(recording, dt)
-    units = _common_units(recordings, feature_set, chosen)
+    units = common_units(recordings, feature_set, chosen)
     parity, redundant_units = fit_parity_equations(
-        recordings, chosen, tuple(units), _redundant_columns(recordings, redundant)
+        recordings, chosen, tuple(units), chosen_redundant(recordings, redundant)
     )
-    stride = _stride(fit_rate, dt)
-    parts = [
-        _part(recording, outlying, feature_set, chosen, gap_limit, stride)
-        for recording, outlying in zip(recordings, _outlying(recordings, chosen), strict=True)
-    ]
-    X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
+    rules = RowRules(feature_set, chosen, gap_limit, stride_of(fit_rate, dt))
+    parts = list(map(rules.rows, recordings, outlying_values(recordings, chosen)))
+    X, error = (fitted_rows(parts, name) for name in ("features", "error"))
     unused = _unused_features(X, feature_set, chosen, fixed=model.family.inputs is not None)
     n_features = len(feature_set) - len(unused)
-    needed = model.minimum_rows(n_features)
-    if len(X) < needed:
-        raise CalibrationError(
-            f"{len(X)} rows with truth; {model.name} with {n_features} features needs {needed}: "
-            "record for longer, or choose fewer features or a simpler estimator"
-        )
-    fits = 1 if groups is None else 2
-
-    def fit(parts: Sequence[_Part], done: int) -> tuple[dict[str, JointRegressor], dict[str, str]]:
-        """Model and baselines, the fit after `done` of them, and notes on the latter."""
-        share = (1.0 - _BASELINE_SHARE) / fits
-        own = _fit_model(
-            clone(model), parts, target, stride, gap_limit, lambda f: report(share * (done + f))
-        )
-        baselines, notes = _fit_baselines(*_partly(parts, stride), n_features)
-        return {"model": own, **baselines}, notes
-
-    baselines, notes = fit(parts, 0)
+    _check_enough(model, len(X), n_features)
+    share = 1.0 if groups is None else 0.5
+    own, baselines, notes = _fit(model, parts, target, n_features, within(report, 0.0, share))
     zeros: dict[str, Any] = {"of": zero}
     rezero_models: dict[str, JointRegressor] = {}
     moves: Array | None = None
-    at_zero: Sequence[_Part] = parts
+    at_zero: Sequence[TrainingRows] = parts
     if groups is not None:
         names, index = groups
         moves = signal_moves(recordings, tuple(units), chosen) if zero == "homing" else None
-
-        def part_of(recording: Recording, outlying: Mask) -> _Part:
-            return _part(recording, outlying, feature_set, chosen, gap_limit, stride)
-
-        at_zero, found = _at_one_zero(parts, index, moves, tuple(units), part_of)
-        rezero_models, _ = fit(at_zero, 1)
+        at_zero, found = _at_one_zero(parts, index, moves, tuple(units))
+        again, others, _ = _fit(model, at_zero, target, n_features, within(report, share, share))
+        rezero_models = {"model": again, **others}
         zeros |= {"names": names, "offsets": found.tolist()}
     report(1.0)
     fitted = Calibration(
@@ -211,12 +188,17 @@ def calibrate(
         gap_limit=gap_limit,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
-        model=baselines.pop("model"),
+        model=own,
         baseline_models=baselines,
         rezero_models=rezero_models,
         moves=moves,
         training_domain=fit_training_domain(
-            recordings, (*units, *redundant_units), gap_limit, X, error
+            recordings,
+            (*units, *redundant_units),
+            gap_limit,
+            X,
+            error,
+            resting_features(recordings, feature_set, chosen, units),
         ),
         parity=parity,
         redundant=redundant_units,
@@ -243,95 +225,80 @@ def _choose(
     target: Target | None,
     fit_rate: float | None,
     random_state: int | None,
-    progress: Progress | None,
+    progress: Progress,
 ) -> Choice:
     """Choose among the estimators that can predict the target, each with its features."""
-    robot = _common_robot(recordings)
-    chosen = _chosen_joints(robot, recordings, joints)
+    robot = common_robot(recordings)
+    chosen = chosen_joints(robot, recordings, joints)
     models = [_unfitted(one, None, random_state) for one in wanted.candidates]
     target = target or TARGETS[0]
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     for model in (one for one in models if target in one.family.targets):
         model = model.for_recordings(recordings)  # noqa: PLW2901
         own = features if model.family.inputs is None else None
-        by_features.setdefault(_chosen_features(model, robot, recordings, own), []).append(model)
+        by_features.setdefault(chosen_features(model, robot, recordings, own), []).append(model)
     if wanted.default_features and features is not None and len(recordings) >= FEW:
         usual = default_features(robot, recordings[0])
         by_features.setdefault(usual, next(iter(by_features.values())))
-    gap_limit, stride = default_gap_limit(recordings), _stride(fit_rate, sample_dt(recordings))
-    outlying = _outlying(recordings, chosen)
+    free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
+    if features is None and free:
+        columns = recordings[0].table.columns
+        more = FeatureSet.parse([name for name in columns if name.split("/")[0] in _MORE])
+        units = {(name, recordings[0].units[name]) for name in more.signals}
+        in_all = all(units <= set(one.units.items()) for one in recordings)
+        if in_all and not any(set(more.names) == set(one.names) for one in by_features):
+            by_features[more] = free
+    gap_limit, stride = default_gap_limit(recordings), stride_of(fit_rate, sample_dt(recordings))
+    outlying = outlying_values(recordings, chosen)
     groups = []
     for feature_set, candidates in by_features.items():
-        rows = []
-        for recording, out in zip(recordings, outlying, strict=True):
-            part = _part(recording, out, feature_set, chosen, gap_limit, stride)
-            dt = time_steps(np.array(recording.t), gap_limit)
-            targets = part.targets(target, stride)
-            rows.append(Rows(recording.t, dt, part.features, targets, part.error))
+        rules = RowRules(feature_set, chosen, gap_limit, stride)
+        parts = map(rules.rows, recordings, outlying)
+        rows = [Rows(p.recording.t, p.dt, p.features, p.targets(target), p.error) for p in parts]
         groups.append(Group(feature_set, rows, candidates))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 
-@dataclass(frozen=True, eq=False)
-class _Part:
-    """What one recording gives to fit to."""
-
-    recording: Recording
-    features: Array  # (n, k)
-    truth: Array  # (n, n_joints) [rad or m], not known in every row
-    error: Array  # (n, n_joints), truth minus measured
-    known: Mask  # (n,), where the truth of every joint is, and not outlying
-    outlying: Mask  # (n, n_joints), values that are left out
-    fitted: Integers  # (m,), rows fitted to of those
-
-    @property
-    def outliers(self) -> int:
-        """Rows with truth of which a value is left out."""
-        return int((np.isfinite(self.truth).all(axis=1) & self.outlying.any(axis=1)).sum())
-
-    def partly(self, stride: int, target: Target = "error") -> tuple[Array, Array]:
-        """Features and targets of rows (m, ...) with truth, outlying values NaN."""
-        rows = np.flatnonzero(np.isfinite(self.truth).all(axis=1) & ~self.outlying.all(axis=1))
-        rows = rows[::stride]
-        known = self.error if target == "error" else self.truth
-        return self.features[rows], np.where(self.outlying[rows], np.nan, known[rows])
-
-    def targets(self, target: Target, stride: int) -> Array:
-        """Targets of every row (n, n_joints), NaN where they are not fitted to."""
-        targets = np.array(self.error if target == "error" else self.truth)
-        targets[~self.known | (np.arange(len(targets)) % stride != 0)] = np.nan
-        return targets
+def within(report: Progress, begin: float, share: float) -> Progress:
+    """Progress of a part of what `report` is told of, from `begin` on."""
+    return lambda fraction: report(begin + share * fraction)
 
 
-def _fitted_rows(parts: Sequence[_Part], name: str) -> Array:
-    """Rows (m, ...) that are fitted to, of all parts, of the array called `name`."""
-    rows = [getattr(part, name)[part.fitted] for part in parts]
-    return np.asarray(np.concatenate(rows))
+def _check_enough(model: JointRegressor, n: int, n_features: int) -> None:
+    """Refuse to fit a model to fewer rows `n` than it needs."""
+    needed = model.minimum_rows(n_features)
+    if n < needed:
+        raise CalibrationError(
+            f"{n} rows with truth; {model.name} with {n_features} features needs {needed}: "
+            "record for longer, or choose fewer features or a simpler estimator"
+        )
 
 
-def _partly(parts: Sequence[_Part], stride: int, target: Target = "error") -> tuple[Array, Array]:
-    """Features (m, k) and targets (m, n_joints) of all parts, NaN where a value is left out."""
-    features, targets = zip(*(part.partly(stride, target) for part in parts), strict=True)
-    return np.concatenate(features), np.concatenate(targets)
+def _fit(
+    model: JointRegressor,
+    parts: Sequence[TrainingRows],
+    target: Target,
+    n_features: int,
+    report: Progress,
+) -> tuple[JointRegressor, dict[str, JointRegressor], dict[str, str]]:
+    """Fitted model, baselines, and notes on these."""
+    own = _fit_model(clone(model), parts, target, within(report, 0.0, 1.0 - _BASELINE_SHARE))
+    return own, *_fit_baselines(*partly_known(parts), n_features)
 
 
 def _fit_model(
-    model: JointRegressor,
-    parts: Sequence[_Part],
-    target: Target,
-    stride: int,
-    gap_limit: float,
-    report: Progress,
+    model: JointRegressor, parts: Sequence[TrainingRows], target: Target, report: Progress
 ) -> JointRegressor:
     if model.partial:
-        return model.fit(*_partly(parts, stride, target), report)
+        return model.fit(*partly_known(parts, target), report)
     if not model.family.remembers:
         known = "error" if target == "error" else "truth"
-        return model.fit(_fitted_rows(parts, "features"), _fitted_rows(parts, known), report)
-    inputs = np.concatenate([part.features for part in parts])
-    times = [time_steps(np.array(part.recording.t), gap_limit) for part in parts]
-    targets = np.concatenate([part.targets(target, stride) for part in parts])
-    return model.fit(inputs, targets, report, np.concatenate(times))
+        return model.fit(fitted_rows(parts, "features"), fitted_rows(parts, known), report)
+    inputs, targets, dt = (
+        np.concatenate(values)
+        for values in zip(*((p.features, p.targets(target), p.dt) for p in parts), strict=True)
+    )
+    return model.fit(inputs, targets, report, dt)
 
 
 def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers] | None:
@@ -356,12 +323,11 @@ def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], I
 
 
 def _at_one_zero(
-    parts: Sequence[_Part],
+    parts: Sequence[TrainingRows],
     group: Integers,
     moves: Array | None,
     signals: Sequence[str],
-    part_of: Callable[[Recording, Mask], _Part],
-) -> tuple[Sequence[_Part], Array]:
+) -> tuple[Sequence[TrainingRows], Array]:
     """Parts without the zeros of their groups, and these zeros (n_groups, n_joints) [rad or m].
 
     `group` (n_parts,) numbers the groups. The zeros are taken off the truth, or with `moves`
@@ -376,7 +342,7 @@ def _at_one_zero(
     while np.abs(left).max() > _SETTLED:
         zeros = zeros + left
         at_zero = [
-            part_of(shift_signals(part.recording, signals, moves @ own), part.outlying)
+            part.rules.rows(shift_signals(part.recording, signals, moves @ own), part.outlying)
             for part, own in zip(parts, zeros[group], strict=True)
         ]
         before, left = left, _group_zeros(at_zero, group)
@@ -388,32 +354,22 @@ def _at_one_zero(
     return at_zero, zeros
 
 
-def _group_zeros(parts: Sequence[_Part], group: Integers) -> Array:
+def _group_zeros(parts: Sequence[TrainingRows], group: Integers) -> Array:
     """Zeros (n_groups, n_joints) [rad or m] about their mean: least squares with the linear model.
 
     The slopes are those within the groups, so a feature that changes between them alone has none.
     """
     rows = np.repeat(group, [len(part.fitted) for part in parts])
-    X, error = (_fitted_rows(parts, name) for name in ("features", "error"))
-    within, errors = np.zeros_like(X), np.zeros_like(error)
+    X, error = (fitted_rows(parts, name) for name in ("features", "error"))
+    inputs, errors = np.zeros_like(X), np.zeros_like(error)
     for number in range(int(group.max()) + 1):
         own = rows == number
         varies = ~constant_columns(X[own])
-        within[np.ix_(own, varies)] = (X[own] - X[own].mean(axis=0))[:, varies]
+        inputs[np.ix_(own, varies)] = (X[own] - X[own].mean(axis=0))[:, varies]
         errors[own] = error[own] - error[own].mean(axis=0)
-    left = error - get_estimator("linear").fit(within, errors).predict(X)
+    left = error - get_estimator("linear").fit(inputs, errors).predict(X)
     zeros = np.array([left[rows == n].mean(axis=0) for n in range(int(group.max()) + 1)])
     return np.asarray(zeros - zeros.mean(axis=0))
-
-
-def _common_robot(recordings: Sequence[Recording]) -> Robot:
-    if not recordings:
-        raise CalibrationError("no recordings to calibrate on; give at least one")
-    robot = recordings[0].robot
-    for recording in recordings:
-        other = f"{source_of(recordings[0])} of {robot.title}"
-        check_arm(recording, (robot.name, robot.arm), other)
-    return robot
 
 
 def _unfitted(
@@ -433,139 +389,6 @@ def _unfitted(
         model.set_params(**dict.fromkeys(seeds, random_state))
     model.check_params()
     return model
-
-
-def _chosen_joints(
-    robot: Robot, recordings: Sequence[Recording], joints: Sequence[str] | None
-) -> tuple[str, ...]:
-    """Joints asked for, or the positioning joints of which each recording has the truth."""
-    if joints is None:
-        with_truth = [set(recording.joints_of("truth")) for recording in recordings]
-        chosen = tuple(j for j in robot.positioning if all(j in known for known in with_truth))
-        if not chosen:
-            raise CalibrationError(
-                f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
-                "; a calibration needs the true position of a joint that positions the tool"
-            )
-    else:
-        chosen = tuple(dict.fromkeys([joints] if isinstance(joints, str) else joints))
-        robot.index(chosen)
-        if not chosen:
-            raise CalibrationError(
-                f"no joints to correct; {robot.title} has {', '.join(robot.joint_names)}"
-            )
-    for recording in recordings:
-        for column in (f"{q}/{joint}" for q in ("measured", "truth") for joint in chosen):
-            if column not in recording.table.columns:
-                raise CalibrationError(
-                    f"{source_of(recording)} has no column {column!r}, which calibrating "
-                    f"{', '.join(chosen)} needs; it has {', '.join(recording.units)}"
-                )
-    return chosen
-
-
-def _chosen_features(
-    model: JointRegressor,
-    robot: Robot,
-    recordings: Sequence[Recording],
-    features: FeatureSet | Iterable[str] | None,
-) -> FeatureSet:
-    """Features asked for, which must be as many as the model takes; its own by default."""
-    params, own = model.model_params(), model.family.inputs
-    if features is None:
-        chosen = FeatureSet.parse(own(params)) if own else default_features(robot, recordings[0])
-    else:
-        chosen = FeatureSet.parse(features)
-    if features is not None:
-        model.family.check_size(params, len(chosen))
-    for recording in recordings:
-        check_columns(recording, chosen.signals, "features need")
-    return chosen
-
-
-def _redundant_columns(
-    recordings: Sequence[Recording], asked: Sequence[str] | None
-) -> dict[str, str]:
-    """Units of the redundant columns that are asked for; of all by default."""
-    there = redundant_columns(recordings)
-    if asked is None:
-        return there
-    for column in asked:
-        if column not in there:
-            raise CalibrationError(
-                f"column {column!r:.60} cannot check a measured position; these can, being in "
-                f"every recording: {', '.join(there) or 'none'}"
-            )
-    return {column: there[column] for column in asked}
-
-
-def _common_units(
-    recordings: Sequence[Recording], feature_set: FeatureSet, joints: Sequence[str]
-) -> dict[str, str]:
-    """Units of the columns that the calibration will need; the truth must share them."""
-    first = recordings[0]
-    columns = (*feature_set.signals, *(f"measured/{joint}" for joint in joints))
-    units = {column: first.units[column] for column in columns}
-    for recording in recordings:
-        for column, unit in units.items():
-            check_unit(recording, column, unit, f"in {source_of(first)} in")
-        for joint in joints:
-            measured = f"measured/{joint}"
-            check_unit(recording, f"truth/{joint}", units[measured], f"{measured!r} in")
-    return units
-
-
-def _outlying(recordings: Sequence[Recording], joints: Sequence[str]) -> list[Mask]:
-    """Values (n, n_joints) of each recording that are grossly off their neighbours."""
-    by_joint = [gross_outliers(recordings, joint) for joint in joints]
-    return [np.column_stack(masks) for masks in zip(*by_joint, strict=True)]
-
-
-def _part(
-    recording: Recording,
-    outlying: Mask,
-    feature_set: FeatureSet,
-    joints: tuple[str, ...],
-    gap_limit: float,
-    stride: int,
-) -> _Part:
-    truth = recording.columns("truth", joints)
-    known = np.asarray(np.isfinite(truth).all(axis=1))
-    _check_truth(recording, known, joints)
-    features, error = feature_set.compute(recording, gap_limit), recording.error(joints)
-    known &= ~outlying.any(axis=1)
-    return _Part(
-        recording, features, truth, error, known, outlying, np.flatnonzero(known)[::stride]
-    )
-
-
-def _stride(fit_rate: float | None, dt: float) -> int:
-    """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
-    if fit_rate is None:
-        return 1
-    if not 1e-9 <= fit_rate < math.inf:
-        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz, 1e-9 at least")
-    return max(1, round(1.0 / (fit_rate * dt)))
-
-
-def _check_truth(recording: Recording, known: Mask, joints: Sequence[str]) -> None:
-    """Refuse a recording whose truth is missing for more than a third of its time on end."""
-    t = recording.t
-    what = ", ".join(f"truth/{joint}" for joint in joints)
-    if not known.any():
-        raise CalibrationError(
-            f"{source_of(recording)}: {what} known together in none of {len(t)} rows; check that "
-            "the joint sensors ran and share the clock of the robot"
-        )
-    marks = np.concatenate([t[:1], t[known], t[-1:]])
-    worst = int(np.argmax(np.diff(marks)))
-    longest = float(marks[worst + 1] - marks[worst])
-    if longest > LONGEST_WITHOUT_TRUTH * recording.duration:
-        raise CalibrationError(
-            f"{source_of(recording)}: {what} missing from {marks[worst]:.2f} s to "
-            f"{marks[worst + 1]:.2f} s, {100 * longest / recording.duration:.0f} % of the "
-            "recording (a third is allowed); cut it to the part with truth or record it again"
-        )
 
 
 def _unused_features(
@@ -605,7 +428,7 @@ def _fit_baselines(
     return fitted, notes
 
 
-def _origin(parts: Sequence[_Part]) -> dict[str, Any]:
+def _origin(parts: Sequence[TrainingRows]) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
     digest = hashlib.sha256()
     sessions: list[dict[str, Any]] = []

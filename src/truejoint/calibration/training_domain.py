@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.model_file import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
+    from truejoint.models.features import FeatureSet
     from truejoint.recordings import Recording
 
 
@@ -23,6 +24,10 @@ SMALLEST_VARIANCE: Final = 1e-4  # of standardised features in any direction; le
 FLICKER: Final = 0.1
 """Share of its own noise within which a signal stands still: a sensor that works flickers more, or,
 where its counts are coarse, not at all."""
+RESTING: Final = 0.2
+"""Share of the longest range of a measured position, in the same unit, below which a joint that is
+not corrected rests: cables, friction and its homing move it, no command. Where it stands beside the
+others says little, and is new after each homing; how far it may go is said by its range alone."""
 
 _MEDIAN_OF_NORMAL: Final = 0.6745  # absolute value, in standard deviations
 
@@ -43,7 +48,7 @@ class TrainingDomain(Summarised):
     hold: float  # longest time for which no signal changed [s]
     feature_mean: Array  # (k,)
     # (k, k), makes features less their mean uncorrelated and of unit variance; zero where a feature
-    # never changed
+    # never changed, or is of a joint that rested
     whitening: Array
     distance: float  # largest length of a whitened row
     error_lower: Array  # (n_joints,), range of truth minus measured [rad or m]
@@ -65,11 +70,12 @@ def fit_training_domain(
     gap_limit: float,
     features: Array,
     error: Array,
+    resting: Mask,
 ) -> TrainingDomain:
     """Training domain of recordings: of the columns `signals`, and of the rows with truth.
 
     Those have the features (n, k) and the `error` (n, n_joints) [rad or m], truth minus measured;
-    no change is looked at across `gap_limit` [s] without a row.
+    no change is looked at across `gap_limit` [s] without a row. `resting` are `resting_features`.
     """
     tables = [
         np.ascontiguousarray(np.column_stack([r.column(signal) for signal in signals]))
@@ -88,7 +94,7 @@ def fit_training_domain(
             t, table, gap_limit, upper > lower, partners(signals), flicker, step, travel, hold
         )
     span = np.where(upper > lower, upper - lower, 1.0)
-    mean, whitening = _whitening(features)
+    mean, whitening = _whitening(features, resting)
     return TrainingDomain(
         dt=float(np.median(np.concatenate([np.diff(t) for t in times]))),
         signal_lower=lower,
@@ -104,6 +110,33 @@ def fit_training_domain(
         error_lower=error.min(axis=0),
         error_upper=error.max(axis=0),
     )
+
+
+def resting_features(
+    recordings: Sequence[Recording],
+    feature_set: FeatureSet,
+    joints: Sequence[str],
+    units: Mapping[str, str],
+) -> Mask:
+    """Which features (k,) are of joints that rest (`RESTING`) in recordings, none of `joints`.
+
+    `units` has that of each column that all of them have.
+    """
+    ways: dict[str, dict[str, float]] = {}  # of each channel, by unit
+    for name, unit in units.items():
+        quantity, _, channel = name.partition("/")
+        if quantity == "measured":
+            columns = [recording.column(name) for recording in recordings]
+            way = max(map(np.max, columns)) - min(map(np.min, columns))
+            ways.setdefault(unit, {})[channel] = float(way)
+    resting = {
+        channel
+        for alike in ways.values()
+        for channel, way in alike.items()
+        if way < RESTING * max(alike.values())
+    }.difference(joints)
+    channels = [feature.signal.partition("/")[2] for feature in feature_set.features]
+    return np.array([channel in resting for channel in channels])
 
 
 def partners(signals: Sequence[str]) -> Integers:
@@ -195,11 +228,15 @@ def _noise(bends: Array) -> Array:
     return np.asarray(median / (_MEDIAN_OF_NORMAL * np.sqrt(6.0)))
 
 
-def _whitening(features: Array) -> tuple[Array, Array]:
+def varies(lower: Array, upper: Array) -> Mask:
+    """Whether features with such bounds (k,) changed by more than rounding."""
+    return np.asarray(upper - lower > 1e-9 * np.maximum(np.abs(lower), np.abs(upper)))
+
+
+def _whitening(features: Array, resting: Mask) -> tuple[Array, Array]:
     """Mean (k,) and whitening matrix (k, k) of the rows of `features` (n, k)."""
     mean = features.mean(axis=0)
-    low, high = features.min(axis=0), features.max(axis=0)
-    used = high - low > 1e-9 * np.maximum(np.abs(low), np.abs(high))
+    used = varies(features.min(axis=0), features.max(axis=0)) & ~resting
     inverse = np.divide(1.0, features.std(axis=0), out=np.zeros(len(mean)), where=used)
     scaled = (features - mean) * inverse
     variance, directions = np.linalg.eigh(scaled.T @ scaled / len(scaled))

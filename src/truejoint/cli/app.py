@@ -11,7 +11,10 @@ import os
 import signal
 import sys
 from contextlib import suppress
-from typing import Any, Final
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:  # typing takes milliseconds
+    from typing import Any, Final
 
 FAILED: Final = 2
 FAULTY: Final = 70  # as EX_SOFTWARE of sysexits.h

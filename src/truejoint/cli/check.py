@@ -49,14 +49,7 @@ def check(
             "needs no truth."
         ),
     ] = None,
-    level_percent: Annotated[
-        float,
-        typer.Option(
-            "--level",
-            help="Which of the stated intervals to judge by [%].",
-            autocompletion=complete.percent_levels,
-        ),
-    ] = 90.0,
+    level_percent: options.Level = 90.0,
     part: options.Part = None,
     force: options.Force = False,
     as_json: options.Json = False,

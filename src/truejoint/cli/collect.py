@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -12,9 +14,16 @@ from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import read_trajectory, say_dropped
 from truejoint.cli.options import Arm as ArmOption
 from truejoint.cli.options import Force, Json, RobotName, Seed
-from truejoint.errors import RecordingError
+from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
+
+if TYPE_CHECKING:
+    from truejoint.motion.follow import Steering
+    from truejoint.recordings.recorder import TruthSource
+    from truejoint.recordings.serial_sensors import JointEncoders
+
+_REZERO: Final = 10.0  # of random motion [s]
 
 
 def record(
@@ -25,6 +34,8 @@ def record(
     load: float = 0.0,
     state_rate: float = 30.0,
     label: str | None = None,
+    truth: TruthSource | None = None,
+    steering: Steering | None = None,
     overwrite: bool = False,
 ) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
@@ -35,6 +46,7 @@ def record(
         arm,
         state_rate=state_rate,
         path=target,
+        truth=truth,
         overwrite=overwrite,
         session=trajectory.name,
         load=load,
@@ -42,7 +54,7 @@ def record(
     )
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
-            report = truejoint.motion.follow(arm, trajectory, progress=done)
+            report = truejoint.motion.follow(arm, trajectory, progress=done, steering=steering)
     except BaseException:
         if recorder.written is not None:
             say(f"stopped; what was recorded until then is in {recorder.written}")
@@ -61,6 +73,30 @@ def collect(
     arm: ArmOption = "",
     seed: Seed = 0,
     load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,
+    encoders: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PORT",
+            help="Serial port of temporary joint encoders: registered while the arm homes, and the "
+            "truth of the recordings.",
+        ),
+    ] = None,
+    compensate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="Take the joints themselves along the trajectories, with this calibration in the "
+            "loop.",
+        ),
+    ] = None,
+    rezero_s: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="With --compensate: re-zero the model by so much truth of a random motion, after "
+            "the homing [s]; 0 for none. Default: 10.",
+        ),
+    ] = None,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
     twin: Annotated[
         str,
@@ -82,53 +118,120 @@ def collect(
 
     All trajectories of one call share one homing, as in one session with a robot. A recording in
     place of a trajectory is replayed: the arm follows the set-points in it. Whatever stops the
-    command leaves what was recorded; with --resume the same command goes on after it.
+    command leaves what was recorded; with --resume the same command goes on after it. With
+    --compensate the trajectories are where the joints, not their motors, are to be.
     """
-    targets = [output / f"{path.stem}.parquet" for path in trajectories]
+    if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
+        raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
+    pairs = _to_record(trajectories, output, resume=resume, force=force)
+    made = truejoint.simulation.make_twin(
+        robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
+    )
+    kind = truejoint.crtk.PacedBackend if real_time else truejoint.crtk.SimulatedBackend
+    rows = []
+    with ExitStack() as stack:
+        device = stack.enter_context(truejoint.crtk.Arm(kind(made)))
+        for trajectory, _ in pairs:
+            trajectory.check_within(device.robot)
+        model = None if compensate is None else model_for(compensate, device)
+        output.mkdir(parents=True, exist_ok=True)
+        truth = None
+        if encoders is not None:
+            from truejoint.recordings.serial_sensors import JointEncoders  # noqa: PLC0415
+
+            stated = device.robot.encoders
+            truth = stack.enter_context(JointEncoders(encoders, stated, clock=lambda: device.time))
+        home(device, truth)
+        rezeroing = _REZERO if rezero_s is None else rezero_s
+        loop = None if model is None else steered(device, model, rezeroing, truth)
+        for trajectory, target in pairs:
+            recording, report = record(
+                device,
+                trajectory,
+                target,
+                load=load_grams / 1e3,
+                state_rate=state_rate_hz,
+                truth=truth,
+                steering=loop,
+                overwrite=force,
+            )
+            facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}
+            rows.append({**facts, "dropped": dict(recording.provenance.dropped)})
+            if not as_json:
+                size = target.stat().st_size / 1e6
+                out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
+                say_dropped(recording)
+    if loop is not None:
+        say(f"steps of the loop by what was said of the sample: {told(loop)}")
+    if as_json:
+        result_json({"recordings": rows})
+
+
+def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
+    """Enable and home an arm, and register its joint encoders at the hard stops meanwhile."""
+    say(f"Homing {device.robot.title}, simulated ...")
+    device.enable()
+    if truth is None:
+        device.home()
+        return
+    truth.start_registration()
+    device.home()
+    truth.register()
+
+
+def model_for(path: Path, device: truejoint.crtk.Arm) -> truejoint.Calibration:
+    """Read a calibration; raises CommandRefused if it is of another robot."""
+    model = truejoint.read_calibration(path)
+    if (model.robot, model.arm) != (device.robot.name, device.robot.arm):
+        raise CommandRefused(
+            f"{path}: is of {model.title}, but the arm is {device.robot.title}; give that one's"
+        )
+    return model
+
+
+def steered(
+    device: truejoint.crtk.Arm,
+    model: truejoint.Calibration,
+    duration: float,
+    truth: TruthSource | None,
+) -> truejoint.runtime.Compensator:
+    """Loop around a model for the arm's homing, re-zeroed by so much truth [s] unless that is 0."""
+    if duration > 0.0:
+        motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
+        with truejoint.recordings.Recorder(device, truth=truth) as recorder:
+            truejoint.motion.follow(device, motion)
+        model = truejoint.calibration.rezeroed(model, recorder.recording())
+    corrector = truejoint.runtime.Corrector(model.without_redundant())
+    corrector.set_homing(True, device.homing_id or None)
+    return truejoint.runtime.Compensator(corrector, device.robot)
+
+
+def told(loop: truejoint.runtime.Compensator) -> str:
+    """Share of the loop's steps with each status, the most frequent first."""
+    steps = max(sum(loop.statuses.values()), 1)
+    shares = [f"{status.name} {100 * n / steps:.1f} %" for status, n in loop.statuses.most_common()]
+    return ", ".join(shares)
+
+
+def _to_record(
+    trajectories: list[Path], output: Path, *, resume: bool, force: bool
+) -> list[tuple[truejoint.motion.Trajectory, Path]]:
+    """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
+    pairs = [(path, output / f"{path.stem}.parquet") for path in trajectories]
     if resume:
-        done = [target for target in targets if _is_recorded(target)]
+        done = [target for _, target in pairs if _is_recorded(target)]
         for target in done:
             say(f"{target}: recorded already")
-        pairs = zip(trajectories, targets, strict=True)
-        trajectories = [path for path, target in pairs if target not in done]
-        targets = [target for target in targets if target not in done]
-    loaded = [read_trajectory(path) for path in trajectories]
-    for target in targets:  # refused before the robot moves, not after
+        pairs = [(path, target) for path, target in pairs if target not in done]
+    loaded = [(read_trajectory(path), target) for path, target in pairs]
+    targets = [target for _, target in pairs]
+    for target in targets:
         if targets.count(target) > 1:
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
         check_target(target, overwrite=force, makes_folder=True)
-    made = truejoint.simulation.make_twin(
-        robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
-    )
-    kind = truejoint.crtk.PacedBackend if real_time else truejoint.crtk.SimulatedBackend
-    device = truejoint.crtk.Arm(kind(made))
-    for trajectory in loaded:
-        trajectory.check_within(device.robot)
-    say(f"Homing {device.robot.title}, simulated ...")
-    output.mkdir(parents=True, exist_ok=True)
-    device.enable()
-    device.home()
-    rows = []
-    for trajectory, target in zip(loaded, targets, strict=True):
-        recording, report = record(
-            device,
-            trajectory,
-            target,
-            load=load_grams / 1e3,
-            state_rate=state_rate_hz,
-            overwrite=force,
-        )
-        facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}
-        rows.append({**facts, "dropped": dict(recording.provenance.dropped)})
-        if not as_json:
-            size = target.stat().st_size / 1e6
-            out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
-            say_dropped(recording)
-    device.close()
-    if as_json:
-        result_json({"recordings": rows})
+    return loaded
 
 
 def _is_recorded(target: Path) -> bool:

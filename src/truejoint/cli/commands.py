@@ -8,6 +8,7 @@ import typer
 
 import truejoint
 from truejoint.cli import (
+    bags,
     calibrate,
     check,
     collect,
@@ -16,10 +17,13 @@ from truejoint.cli import (
     correct,
     datasets,
     demo,
+    doctor,
     evaluate,
     export,
     forceps,
     join,
+    monitor,
+    node,
     show,
     study,
     teleop,
@@ -47,16 +51,21 @@ for command, example in (
     (correct.correct, "left_arm.safetensors session/random.parquet -o corrected.csv"),
     (columns.columns, "run.csv --robot raven2 -o map.toml"),
     (join.join, "robot.csv encoders.csv --robot raven2 -o session.parquet"),
+    (bags.extract, "state.bag encoders.bag --robot raven2 -o session.parquet"),
+    (bags.bag, "session.parquet -o session.bag"),
+    (doctor.doctor, "session.bag --robot raven2"),
     (show.show, "left_arm.safetensors"),
     (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
     (export.export, "left_arm.safetensors --to c --out controller"),
     (teleop.teleop, "--robot raven2 --record session/by_hand.parquet"),
+    (monitor.monitor, "session/random.parquet --model left_arm.safetensors"),
     (study.study, "forceps-unloaded --set specimen=B"),
 ):
     app.command(epilog=f"Example: `truejoint {command.__name__} {example}`")(command)
 for group, example in (
     (trajectory, "trajectory random --minutes 20 --seed 7 -o random.csv"),
     (datasets, "datasets fetch dvrk_psm_berkeley"),
+    (node, "node correct left_arm.safetensors"),
     (forceps, "forceps zero jaw.safetensors cycle.parquet -o today.safetensors"),
 ):
     app.add_typer(

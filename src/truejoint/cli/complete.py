@@ -146,3 +146,10 @@ def _header(path: Path) -> list[str]:
             return [field.strip(' "\n') for field in file.readline(100_000).split(",")]
     except (OSError, ValueError):  # pyarrow's errors derive from these
         return []
+
+
+def message_profiles() -> list[tuple[str, str]]:
+    """How robots' messages differ from CRTK, by name."""
+    from truejoint.crtk.messages import PROFILES  # noqa: PLC0415  # imports NumPy
+
+    return [(name, profile.summary) for name, profile in PROFILES.items()]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.inputs import Files, takes_files
@@ -38,14 +38,7 @@ def correct(
             "on the jaw, Nm) and status of every row.",
         ),
     ],
-    level_percent: Annotated[
-        float,
-        typer.Option(
-            "--level",
-            help="Probability of the half-width [%].",
-            autocompletion=complete.percent_levels,
-        ),
-    ] = 90.0,
+    level_percent: options.Level = 90.0,
     rezero_s: Annotated[
         float, typer.Option(help="Re-zero on so much truth at the start of each recording [s].")
     ] = 0.0,

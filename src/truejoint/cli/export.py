@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -16,7 +16,7 @@ from truejoint.files import check_folder
 
 def export(
     model: options.Model,
-    kind: Annotated[Literal["c", "onnx"], typer.Option("--to", help="What to write.")],
+    kind: Annotated[Literal["c", "onnx", "ros"], typer.Option("--to", help="What to write.")],
     folder: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
     precision: Annotated[
         Literal["double", "float"], typer.Option(help="Of the numbers.")
@@ -30,39 +30,61 @@ def export(
     level: Annotated[
         float | None,
         typer.Option(
-            help="Probability of the half-width; C only. Default: 0.9.",
+            help="Probability of the half-width; not ONNX. Default: 0.9.",
             autocompletion=complete.levels,
         ),
     ] = None,
     range_margin: Annotated[
         float | None,
         typer.Option(
-            help="Share of its trained range by which a feature may lie outside, 0 to 1; C only. "
+            help="Share of its trained range by which a feature may lie outside, 0 to 1; not ONNX. "
             "Default: that of `Corrector`."
         ),
     ] = None,
+    compensate: Annotated[
+        bool,
+        typer.Option(
+            "--compensate",
+            help="Also write the compensator, which puts the joints where they are wanted; C only.",
+        ),
+    ] = False,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
-    """Write a calibration as C99 source (--to c) or as an ONNX graph (--to onnx).
+    """Write a calibration as C99 (--to c), a ROS package (--to ros) or an ONNX graph (--to onnx).
 
     The C source does all that `Corrector` does, and comes with test vectors and a main that
-    checks it. The ONNX graph holds the regressor alone: it checks nothing and remembers nothing.
+    checks it; the package, of catkin and ament, is a node around it. The ONNX graph holds the
+    regressor alone: it checks nothing and remembers nothing.
     """
     stated = {"level": level, "range_margin": range_margin}
-    given = {name: value for name, value in stated.items() if value is not None}
+    given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    if compensate and kind != "c":
+        raise ExportError("--compensate is for --to c; ROS packages and ONNX graphs have no loop")
     if kind == "onnx" and given:
         raise ExportError(
-            "--level and --range-margin are for --to c; an ONNX graph has no interval and no checks"
+            "--level and --range-margin are for --to c and ros; an ONNX graph has no interval and "
+            "no checks"
         )
     check_folder(folder, error=ExportError)
     # Imported here because they compile.
-    from truejoint.export import check_command, default_prefix, export_c, export_onnx  # noqa: PLC0415
+    from truejoint.export import (  # noqa: PLC0415
+        check_command,
+        default_prefix,
+        export_c,
+        export_onnx,
+        export_ros,
+    )
     from truejoint.export.c_source import check_prefix  # noqa: PLC0415
 
     calibration = truejoint.read_calibration(model)
-    if kind == "c":
-        paths = export_c(
+    if kind != "onnx":
+        if compensate:
+            robot = truejoint.get_robot(calibration.robot, calibration.arm)
+            corrector = truejoint.runtime.Corrector(calibration.without_redundant())
+            given["compensator"] = truejoint.runtime.Compensator(corrector, robot)
+        write = export_c if kind == "c" else export_ros
+        paths = write(
             calibration, folder, prefix=prefix, precision=precision, overwrite=force, **given
         )
     else:
@@ -74,5 +96,5 @@ def export(
         return
     for path in paths:
         out.print(str(path), soft_wrap=True)
-    if kind == "c":
+    if kind != "onnx":
         out.print(f"check it:  {check_command(paths)}", soft_wrap=True)

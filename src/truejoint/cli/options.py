@@ -28,6 +28,14 @@ Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same se
 Model = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
 ]
+Level = Annotated[
+    float,
+    typer.Option(
+        "--level",
+        help="Probability of the stated interval [%].",
+        autocompletion=complete.percent_levels,
+    ),
+]
 DatasetName = Annotated[
     str, typer.Argument(help="Name of the data set.", autocompletion=complete.datasets)
 ]

@@ -24,6 +24,7 @@ from truejoint.files import check_target, read_small, write_atomically
 from truejoint.robots.catalogue import DEFAULT
 
 if TYPE_CHECKING:
+    from truejoint.motion.gamepad import Gamepad
     from truejoint.motion.teleoperation import Event, Teleoperation
 
 _PERIOD: Final = 0.02  # [s] between two looks at the keys
@@ -50,6 +51,9 @@ def teleop(
     keys: Annotated[
         Path | None, typer.Option(help="Replay keys of such a file instead of reading them.")
     ] = None,
+    gamepad: Annotated[
+        bool, typer.Option("--gamepad", help="Also move it by the sticks of a gamepad.")
+    ] = False,
     force: Force = False,
 ) -> None:
     """Move a simulated arm in real time by keys: joints, tool and grasper.
@@ -60,6 +64,8 @@ def teleop(
         if target is not None:
             check_target(target, overwrite=force)
     told = None if keys is None else _read_keys(keys)
+    if told is not None and gamepad:
+        raise CommandRefused("--keys replays keys alone; leave --gamepad out")
     if told is None and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
     from truejoint.motion.teleoperation import Teleoperation  # noqa: PLC0415  # needs NumPy
@@ -78,7 +84,8 @@ def teleop(
             stack.enter_context(recorder)
         jog = stack.enter_context(truejoint.motion.Jog(device))
         operator = Teleoperation(jog)
-        events = _replay(operator, told) if told is not None else _from_terminal(operator)
+        pad = stack.enter_context(_pad(operator)) if gamepad else None
+        events = _replay(operator, told) if told is not None else _from_terminal(operator, pad)
     if save_keys is not None:
         write_atomically(save_keys, lambda path: _write_keys(path, events), overwrite=force)
     now = device.operating_state()
@@ -104,8 +111,14 @@ def _tells(events: Events) -> bool:
     return any(event == "release" for _, _, event in events)
 
 
-def _from_terminal(operator: Teleoperation) -> Events:
-    """Tell the keys that are pressed, showing what they do."""
+def _pad(operator: Teleoperation) -> Gamepad:
+    from truejoint.motion.gamepad import Gamepad  # noqa: PLC0415
+
+    return Gamepad(operator)
+
+
+def _from_terminal(operator: Teleoperation, pad: Gamepad | None) -> Events:
+    """Tell the keys that are pressed and what a gamepad tells, showing what they do."""
     from rich.live import Live  # noqa: PLC0415
 
     from truejoint.motion.teleoperation import key_events  # noqa: PLC0415
@@ -121,6 +134,8 @@ def _from_terminal(operator: Teleoperation) -> Events:
                 operator.tell(name, event, now)
             now = time.monotonic() - start
             operator.pass_time(now, tells_release=tells)
+            if pad is not None:
+                pad.update(now)
             if now - drawn > _REDRAW:
                 live.update(_picture(operator), refresh=True)
                 drawn = now

@@ -3,11 +3,13 @@
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.backends.faulty import Fault, FaultyBackend
 from truejoint.crtk.backends.paced import LoopTiming, PacedBackend
+from truejoint.crtk.backends.ros import RosBackend
 from truejoint.crtk.backends.simulated import SimulatedBackend, simulated_arm
 from truejoint.crtk.grasper import Grasper
 from truejoint.crtk.handle import Motion
 from truejoint.crtk.planning import BLEND, TimeLaw, time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
+from truejoint.crtk.ros import open_transport
 from truejoint.crtk.states import STATE_COMMANDS, JointState, OperatingState
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
@@ -27,10 +29,12 @@ __all__ = [
     "Motion",
     "OperatingState",
     "PacedBackend",
+    "RosBackend",
     "SimulatedBackend",
     "StateBlock",
     "TimeLaw",
     "TruthBlock",
+    "open_transport",
     "simulated_arm",
     "time_law",
 ]

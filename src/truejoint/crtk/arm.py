@@ -24,7 +24,7 @@ from truejoint.crtk.subscription import Subscription
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import GRAIN, checked_rows, checked_vector, in_grains
+from truejoint.robots.joint_rows import GRAIN, checked_rows, checked_vector
 from truejoint.robots.robot import Kinematics
 
 MAX_AGE: Final = 0.1
@@ -36,6 +36,7 @@ TIMEOUT: Final = 5.0
 HOMING_TIMEOUT: Final = 120.0
 
 _BRAKING_ROWS: Final = round(BRAKING * SERVO_RATE)
+_STRETCH: Final = 0.5  # [s] that are sent at once at most, where no subscriber wants blocks sooner
 _OPEN: Final[weakref.WeakSet[Arm]] = weakref.WeakSet()
 
 
@@ -53,6 +54,9 @@ class Arm:
     ----------
     backend : Backend
         For instance from `truejoint.crtk.simulated_arm`, which makes the arm as well.
+    controls : bool
+        Whether this program moves the arm. Otherwise it looks on: commands are refused, and the arm
+        is left as it is.
 
     Attributes
     ----------
@@ -75,8 +79,9 @@ class Arm:
     'ENABLED'
     """
 
-    def __init__(self, backend: Backend) -> None:
+    def __init__(self, backend: Backend, *, controls: bool = True) -> None:
         self._backend = backend
+        self._controls = controls
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._subscriptions: list[Subscription] = []
@@ -99,7 +104,7 @@ class Arm:
     def close(self) -> None:
         """Stop and pause the arm if it is enabled, and let another control it."""
         with suppress(TruejointError):
-            if self.operating_state().state == "ENABLED":
+            if self._controls and self.operating_state().state == "ENABLED":
                 self.pause()
         self._backend.disconnect()
         _OPEN.discard(self)
@@ -125,13 +130,17 @@ class Arm:
         Raises CommandRefused if it is not allowed now, the message says what to send first, or not
         done within `timeout` [s] of the robot's clock: by default 5 s, and 120 s for homing.
         """
-        next_state(self.operating_state(), command)
+        self._check_control(command)
         limit = timeout if timeout is not None else HOMING_TIMEOUT if command == "home" else TIMEOUT
         if not limit > 0.0:
             raise CommandRefused(f"{command!r} refused: timeout {limit} s; give more than 0 s")
+        motion, stops = self._motion, command in ("pause", "disable")
+        # A motion is asked to stop before anything that has to wait for the robot.
+        if not (stops and self._ask(motion, command)):
+            next_state(self.operating_state(), command)
         known: StateCommand = command  # type: ignore[assignment]  # next_state knows it
-        if command in ("pause", "disable"):
-            self._stop(self._motion, known, limit)
+        if stops:
+            self._stop(motion, known, limit)
         else:
             self._sent = None
             self._backend.state_command(known, limit)
@@ -168,8 +177,11 @@ class Arm:
 
     def hold(self) -> None:
         """Brake and hold the set-point, the arm staying enabled; a motion ends with it."""
-        check_ready(replace(self.operating_state(), is_busy=False), "hold")
-        self._stop(self._motion, "hold")
+        self._check_control("hold")
+        motion = self._motion
+        if not self._ask(motion, "hold"):
+            check_ready(replace(self.operating_state(), is_busy=False), "hold")
+        self._stop(motion, "hold")
 
     def measured_js(self, age: float = MAX_AGE) -> JointState:
         """Position, velocity and effort of every joint as measured at the motors.
@@ -307,10 +319,10 @@ class Arm:
         motion. `duration` [s] is what all will take; `command` names it in messages.
         """
         motion = self._begin(command, duration)
-        thread = threading.Thread(
+        motion.thread = threading.Thread(
             target=self._drive, args=(motion, self._checked(pieces, command)), daemon=True
         )
-        thread.start()
+        motion.thread.start()
         return motion
 
     def wait(self, duration: float) -> None:
@@ -385,6 +397,12 @@ class Arm:
             effort = self.robot.transmission.joint_effort(effort)
         return JointState(t, names, position[-1, columns], velocity[-1, columns], effort)
 
+    def _check_control(self, command: str) -> None:
+        if not self._controls:
+            raise CommandRefused(
+                f"{command} refused: this program looks on; make the Arm to control"
+            )
+
     def _kinematics(self, command: str) -> Kinematics:
         if self.robot.kinematics is None:
             raise RobotError(f"{command}: the kinematics of {self.robot.title} are not known")
@@ -393,9 +411,13 @@ class Arm:
     def _start_of(self, command: str) -> Array:
         """Set-point (n_joints,) that a relative command or a move starts at."""
         check_ready(self.operating_state(), command)
-        if self._sent is not None:
-            return np.asarray(self._sent[-1])
-        return self.setpoint_js(np.inf).position
+        return np.asarray(self._latest_setpoints()[-1])
+
+    def _latest_setpoints(self) -> Array:
+        """Last two (2, n_joints) [rad or m], the same twice where none was sent."""
+        if self._sent is None:
+            return np.tile(self.setpoint_js(np.inf).position, (2, 1))
+        return self._sent
 
     def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
         caps = move_speed(self.robot, speed, command)
@@ -409,41 +431,42 @@ class Arm:
         check_ready(self.operating_state(), command)
         for _ in self._checked([rows], command):
             pass
-        self._run(self._begin(command, len(rows) / SERVO_RATE), iter([rows]))
+        self._run(self._begin(command, len(rows) / SERVO_RATE), iter([rows]), waits=len(rows) > 1)
 
     def _checked(self, pieces: Iterable[Array], command: str) -> Iterator[Array]:
         for rows in pieces:
             check_range(self.robot, rows, command)
-            start = self._sent[-1] if self._sent is not None else self.setpoint_js(np.inf).position
-            check_steps(self.robot, start, rows, command)
+            check_steps(self.robot, self._latest_setpoints()[-1], rows, command)
             yield rows
 
     def _begin(self, command: str, duration: float) -> Motion:
         """Take the arm for a motion; raises CommandRefused if it is not ready or busy."""
+        self._check_control(command)
         with self._lock:
             check_ready(self.operating_state(), command)
             self._asked = ""
             self._motion = motion = Motion(command, duration, self._stop)
         return motion
 
-    def _run(self, motion: Motion, pieces: Iterator[Array]) -> None:
+    def _run(self, motion: Motion, pieces: Iterator[Array], *, waits: bool = True) -> None:
         """Make a motion in this thread."""
-        self._drive(motion, pieces)
+        self._drive(motion, pieces, waits=waits)
         motion.wait()
 
-    def _drive(self, motion: Motion, pieces: Iterator[Array]) -> None:
-        """Send a motion piece by piece until its end or until it is asked to stop."""
+    def _drive(self, motion: Motion, pieces: Iterator[Array], *, waits: bool = True) -> None:
+        """Send a motion piece by piece until its end or until it is asked to stop.
+
+        Unless it `waits` for the last set-point, the next may be sent before that is executed: one
+        who streams single ones at the robot's own pace has no time to lose.
+        """
         self._driver = threading.get_ident()
         error: BaseException | None = None
         try:
             for rows in pieces:
-                for piece in in_grains(rows):
-                    if self._asked:
-                        break
-                    self._send(motion, piece)
+                self._send(motion, rows)
                 if self._asked:
                     break
-            if not self._asked:
+            if waits and not self._asked:
                 self._backend.flush()
         except BaseException as caught:  # noqa: BLE001  # whatever it is, the arm stops
             error = caught
@@ -460,15 +483,20 @@ class Arm:
             motion.ended(error)
 
     def _send(self, motion: Motion, rows: Array) -> None:
-        state = self._backend.operating_state()
-        if not state.is_ready:  # the robot itself, or another program, has stopped it
-            raise motion.stopped(state.state, state.t)
-        if len(rows) > 1:
-            self._sent = rows[-2:]
-        else:
-            self._sent = np.array([rows[0] if self._sent is None else self._sent[1], rows[0]])
-        self._backend.servo_jp(rows)
-        motion.elapsed += len(rows) / SERVO_RATE
+        """Send set-points, in pieces as long as subscribers want blocks, until asked to stop."""
+        path, taken = np.vstack([self._latest_setpoints(), rows]), 0
+        while taken < len(rows) and not self._asked:
+            state = self._backend.operating_state()
+            if not state.is_ready:  # the robot itself, or another program, has stopped it
+                raise motion.stopped(state.state, state.t)
+            every = min((s.every for s in tuple(self._subscriptions)), default=_STRETCH)
+            size = round(min(max(every, GRAIN), _STRETCH) * SERVO_RATE)
+            piece = rows[taken : taken + size]
+            self._sent = path[taken + len(piece) :][:2]  # where it is should a subscriber raise
+            done = self._backend.servo_jp(piece, lambda: not self._asked)
+            taken += done
+            self._sent = path[taken : taken + 2]
+            motion.elapsed += done / SERVO_RATE
 
     def _stand(self, motion: Motion) -> MotionStopped:
         """Brake and carry out what stops the motion; gives the error that says so."""
@@ -492,19 +520,23 @@ class Arm:
         share = 1.0 - np.arange(1, _BRAKING_ROWS + 1) / _BRAKING_ROWS
         rows = start + np.cumsum(share)[:, None] * step
         rows = np.clip(rows, self.robot.lower, self.robot.upper)
-        for piece in in_grains(rows):
-            self._backend.servo_jp(piece)
+        self._backend.servo_jp(rows, lambda: True)
         self._backend.flush()
         self._sent = rows[-1:].repeat(2, axis=0)
 
-    def _stop(self, motion: Motion | None, command: str, timeout: float = TIMEOUT) -> None:
-        """Stop a motion, or the arm if there is none, by a state command or by holding."""
+    def _ask(self, motion: Motion | None, command: str) -> bool:
+        """Ask a motion to stop, without waiting; whether it is under way."""
         with self._lock:
             running = motion is not None and motion is self._motion
             if running:
                 self._asked = command
-                if self._driver == threading.get_ident():
-                    return  # from a subscriber: the motion ends when it returns
+        return running
+
+    def _stop(self, motion: Motion | None, command: str, timeout: float = TIMEOUT) -> None:
+        """Stop a motion, or the arm if there is none, by a state command or by holding."""
+        running = self._ask(motion, command)
+        if running and self._driver == threading.get_ident():
+            return  # from a subscriber: the motion ends when it returns
         if motion is not None and running:
             motion.over.wait(timeout)
         elif motion is None:

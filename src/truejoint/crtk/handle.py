@@ -23,6 +23,8 @@ class Motion:
         How much of it has been sent to the robot [s].
     over : threading.Event
         Set once it has ended, however that was.
+    thread : threading.Thread, optional
+        That drives the arm; who has waited for the motion finds it ended too.
 
     Examples
     --------
@@ -37,6 +39,7 @@ class Motion:
     _stop: Callable[[Motion, str], None] = field(repr=False)
     elapsed: float = 0.0
     over: threading.Event = field(default_factory=threading.Event, repr=False)
+    thread: threading.Thread | None = field(default=None, repr=False)
     _error: BaseException | None = field(default=None, repr=False)
 
     @property
@@ -70,6 +73,8 @@ class Motion:
                 f"{self.command} is not over after {timeout:g} s ({self.progress:.0%} done); it "
                 "goes on: wait longer or cancel it"
             )
+        if self.thread is not None:
+            self.thread.join()
         if self._error is not None:
             raise self._error
 

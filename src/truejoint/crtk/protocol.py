@@ -29,7 +29,8 @@ class Backend(Protocol):
     `BLOCK_DURATION`; a back end with threads delivers them one at a time.
 
     ``pause`` and ``disable`` may come from another thread while a call blocks; `state_command` and
-    `servo_jp` are then over within `GRAIN`, and say so by CommandRefused.
+    `servo_jp` are then over within `GRAIN`, and say so by CommandRefused. As soon is `servo_jp`
+    over when ``go_on()`` is false, which may also be asked for by another thread.
     """
 
     @property
@@ -63,11 +64,12 @@ class Backend(Protocol):
         its own clock.
         """
 
-    def servo_jp(self, position: Array) -> None:
+    def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
         """Stream set-points (n, n_joints) [rad or m] at `SERVO_RATE`; returns when more may come.
 
-        At most `GRAIN` long; checked against state and limits by the arm. Without more set-points
-        the arm holds the last one.
+        Checked against state and limits by the arm. While ``go_on()``, asked at least every
+        `GRAIN` of the robot's clock, and before any of it passes unseen by other threads; gives
+        how many set-points were taken until then. Without more the arm holds the last one.
         """
 
     def flush(self) -> None:

@@ -16,6 +16,7 @@ from .polynomial import PolynomialRegressor as PolynomialRegressor
 from .recurrent import RecurrentNetwork as RecurrentNetwork
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
+from .rich_play import RichPlay as RichPlay
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
 from .wrapped import candidates as candidates

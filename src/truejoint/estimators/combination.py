@@ -176,7 +176,8 @@ class Combination(JointRegressor):
 
     def _unfitted(self) -> list[JointRegressor]:
         """Give members of one's own."""
-        members = registry.linear_and_trees() if self.members is None else self.members
+        usual = [registry.registered(registry.LINEAR), registry.boosted_trees()]
+        members = usual if self.members is None else self.members
         return [clone(joint_regressor(member)) for member in members]
 
     def _used(self) -> tuple[tuple[float, ...], ...]:

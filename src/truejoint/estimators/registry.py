@@ -38,6 +38,8 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "poly2": _Line("polynomial", "PolynomialRegressor", {}, {}),
     "dnn": _Line("network", "NeuralNetwork", {}, _SMALL),
     "linear_trees": _Line("combination", "Combination", {}, {}),
+    "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge"}, {}),
+    "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees"}, {}),
     "gru": _Line("recurrent", "RecurrentNetwork", {}),
     "lsm": _Line("yan2020", "CableLeastSquares", {}),
     "lsm_intercept": _Line("yan2020", "CableLeastSquares", {"intercept": True}),
@@ -107,10 +109,9 @@ def parameter_names(name: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def linear_and_trees() -> list[Any]:
-    """Unfitted linear model, and boosted trees."""
-    boosted = getattr(import_module(_BOOSTED.module), _BOOSTED.cls)(**_BOOSTED.params)
-    return [registered(LINEAR), boosted]
+def boosted_trees() -> Any:
+    """Unfitted boosted trees."""
+    return getattr(import_module(_BOOSTED.module), _BOOSTED.cls)(**_BOOSTED.params)
 
 
 def tried() -> list[Any]:

@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from truejoint.array_types import Array
 from truejoint.evaluation.comparison import compare, simplest
 from truejoint.evaluation.results import OFFSET, RAW, Trace
 
@@ -17,9 +18,10 @@ PLAIN: Final = frozenset({RAW, OFFSET, "linear"})
 def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     """Name the best of the `plain` estimators, unless a richer one beats it beyond chance.
 
-    Counted are the rows that the loop would correct (all, where there are none), each by its error
-    as a multiple of the fixed offset's in that joint. Of richer ones that do and cannot be told
-    apart, the first named is the one.
+    It does over all recordings together, or in each by itself: where one shows a larger difference
+    than another, that is no doubt of either. Counted are the rows that the loop would correct (all,
+    where there are none), each by its error as a multiple of the fixed offset's in that joint. Of
+    richer ones that do and cannot be told apart, the first named is the one.
 
     Parameters
     ----------
@@ -46,8 +48,14 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     size = {name: sum(float(np.sum(e**2)) for e in own) for name, own in scaled.items()}
     best = min((name for name in scaled if name in plain), key=lambda name: size[name])
     richer = {
-        name: own
-        for name, own in scaled.items()
-        if name not in plain and compare(own, scaled[best]).outcome == "better"
+        name: own for name, own in scaled.items() if name not in plain and _beats(own, scaled[best])
     }
     return simplest(richer) if richer else best
+
+
+def _beats(own: Sequence[Array], other: Sequence[Array]) -> bool:
+    """Whether errors are smaller beyond chance: of all recordings, or of each that has rows."""
+    pairs = [([a], [b]) for a, b in zip(own, other, strict=True) if len(a)]
+    return compare(own, other).outcome == "better" or all(
+        compare(*pair).outcome == "better" for pair in pairs
+    )

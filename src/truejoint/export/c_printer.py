@@ -64,15 +64,14 @@ def print_kernels(
     single: bool = False,
     inputs: Iterable[str] = (),
     enums: Mapping[type, str] | None = None,
-    own: Mapping[str, str] | None = None,
     named: Mapping[str, str] | None = None,
 ) -> Program:
     """Print kernels of arguments ``numbers, memory``, of a `memory` before the first step.
 
     In C, pointers to it have the `name`, its struct the type ``<prefix>_state`` and those of its
     parts ``<prefix>_<part>_state``. `single`: in float; `inputs`: fields that are written from
-    outside; `enums`: prefixes by which C knows their members; `own`: integers at the head of the
-    struct that no kernel knows, with what they mean; `named`: names of what fields hold at first.
+    outside; `enums`: prefixes by which C knows their members; `named`: names of what fields hold at
+    first.
     Raises Unprintable for what has no C.
     """
     struct = Struct(name, type_, memory, set(inputs))
@@ -83,7 +82,7 @@ def print_kernels(
         printer = Printer(Style(single), enums or {})
         names = tuple(printer.function(kernel, arguments).name for kernel in kernels)
         if sum(len(part.written) for part in struct.walk()) == before:
-            return printer.program(struct, names, own or {}, named or {})
+            return printer.program(struct, names, named or {})
 
 
 class Printer:
@@ -139,7 +138,6 @@ class Printer:
         self,
         struct: Struct,
         names: tuple[str, ...],
-        own: Mapping[str, str],
         named: Mapping[str, str],
     ) -> Program:
         """Put the printed functions together, without those that nothing calls."""
@@ -163,12 +161,8 @@ class Printer:
         tables = self.constants.tables(set().union(*(p.globals_used for p in kept)))
         helpers = [text for name, text in _helpers(self.style).items() if name in words]
         return Program(
-            "\n\n".join(
-                part.declaration(self.style, own if part is struct else {})
-                for part in struct.walk()
-                if part.changes
-            ),
-            "\n".join(struct.initial(self.style, own, named)),
+            "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),
+            "\n".join(struct.initial(self.style, named)),
             "\n\n".join(filter(None, ["\n".join(lines), *tables])),
             "\n\n".join([*helpers, whole]),
             names,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from textwrap import wrap
 from typing import Any, Final, Literal, get_args
@@ -72,6 +72,14 @@ def comment(text: object) -> str:
 
 def render(template: str, context: Mapping[str, Any], precision: Precision) -> str:
     """Fill a template of this package with `context`; an unknown name is an error."""
+    single = precision == "float"
+    names = {"real": precision, "suffix": "f" if single else "", "single": single}
+    return _environment(precision).get_template(template).render(**names, **context)
+
+
+@cache
+def _environment(precision: Precision) -> jinja2.Environment:
+    """Templates and filters, each template compiled once."""
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("truejoint.export", "templates"),
         undefined=jinja2.StrictUndefined,
@@ -88,9 +96,7 @@ def render(template: str, context: Mapping[str, Any], precision: Precision) -> s
         "comment": comment,
     }
     environment.filters.update(filters)
-    single = precision == "float"
-    names = {"real": precision, "suffix": "f" if single else "", "single": single}
-    return environment.get_template(template).render(**names, **context)
+    return environment
 
 
 def write_files(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from itertools import chain, count
 from typing import Any, Literal
 
 import numpy as np
@@ -84,9 +85,9 @@ class Struct:
                 else f.name in self.written and self.values(f).size)
         ]  # fmt: skip
 
-    def declaration(self, style: Style, own: Mapping[str, str]) -> str:
-        """Typedef of the C struct, its fields and `own` integers explained."""
-        lines = ["typedef struct {", *(f"    int {name}; /* {own[name]} */" for name in own)]
+    def declaration(self, style: Style) -> str:
+        """Typedef of the C struct, its fields explained."""
+        lines = ["typedef struct {"]
         for f in self.members():
             is_part = f.kind == "part"
             kind = self.parts[f.name].type if is_part else style.type(kind_of(f))
@@ -94,18 +95,16 @@ class Struct:
             lines.append(f"    {kind} {f.name}{size}; /* {f.meaning} */")
         return "\n".join([*lines, f"}} {self.type};"])
 
-    def initial(
-        self, style: Style, own: Mapping[str, str], named: Mapping[str, str], depth: int = 0
-    ) -> list[str]:
+    def initial(self, style: Style, named: Mapping[str, str], depth: int = 0) -> list[str]:
         """Lines of a braced initialiser with what its fields hold before the first step.
 
         C knows the numbers of some fields by a name.
         """
         pad = "    " * depth
-        lines = [f"{pad}{{", *(f"    0, /* {name} */" for name in own)]
+        lines = [f"{pad}{{"]
         for f in self.members():
             if f.kind == "part":
-                lines += self.parts[f.name].initial(style, {}, {}, depth + 1)
+                lines += self.parts[f.name].initial(style, {}, depth + 1)
                 lines[-1] += f" /* {f.name} */"
                 continue
             values = self.values(f)
@@ -147,7 +146,7 @@ class Constants:
 
     def name(self, wanted: str, longer: str) -> str:
         """Free name: the wanted one, the longer one, or that with a number."""
-        options = [wanted, longer, *(f"{longer}_{i}" for i in range(2, 10_000))]
+        options = chain((wanted, longer), (f"{longer}_{i}" for i in count(2)))
         free = next(option for option in options if option not in self.names)
         self.names.add(free)
         return free

@@ -12,7 +12,9 @@ from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import ExportError
 from truejoint.models.family import EstimatorData
+from truejoint.runtime.compensator import Compensator
 from truejoint.runtime.corrector import Corrector
+from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN, homing_ids
 from truejoint.runtime.limits import Limits
 
 if TYPE_CHECKING:  # whoever fitted it has imported what learns
@@ -20,12 +22,11 @@ if TYPE_CHECKING:  # whoever fitted it has imported what learns
 
 NOTHING, SET_HOMING, REZERO, ACKNOWLEDGE = 0, 1, 2, 3
 """What is done before a sample."""
-HOMING_UNKNOWN, HOMING_OF_CALIBRATION = 0, -1
-"""Homings by the numbers of the C interface."""
 
 _QUIET: Final = 12  # ordinary samples between two faults
 _START: Final = 60  # ordinary samples before the first
 _SLOWLY: Final = 6  # signals that go out of range slowly
+_STANDING: Final = 40  # samples between two times that the joints are to stand still
 _FASTEST: Final = 0.3  # Hz
 _LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes without that fault
 
@@ -42,6 +43,8 @@ class Vector:
     status: int = 0  # bits of `Status`
     position: Array = field(default_factory=lambda: np.empty(0))  # (n_joints,) [rad or m]
     half_width: Array = field(default_factory=lambda: np.empty(0))
+    wanted: Array = field(default_factory=lambda: np.empty(0))  # (n_joints,), of a compensator
+    setpoint: Array = field(default_factory=lambda: np.empty(0))  # and what it gives [rad or m]
 
 
 def make_vectors(
@@ -51,15 +54,16 @@ def make_vectors(
     level: float,
     range_margin: float,
     dtype: type,
-) -> tuple[list[Vector], Array, Array]:
+    compensator: Compensator | None = None,
+) -> tuple[list[Vector], Array, Array, Array]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
     The calibration is given as itself and as plain data, `level` and `range_margin` as `Corrector`
     takes them; samples are numbers of type `dtype`. Gives the vectors, the offset (n_joints,)
     [rad or m] for `REZERO`, and how far positions and half-widths of each joint (n_joints,)
     [rad or m] move when all that the corrector keeps is rounded to `dtype` after every sample, and
-    its largest position once more. Raises ExportError if fewer than half of the samples are
-    corrected: they would check little.
+    its largest position once more; then how far set-points of the `compensator` do. Raises
+    ExportError if fewer than half of the samples are corrected: they would check little.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
@@ -70,7 +74,8 @@ def make_vectors(
 
         def run(kind: type[Corrector], stream: list[Vector] = stream) -> list[Vector]:
             corrector = kind(calibration, level=level, range_margin=range_margin)
-            return answer(corrector, calibration.metadata, stream, offset)
+            loop = None if compensator is None else compensator.around(corrector)
+            return answer(corrector, calibration.metadata, stream, offset, loop)
 
         vectors = run(Corrector)
         good = sum(v.status == 0 for v in vectors)
@@ -83,13 +88,17 @@ def make_vectors(
                 "source by; calibrate with more data"
             )
     if dtype is np.float64:
-        return vectors, offset, np.zeros_like(offset)
-    pairs = zip(vectors, run(_RoundedCorrector), strict=True)
+        return vectors, offset, *np.zeros((2, len(offset)))
+    pairs = list(zip(vectors, run(_RoundedCorrector, vectors), strict=True))
     moved = [_difference(a, b) for a, b in pairs if a.status == b.status == 0]
     measured = [data.signals.index(f"measured/{joint}") for joint in data.joints]
     bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]]).max(axis=0)
     nowhere = np.full_like(bounds, np.inf)
-    return vectors, offset, np.max(moved or [nowhere], axis=0) + np.finfo(np.float32).eps * bounds
+    rounding = np.finfo(np.float32).eps * bounds
+    strayed = np.zeros_like(bounds)
+    if compensator is not None:
+        strayed = np.max([np.abs(a.setpoint - b.setpoint) for a, b in pairs], axis=0)
+    return vectors, offset, np.max(moved or [nowhere], axis=0) + rounding, strayed + rounding
 
 
 def _difference(a: Vector, b: Vector) -> Array:
@@ -127,13 +136,22 @@ class _RoundedCorrector(Corrector):
 
 
 def answer(
-    corrector: Corrector, metadata: Mapping[str, Any], stream: list[Vector], offset: Array
+    corrector: Corrector,
+    metadata: Mapping[str, Any],
+    stream: list[Vector],
+    offset: Array,
+    compensator: Compensator | None = None,
 ) -> list[Vector]:
-    """Fill in what a fresh `Corrector` makes of a stream."""
+    """Fill in what a fresh `Corrector`, and a compensator around it, make of a stream.
+
+    What is wanted is where the joints were last; where that is not known, nothing is. Every so many
+    samples they are to stand still. Of a stream that was answered before, it is what was then.
+    """
     ids = homing_ids(metadata)
     names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: ids[0] if ids else "of the calibration"}
-    answered = []
-    for vector in stream:
+    answered: list[Vector] = []
+    wanted = np.full(len(corrector.joints), np.nan)
+    for number, vector in enumerate(stream):
         if vector.action == SET_HOMING:
             name = names.get(vector.homing_id, f"homing {vector.homing_id}")
             corrector.set_homing(vector.is_homed, name)
@@ -141,15 +159,24 @@ def answer(
             corrector.rezero(offset)
         elif vector.action == ACKNOWLEDGE:
             corrector.acknowledge()
-        status = int(corrector.step(vector.t, vector.sample))
+        told: dict[str, Any] = {}
+        if compensator is None:
+            status = int(corrector.step(vector.t, vector.sample))
+        else:
+            if number == 0:
+                compensator.start(vector.sample[compensator.measured])
+            if vector.wanted.size:
+                wanted = vector.wanted
+            setpoint = compensator.step(vector.t, vector.sample, wanted).copy()
+            status = int(compensator.status)
+            told = {"wanted": wanted, "setpoint": setpoint}
+            if number % _STANDING > _STANDING // 4:
+                wanted = np.where(status, np.nan, corrector.position)
         position, half_width = corrector.position.copy(), corrector.half_width.copy()
-        answered.append(replace(vector, status=status, position=position, half_width=half_width))
+        answered.append(
+            replace(vector, status=status, position=position, half_width=half_width, **told)
+        )
     return answered
-
-
-def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
-    """Homings of the training recordings."""
-    return [name for name in metadata.get("homing_ids", ()) if isinstance(name, str)]
 
 
 def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> list[Vector]:
@@ -172,6 +199,10 @@ class _Motion:
         training_domain = data.training_domain
         assert training_domain is not None  # noqa: S101  # `limits_of` has refused it
         self.limits, self.parity = limits, data.parity
+        if self.parity is not None:
+            matrix = self.parity.matrix
+            self.redundant = matrix.any(axis=0) & (limits.is_position_signal == 0)
+            self.fitting = np.linalg.pinv(matrix[:, self.redundant])
         self.lower, self.upper = training_domain.signal_lower, training_domain.signal_upper
         self.middle = (self.lower + self.upper) / 2
         for feature, mean in zip(data.feature_set.features, limits.domain_mean, strict=True):
@@ -200,12 +231,10 @@ class _Motion:
         """Sample with what is redundant to the measured positions changed so that it fits them."""
         if self.parity is None:
             return sample
-        matrix = self.parity.matrix
-        redundant = matrix.any(axis=0) & (self.limits.is_position_signal == 0)
-        wrong = matrix @ sample + self.parity.intercept
-        fitting = sample.copy()
-        fitting[redundant] -= np.linalg.lstsq(matrix[:, redundant], wrong, rcond=None)[0]
-        return fitting
+        wrong = self.parity.matrix @ sample + self.parity.intercept
+        agreeing = sample.copy()
+        agreeing[self.redundant] -= self.fitting @ wrong
+        return agreeing
 
     def run(self, n: int) -> list[Vector]:
         """Ordinary samples."""
@@ -276,7 +305,8 @@ def _homings(motion: _Motion) -> Iterator[list[Vector]]:
     actions = [
         (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, HOMING_UNKNOWN),
         (REZERO, False, HOMING_UNKNOWN), (SET_HOMING, True, 7), (REZERO, False, HOMING_UNKNOWN),
-        (SET_HOMING, True, 7), (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, 8),
+        (SET_HOMING, True, 7), (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, 7),
+        (SET_HOMING, True, 8),
         (SET_HOMING, True, HOMING_OF_CALIBRATION),
     ]  # fmt: skip
     out = []

@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from enum import IntFlag
 from importlib.metadata import version
 from pathlib import Path
@@ -18,12 +18,20 @@ from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
-from truejoint.export.c_vectors import homing_ids, make_vectors
+from truejoint.export.c_vectors import make_vectors
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields
-from truejoint.runtime.correction import acknowledge, correct_sample, forget, trust
+from truejoint.runtime.compensation import compensate
+from truejoint.runtime.compensator import Compensator
+from truejoint.runtime.correction import (
+    accept_offset,
+    acknowledge,
+    correct_sample,
+    forget,
+    tell_homing,
+)
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 
@@ -40,11 +48,17 @@ LARGEST_SHARE: Final = 0.01
 """Of a joint's largest correction, that a float source may be off by: its check must be able to
 fail."""
 
-_OWN: Final = {
-    "homing_id": "the homing that positions refer to",
-    "accepted_id": "the homing that counts as that of the calibration",
-    "was_lost": "whether the robot was homed anew",
-    "rezeroed": "whether an offset was given for this homing",
+_TEMPLATES: Final = {
+    ".h": "corrector.h.j2",
+    ".c": "corrector.c.j2",
+    "_vectors.h": "vectors.h.j2",
+    "_check.c": "check.c.j2",
+}
+_OF_PYTHON: Final = Status.WRONG_SIZE | Status.OTHER_THREAD
+"""What only a sample or a thread of Python can be."""
+_COMPENSATOR_TEMPLATES: Final = {
+    "_compensator.h": "compensator.h.j2",
+    "_compensator.c": "compensator.c.j2",
 }
 
 
@@ -56,6 +70,7 @@ def export_c(
     precision: Precision = "double",
     level: float = 0.9,
     range_margin: float = RANGE_MARGIN,
+    compensator: Compensator | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write a calibration as C99 source that does what `Corrector` does, and what checks it.
@@ -71,19 +86,24 @@ def export_c(
         Of the arithmetic; time stamps are double in either.
     level, range_margin : float
         As `truejoint.runtime.Corrector` takes them.
+    compensator : Compensator, optional
+        Also write what it does, around this calibration without its redundant signals, which its
+        corrector is to be of.
     overwrite : bool
         Whether files that are there may be replaced.
 
     Returns
     -------
     tuple of Path
-        ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``.
+        ``<prefix>.h``, ``<prefix>.c``, ``<prefix>_vectors.h`` and ``<prefix>_check.c``; of a
+        compensator ``<prefix>_compensator.h`` and ``.c``.
 
     Raises
     ------
     ExportError
         If the estimator has no C source, the interval does not state that level, the prefix is no
-        name, a file exists without `overwrite`, or a number does not fit the precision.
+        name, the compensator is of other joints, a file exists without `overwrite`, or a number
+        does not fit the precision.
     ModelFileError
         If the calibration lacks what the checks need.
 
@@ -95,15 +115,24 @@ def export_c(
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)
     calibration = calibration.fitted_for(rezeroing=False)
+    if compensator is not None:
+        calibration = calibration.without_redundant()
+        if compensator.corrector.signals != calibration.loop_signals:
+            raise ExportError(
+                f"the compensator is around {', '.join(compensator.corrector.signals)}, but the "
+                f"calibration takes {', '.join(calibration.loop_signals)}; make it around this one"
+            )
     data = decode(*encode(calibration))
     limits = limits_of(data, range_margin)
     try:
         memory = fields.pack(data, limits, level)
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None
-    context = _memory_context(data, memory, prefix, precision)
+    context = _memory_context(memory, prefix, precision)
     dtype = np.float64 if precision == "double" else np.float32
-    vectors, offset, error = make_vectors(calibration, data, limits, level, range_margin, dtype)
+    vectors, offset, error, strayed = make_vectors(
+        calibration, data, limits, level, range_margin, dtype, compensator
+    )
     context |= {
         "prefix": prefix, "guard": prefix.upper(), "level": level, "title": calibration.title,
         "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
@@ -112,14 +141,17 @@ def export_c(
         precision, data.joints, error,
         np.abs([limits.correction_lower, limits.correction_upper]).max(axis=0),
     )  # fmt: skip
+    templates = dict(_TEMPLATES)
+    context["compensates"] = compensator is not None
+    if compensator is not None:
+        context |= _compensator_context(compensator, prefix) | {
+            "vector_start": vectors[0].sample[compensator.measured],
+            "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
+        }
+        templates |= _COMPENSATOR_TEMPLATES
     texts = {
         f"{prefix}{ending}": render(template, context, precision)
-        for ending, template in {
-            ".h": "corrector.h.j2",
-            ".c": "corrector.c.j2",
-            "_vectors.h": "vectors.h.j2",
-            "_check.c": "check.c.j2",
-        }.items()
+        for ending, template in templates.items()
     }
     contents = {name: text.encode("ascii") for name, text in texts.items()}
     return write_files(folder, contents, overwrite=overwrite)
@@ -148,30 +180,29 @@ def check_command(paths: Sequence[Path]) -> str:
     return f"cc -std=c99 -O2 {sources} -lm -o check && ./check"
 
 
-def _memory_context(
-    data: CalibrationData[EstimatorData], memory: Memory, prefix: str, precision: Precision
-) -> dict[str, Any]:
+def _memory_context(memory: Memory, prefix: str, precision: Precision) -> dict[str, Any]:
     """Values of the templates that are printed from the corrector's memory and kernels."""
-    needs_rezero = data.interval is not None and data.interval.rezero > 0.0
-    rezeroed_width = memory.view("base_width").copy()
-    memory.numbers[fields.HOMING] = int(Status.NOT_HOMED)
-    inputs = ["t", "sample", "homing", "offset"]
-    if needs_rezero:
-        memory.view("base_width")[:] = np.inf
-        inputs.append("base_width")
+    inputs = ["t", "sample", "is_homed", "told_id", "offset"]
     guard = prefix.upper()
     program = print_kernels(
-        (correct_sample, forget, acknowledge, trust), memory, "state", f"{prefix}_state",
-        single=precision == "float", inputs=inputs, own=_OWN,
+        (correct_sample, forget, acknowledge, tell_homing, accept_offset), memory, "state",
+        f"{prefix}_state", single=precision == "float", inputs=inputs,
         named={"homing": f"{guard}_NOT_HOMED"},
         enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
     )  # fmt: skip
     return {
         "program": program,
         "is_filter": f"{guard}_FILTER_" in program.functions,
-        "needs_rezero": needs_rezero,
-        "rezeroed_width": rezeroed_width,
+        "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
     }
+
+
+def _compensator_context(compensator: Compensator, prefix: str) -> dict[str, Any]:
+    """Values of the templates that are printed from the compensator's memory and kernels."""
+    begun = compensator.around(compensator.corrector).memory
+    given = ("status", "wanted", "measured", "correction", "setpoint", "gain")
+    loop = print_kernels((compensate,), begun, "compensator", f"{prefix}_compensator", inputs=given)
+    return {"loop": loop, "rate": compensator.rate, "measured": compensator.measured}
 
 
 def _precision_context(
@@ -208,12 +239,13 @@ def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]
         else "",
         "version": version("truejoint"),
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
-        "homing_ids": homing_ids(data.metadata),
-        "zeroed": "rezeroed" in data.metadata,
+        "homing_unknown": fields.HOMING_UNKNOWN,
+        "homing_of_calibration": fields.HOMING_OF_CALIBRATION,
+        "homing_ids": fields.homing_ids(data.metadata),
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
-        "statuses": _bits(Status, {Status.WRONG_SIZE}),
-        "filter_statuses": _bits(FilterStatus, set()),
+        "statuses": _bits({bit: bit.words for bit in Status if bit not in _OF_PYTHON}),
+        "filter_statuses": _bits(_docstrings(FilterStatus)),
         "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),
@@ -221,21 +253,24 @@ def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]
     }
 
 
-def _bits(statuses: type[IntFlag], without: set[IntFlag]) -> list[dict[str, Any]]:
+def _bits(meanings: Mapping[IntFlag, str]) -> list[dict[str, Any]]:
+    """Members of an enumeration with what they mean, after that which has none of them set."""
+    bits = [{"name": bit.name, "value": int(bit), "meaning": m} for bit, m in meanings.items()]
+    return [{"name": "OK", "value": 0, "meaning": "all is well"}, *bits]
+
+
+def _docstrings(statuses: type[IntFlag]) -> dict[IntFlag, str]:
     """Members of an enumeration with the docstrings that stand below them."""
     tree: Any = ast.parse(inspect.getsource(statuses))
-    meanings: dict[str, str] = {}
+    meanings: dict[IntFlag, str] = {}
     name = ""
     for node in tree.body[0].body:
         if isinstance(node, ast.Assign):
             name = ast.unparse(node.targets[0])
-        elif name and isinstance(node, ast.Expr):
-            meanings[name] = " ".join(ast.literal_eval(node.value).split()).rstrip(".")
-    return [{"name": "OK", "value": 0, "meaning": "all is well"}] + [
-        {"name": bit.name, "value": int(bit), "meaning": meanings[bit.name or ""]}
-        for bit in statuses
-        if bit not in without
-    ]
+        elif name and isinstance(node, ast.Expr) and int(statuses[name]):
+            text = " ".join(ast.literal_eval(node.value).split())
+            meanings[statuses[name]] = text.rstrip(".")
+    return meanings
 
 
 def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, str]]:

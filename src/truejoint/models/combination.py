@@ -71,7 +71,7 @@ def add_weighted(predicted: Array, weights: Array, output: Integers, out: Array)
         out[output[i]] += weights[i] * predicted[i]
 
 
-def _are_members(value: object, depth: int = DEPTH) -> bool:
+def are_members(value: object, depth: int = DEPTH) -> bool:
     """Whether `value` is a sequence of (family, its parameters, outputs), sums not too deep."""
     return (
         isinstance(value, (tuple, list))
@@ -90,7 +90,7 @@ def _is_member(value: object, depth: int) -> bool:
         and isinstance(outputs, (tuple, list))
         and all(is_integer(output, 0, MAX_OUTPUTS - 1) for output in outputs)
         and len(set(outputs)) == len(outputs)
-        and ("members" not in params or (depth > 1 and _are_members(params["members"], depth - 1)))
+        and ("members" not in params or (depth > 1 and are_members(params["members"], depth - 1)))
     )
 
 
@@ -150,7 +150,7 @@ FAMILY: Final = Family(
     "combination",
     rules={
         "members": Rule(
-            _are_members, f"1 to {MAX_MEMBERS} members: family, its parameters and outputs"
+            are_members, f"1 to {MAX_MEMBERS} members: family, its parameters and outputs"
         )
     },
     shapes=_shapes,

@@ -43,20 +43,20 @@ def lag(length: int, fresh: bool, value: float, memory: Array) -> float:
 
 
 @compiled
-def lowpass(constant: float, fresh: bool, dt: float, value: float, memory: Array) -> float:
+def lowpass(constant: float, fresh: bool, dt: float, value: float, past: Array) -> float:
     """First-order low-pass, exact for a signal that runs straight between its samples.
 
     Solves ``constant * dy/dt = u - y`` over `dt` [s] with u going linearly from the last value
     to `value`, so that a recording at 30 Hz and a loop at 1 kHz see nearly the same feature.
-    `memory` (2,) is the output and the input of the last sample.
+    `past` (2,) is the output and the input of the last sample.
     """
     if fresh:
-        memory[0] = value
+        past[0] = value
     else:
-        trail = constant * (value - memory[1]) / dt
-        memory[0] = value - trail + (memory[0] - memory[1] + trail) * math.exp(-dt / constant)
-    memory[1] = value
-    return float(memory[0])
+        trail = constant * (value - past[1]) / dt
+        past[0] = value - trail + (past[0] - past[1] + trail) * math.exp(-dt / constant)
+    past[1] = value
+    return float(past[0])
 
 
 @compiled

@@ -34,24 +34,17 @@ from truejoint.models.family import (
     numbers,
     only_joint,
 )
-from truejoint.models.feature_kernels import play
 from truejoint.models.filtered import advance, quadratic
-from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET
+from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET, stand
 
 DEGREE: Final = 4
 """Highest power of ``x2`` in both polynomials."""
 
-HIDDEN_LOAD: Final = 0.6
+HIDDEN_LOAD: Final = 0.7
 """Deviation of what stands hidden in the jaw's friction, in sizes of that friction. A load spread
 evenly over all that may hide, twice the friction, has 1.15; most loads show a part."""
 HIDDEN_ANGLE: Final = 0.3
 """The same of the angle and the slider's friction."""
-STANDSTILL: Final = 0.5
-"""Time that the reset cable must stand for friction to have given way all it does [s]."""
-SLIDING: Final = 2e-5
-"""Motion of the reset cable after which friction is known again [m]."""
-FLICKER: Final = 2e-6
-"""Motion of the reset cable that is none, but counts of its encoder [m]."""
 
 _LARGEST: Final = 1e30
 _FARTHEST: Final = 3.0
@@ -136,20 +129,16 @@ def judge(
 
     `cable` (8,) goes on with the spring's stiffness [N/m], the share that the torque may be off by,
     friction of the jaw [Nm] and of the slider, in terms of the angle [rad], and the largest load
-    [Nm]. `hold` (2,), where the reset cable stands [m] and how far friction has had the time to
-    hide something, 0 to 1, changes; `dt` is 0 where a history starts.
+    [Nm]. `hold` (2,) is as `stand` takes it.
     """
-    place = play(FLICKER, dt == 0.0, reset, hold[0])
-    moved = 0.0 if dt == 0.0 else abs(place - hold[0])
-    hold[1] = 1.0 if dt == 0.0 else min(hold[1] + dt / STANDSTILL, 1.0) * exp(-moved / SLIDING)
-    hold[0] = place
+    standing = stand(dt, reset, hold)
     tension = cable[3] * reset
     torque = external_torque(stretch, tension, cable)
     slope = (cable[0] + cable[1] * tension) * exp(stiffening(stretch, cable[1])) * cable[2]
-    off, hidden = cable[4] * torque, HIDDEN_LOAD * hold[1] * cable[5]
+    off, hidden = cable[4] * torque, HIDDEN_LOAD * standing * cable[5]
     load[0] = torque
     load[1] = sqrt(slope * slope * max(stretch_variance, 0.0) + off * off + hidden * hidden)
-    return float((HIDDEN_ANGLE * hold[1] * cable[6]) ** 2)
+    return float((HIDDEN_ANGLE * standing * cable[6]) ** 2)
 
 
 def jaw_friction(params: Params, arrays: Mapping[str, Array]) -> float:

@@ -6,12 +6,14 @@ from collections.abc import Mapping
 from math import sqrt
 from typing import Any, Final
 
+import numpy as np
+
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled
+from truejoint.compiled import compiled, vector
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models import play
 from truejoint.models.family import POSITIVE, Family, Params, Shape, only_joint
-from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET
+from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET, stand
 
 LAYOUT: Final = Layout()
 GATE: Final = LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
@@ -19,15 +21,13 @@ CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle, agreement or no
 MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation while both sides agree [rad]")
 ALONE: Final = LAYOUT.scalar("alone", "standard deviation of the reset cable's own estimate [rad]")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
+HOLD: Final = LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide")
 RESET_PART: Final = LAYOUT.part("reset", "estimate from the reset cable")
 BOTH_PART: Final = LAYOUT.part("both", "estimate from both sides")
 
-UNDER_LOAD: Final = 1.4
-"""By how much more the reset cable's estimate errs under a load than in calibration."""
 DOUBT: Final = 0.5
-"""Share of what both sides differ by, and is believed, that may be a load's doing."""
-# Both were chosen on a mixed population of virtual forceps of one seed; docs/forceps.md judges them
-# on another.
+"""Share of what both sides differ by, and is believed, that may be a load's doing. It was chosen on
+eighty virtual forceps of a mixed population; docs/forceps.md judges it on others."""
 
 _SIDES: Final = {"reset": ("reset",), "both": ("reset", "motor")}
 
@@ -38,7 +38,8 @@ def gated_play_row(
 ) -> None:
     """Predict by the reset cable, corrected by both sides as far as the two agree.
 
-    Its deviation grows with what the two differ by, and as the reset cable is left alone.
+    Its deviation grows with what the two differ by, as the reset cable is left alone, and, by as
+    much as that one's friction makes it err, while it stands: a load may turn the jaw unseen.
     """
     fresh = dt == 0.0
     own, state = part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART)
@@ -48,10 +49,11 @@ def gated_play_row(
     difference = both - reset
     believed = redescending(difference, memory[GATE])
     out[0] = reset + believed + memory[CONSTANT]
+    standing = stand(dt, x[1], vector(memory, numbers[HOLD], 2))
     if memory[DEVIATIONS] > 0.0:
         left = 1.0 - believed / difference if believed != difference else 0.0
-        alone = UNDER_LOAD * left * memory[ALONE]
-        variance = memory[MISFIT] ** 2 + (DOUBT * believed) ** 2 + alone**2
+        alone = memory[ALONE] ** 2 * (left**2 + standing**2)
+        variance = memory[MISFIT] ** 2 + (DOUBT * believed) ** 2 + alone
         half_width[0] = memory[DEVIATIONS] * sqrt(variance)
 
 
@@ -90,7 +92,8 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
     return LAYOUT.pack(
         gate=arrays["gate"][0], constant=arrays["constant"][0], misfit=arrays["misfit"][0],
-        alone=arrays["misfit"][1], deviations=0.0, reset=part("reset"), both=part("both"),
+        alone=arrays["misfit"][1], deviations=0.0, hold=np.zeros(2),
+        reset=part("reset"), both=part("both"),
     )  # fmt: skip
 
 

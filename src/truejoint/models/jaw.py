@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import nan
+from math import exp, nan
 from typing import Final
 
 import numpy as np
@@ -11,6 +11,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.models.family import LARGEST, POSITIVE, Rule, number, one_of
+from truejoint.models.feature_kernels import play
 
 MOTOR: Final = "motor/jaw"
 DRIVE: Final = "cable/drive"
@@ -37,6 +38,27 @@ ERROR_SHAPES: Final = {"scale": (2,), "error_coef": (COEFFICIENTS,), "error_rang
 """What is learnt of (25), and how far it may go."""
 NO_ERROR: Final = {name: np.zeros(shape) for name, shape in ERROR_SHAPES.items()}
 """What stands for these arrays where there is no (25)."""
+
+STANDSTILL: Final = 0.5
+"""Time that the reset cable must stand for friction to have given way all it does [s]."""
+SLIDING: Final = 2e-5
+"""Motion of the reset cable after which friction is known again [m]."""
+FLICKER: Final = 2e-6
+"""Motion of the reset cable that is none, but counts of its encoder [m]."""
+
+
+@compiled
+def stand(dt: float, reset: float, hold: Array) -> float:
+    """How far friction has had the time to hide a load from a reset cable that stands, 0 to 1.
+
+    `hold` (2,), where the cable stands [m] and what was last returned, changes; `dt` is 0 where a
+    history starts.
+    """
+    place = play(FLICKER, dt == 0.0, reset, hold[0])
+    moved = 0.0 if dt == 0.0 else abs(place - hold[0])
+    hold[1] = 1.0 if dt == 0.0 else min(hold[1] + dt / STANDSTILL, 1.0) * exp(-moved / SLIDING)
+    hold[0] = place
+    return float(hold[1])
 
 
 @compiled

@@ -89,6 +89,15 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
             f"a polynomial of degree {degree} in {n_features} features has {n_terms} "
             f"terms, more than {MAX_TERMS}; choose fewer features"
         )
+    return linear_shapes(n_features, n_terms, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int) -> Memory:
+    return pack_terms(arrays, polynomial_factors(n_features, int(params["degree"])))
+
+
+def linear_shapes(n_features: int, n_terms: int, n_outputs: int) -> dict[str, Shape]:
+    """Shapes of the arrays of a model that is linear in `n_terms` products of features."""
     return {
         "mean": (n_features,),
         "inverse_scale": (n_features,),
@@ -97,17 +106,17 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
     }
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int) -> Memory:
-    factors = polynomial_factors(n_features, int(params["degree"]))
+def pack_terms(arrays: Mapping[str, Array], factors: Integers) -> Memory:
+    """Memory of the row for the arrays of `linear_shapes` and `factors` (n_terms, degree)."""
     coef = padded(arrays["coef"])
     columns = coef.shape[1]
     return LAYOUT.pack(
-        degree=int(params["degree"]),
+        degree=factors.shape[1],
         n_terms=len(factors),
         columns=columns,
         **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"][None])},
         factors=factors,
-        scaled=np.append(np.zeros(n_features), 1.0),
+        scaled=np.append(np.zeros(len(arrays["mean"])), 1.0),
         terms=np.zeros(len(factors)),
         total=np.zeros(columns),
     )

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,9 +30,19 @@ _POLL: Final = 0.02  # [s] between two looks at the state of a paused arm
 _SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
 
 
+class Steering(Protocol):
+    """What takes an arm's joints where they are wanted: `truejoint.runtime.Compensator`."""
+
+    def approach(self, arm: Arm, wanted: ArrayLike) -> None:
+        """Take an arm to a pose `wanted` (n_joints,) [rad or m]."""
+
+    def setpoints(self, arm: Arm, pieces: Iterable[Array]) -> Iterator[Array]:
+        """Turn wanted positions (n, n_joints) [rad or m] at 1 kHz into set-points."""
+
+
 @dataclass(frozen=True, eq=False)
 class TrackingReport:
-    """How closely an arm kept to its set-points, as measured at the motors.
+    """How closely an arm kept to a trajectory, as measured at the motors.
 
     Attributes
     ----------
@@ -41,7 +51,8 @@ class TrackingReport:
     joints, units : tuple of str
         The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
     rms, max : ndarray, shape (n_joints,)
-        Of set-point minus measured position [rad or m]; `max` is of the absolute value.
+        Of set-point minus measured position [rad or m]; `max` is of the absolute value. Where the
+        arm was steered, this is what its motors missed of set-points that the steering chose.
     setpoint_speed, max_speed, speed_caps : ndarray, shape (n_joints,)
         Highest speed of the set-point and as measured, mean over 0.1 s, and what that of the
         set-point was to stay below [rad/s or m/s].
@@ -92,6 +103,7 @@ def follow(
     speed: ArrayLike | None = None,
     resume_within: float = 0.0,
     progress: Callable[[float], None] | None = None,
+    steering: Steering | None = None,
 ) -> TrackingReport:
     """Move an arm to the start of a trajectory and along it; blocks until it is at rest again.
 
@@ -118,6 +130,8 @@ def follow(
         How long a pause may last [s, this computer's clock]; by default a pause ends the run.
     progress : callable, optional
         Called with the share done, from 0 to 1; in the thread that moves the arm.
+    steering : Compensator, optional
+        Takes the joints themselves along the trajectory; without it, the motors.
 
     Raises
     ------
@@ -137,9 +151,9 @@ def follow(
     columns = arm.robot.index(trajectory.joints)
     pose = arm.setpoint_js().position.copy()
     pose[columns] = trajectory.positions[0]
-    arm.move_jp(pose).wait()
+    run = _Run(law, pose, columns, progress, steering)
+    run.approach(arm, pose)
     tally = _Tally(arm.robot, trajectory.joints)
-    run = _Run(law, pose, columns, progress)
     arm.subscribe(tally, every=1.0)
     try:
         while not run.is_over:
@@ -174,20 +188,32 @@ class _Run:
         pose: Array,
         columns: list[int],
         progress: Callable[[float], None] | None,
+        steering: Steering | None,
     ) -> None:
         self._law, self._pose, self._columns, self._progress = law, pose, columns, progress
+        self._steering = steering
         self._at = 0.0  # of the law [s]
         self.is_over = False
         self.setpoint_speed = np.zeros(len(columns))
+
+    def approach(self, arm: Arm, pose: Array) -> None:
+        """Go to where the trajectory is taken up."""
+        if self._steering is None:
+            arm.move_jp(pose).wait()
+        else:
+            self._steering.approach(arm, pose)
 
     def go_on(self, arm: Arm) -> None:
         """Move from where the arm was stopped to the end; raises MotionStopped if stopped again."""
         start = self._at
         if start > 0.0:
-            arm.move_jp(self._rows(np.array([start]))[0]).wait()
+            self.approach(arm, self._rows(np.array([start]))[0])
         lost = BLEND / 2 if start > 0.0 else 0.0  # while the speed builds up again
         duration = self._law.duration - start + lost
-        motion = arm.stream(self._pieces(start, duration), duration, "follow")
+        pieces = self._pieces(start, duration)
+        if self._steering is not None:
+            pieces = self._steering.setpoints(arm, pieces)
+        motion = arm.stream(pieces, duration, "follow")
         try:
             motion.wait()
             self.is_over = True

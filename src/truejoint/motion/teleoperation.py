@@ -153,6 +153,7 @@ class Teleoperation:
 
     def __post_init__(self) -> None:
         self.keys = key_map(self.jog.arm.robot)
+        self._pushed = np.zeros(len(self.jog.arm.robot.joints)), np.zeros(6)
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -170,15 +171,23 @@ class Teleoperation:
             self._held.pop(name, None)
         elif name in _LEAVING:
             self.is_over = True
-            self._held.clear()
+            self._let_go()
         elif name == HOLD:
-            self._held.clear()
+            self._let_go()
         elif name in (FASTER, "=", SLOWER) and event == "press":
             change = -1 if name == SLOWER else 1
             self.step = min(max(self.step + change, 0), len(SPEEDS) - 1)
         elif name in self.keys:
             self._held.pop(name, None)  # the latest stands last
             self._held[name] = now + HELD
+        self._move()
+
+    def push(self, joints: Array, twist: Array) -> None:
+        """Move by a stick: shares (n_joints,) of the joints' caps, else (6,) of the tool's speed.
+
+        They hold until the next ones; keys that are held go before them.
+        """
+        self._pushed = joints, twist
         self._move()
 
     def pass_time(self, now: float, *, tells_release: bool = False) -> None:
@@ -189,9 +198,18 @@ class Teleoperation:
         if over:
             self._move()
 
+    def _let_go(self) -> None:
+        self._held.clear()
+        self._pushed = np.zeros_like(self._pushed[0]), np.zeros(6)
+
     def _move(self) -> None:
         held = [self.keys[name] for name in self._held]
-        if not held:
+        joints, twist = self._pushed
+        if not held and joints.any():
+            self.jog.joints(joints * self.share * self.jog.speed)
+        elif not held and twist.any():
+            self.jog.tool(twist * self.share * TOOL_SPEED)
+        elif not held:
             self.jog.stop()
         elif held[-1].joints:
             direction = np.sum([key.joints for key in held if key.joints], axis=0)

@@ -1,4 +1,9 @@
 from . import datasets as datasets
+from .bags.reading import bag_topics as bag_topics
+from .bags.reading import read_bag as read_bag
+from .bags.reading import read_other_arm as read_other_arm
+from .bags.reading import read_topic as read_topic
+from .bags.writing import write_bag as write_bag
 from .checks.coverage import JointCoverage as JointCoverage
 from .checks.finding import Finding as Finding
 from .column_map import ColumnMap as ColumnMap
@@ -6,6 +11,9 @@ from .column_map import MappedColumn as MappedColumn
 from .column_map import read_column_map as read_column_map
 from .data_check import DataCheck as DataCheck
 from .data_check import check_data as check_data
+from .doctor import Diagnosis as Diagnosis
+from .doctor import Verdict as Verdict
+from .doctor import diagnose as diagnose
 from .formats import FORMATS as FORMATS
 from .formats import Format as Format
 from .formats import format_names as format_names

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
@@ -123,9 +124,11 @@ def check_data(
         for recording in recordings
         for defect in judge_columns(recording, joints, signals, needs_truth=needs_truth)
     ]
+    with threadpool_limits(1):  # many small regressions, which two threads make slower
+        positions = list(judge_positions(recordings, joints, _broken(columns)))
     findings = [
         *one_line_each(columns, recordings),
-        *judge_positions(recordings, joints, _broken(columns)),
+        *positions,
         *(finding for row in coverage for finding in judge_coverage(row)),
         *_judge_sessions(recordings),
         *(_judge_extrapolation(recordings, model) if model else ()),

@@ -30,7 +30,7 @@ class Format:
     options : tuple of str
         Names of the keyword arguments that `read` takes.
     folder : bool
-        The recording is a folder, not one file.
+        The recording is, or may be, a folder.
 
     Examples
     --------
@@ -59,6 +59,7 @@ def _own(
 
 _MAPPED: Final = ("robot", "arm", "column_map", "rate")
 _TRUTH: Final = ("arm", "truth_unit")
+_BAG: Final = ("robot", "arm", "profile", "state", "truth", "quantities", "offset")
 FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
@@ -66,6 +67,7 @@ FORMATS: Final[Mapping[str, Format]] = {
         _own("csv", "header, or column map", "readers.mapped:read", _MAPPED),
         _own("arrays", ".npy or .mat with a column map", "readers.mapped:read", _MAPPED),
         _own("arrows", "what a recorder was stopped in", "stream_file:read_stream_file"),
+        _own("bag", "ROS 1 and ROS 2 bags", "bags.reading:read_bag", _BAG, folder=True),
         _own("raven_csv_240", "RAVEN-II state", "readers.raven_csv:read_240", ("arm",)),
         _own(
             "raven_csv_252",

@@ -14,6 +14,8 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
+from truejoint.recordings.checks.delay import estimate_delay
+from truejoint.recordings.checks.explained import SLOW, explain
 from truejoint.recordings.recording import Recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 
@@ -25,6 +27,9 @@ _BLOCKS: Final = 10  # of the common time, to see how much its parts differ
 _GAP: Final = 10.0  # median steps of the truth that may be bridged
 _SLOW: Final = 0.1  # of the RMS speed; slower, a joint keeps its last direction
 _ROUNDS: Final = 20
+_FEWEST: Final = 200  # rows of which plays and efforts can explain the error
+_UNSURE: Final = 0.01  # s; an offset that is known better is left as it is
+_SURE: Final = 3.0  # deviations by which a better offset may differ from a first one
 _MAX_ROWS: Final = 20_000  # of the truth, for the regressions
 
 
@@ -70,8 +75,9 @@ def join_truth(
     The offset of the two clocks is found by the motion: coarsely by normalised cross-correlation of
     truth and measured positions at any shift at which half of the shorter one remains, then by
     regression of the truth on position, direction and velocity, whose coefficient is the delay. The
-    direction keeps friction and backlash apart from a delay. Truth is then interpolated as
-    `synchronise` does.
+    direction keeps friction and backlash apart from a delay. Where plays and efforts explain truth
+    minus measured best at another shift, and tell it more surely, it is that. Truth is then
+    interpolated as `synchronise` does.
 
     Parameters
     ----------
@@ -108,15 +114,13 @@ def join_truth(
     if offset is None:
         about = None if near is None else near - begins
         found = find_clock_offset(Stream(recording.t, robot), truth, about)
+        found = _refined(recording, truth, found)
         found = replace(found, seconds=found.seconds + begins)
     elif math.isfinite(offset):
         found = ClockOffset(float(offset))
     else:
         raise RecordingError(f"{source}: an offset of {offset} s; state a number")
-    shifted = replace(truth, t=truth.t + (found.seconds - begins))
-    state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
-    gap_limit = _GAP * float(np.median(np.diff(truth.t)))
-    columns, counts = synchronise(state, shifted, gap_limit)
+    joined, counts = _shifted(recording, truth, found.seconds - begins)
     provenance = recording.provenance
     sd = "" if math.isnan(found.sd) else f" (sd {found.sd:.2g} s)"
     notes = f"{found.seconds:.10g} s{sd} added to the stamps of the truth, a file of its own"
@@ -126,8 +130,44 @@ def join_truth(
         dropped={**provenance.dropped, **dropped, **counts},
         notes="; ".join(filter(None, (provenance.notes, notes))),
     )
-    units = {f"truth/{joint}": recording.units[f"measured/{joint}"] for joint in joints}
-    return Recording.from_columns(columns, described, {**recording.units, **units}), found
+    return replace(joined, provenance=described), found
+
+
+def _shifted(
+    recording: Recording, truth: Stream, offset: float
+) -> tuple[Recording, dict[str, int]]:
+    """Give a recording the truth at stamps later by `offset` [s], and rows without it by reason."""
+    shifted = replace(truth, t=truth.t + offset)
+    state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
+    gap_limit = _GAP * float(np.median(np.diff(truth.t)))
+    columns, counts = synchronise(state, shifted, gap_limit)
+    units = {
+        name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns
+    }
+    units = {**recording.units, **units}
+    return Recording.from_columns(columns, recording.provenance, units), counts
+
+
+def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOffset:
+    """Offset at which the robot's signals explain most of truth minus measured.
+
+    Plays and efforts tell friction from a delay where a motion of one speed, as a zig-zag is, does
+    not. It counts where `found` is unsure, and this one is surer and no further off than may be.
+    """
+    if found.sd < _UNSURE:
+        return found
+    joined, _ = _shifted(recording, truth, found.seconds)
+    joined = joined.with_truth(found.joints)
+    if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
+        return found
+    with threadpool_limits(1, user_api="blas"):
+        explained = [explain([joined], joint) for joint in found.joints]
+        delay = estimate_delay([[joined]] * len(explained), explained)
+    if not (delay.uncertainty < found.sd and abs(delay.seconds) < _SURE * found.sd):
+        return found
+    steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
+    sd = math.hypot(delay.uncertainty, *(step / math.sqrt(12.0) for step in steps))
+    return replace(found, seconds=found.seconds - delay.seconds, sd=min(sd, found.sd))
 
 
 def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:

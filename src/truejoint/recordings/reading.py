@@ -10,6 +10,7 @@ from typing import Any, Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.array_files import VERSION5_MARK
+from truejoint.recordings.bags.container import is_bag
 from truejoint.recordings.column_map import MapSource
 from truejoint.recordings.files import read_head, require_file
 from truejoint.recordings.formats import FORMATS, format_names, get_format
@@ -169,14 +170,19 @@ def detect_format(  # noqa: PLR0911  # one for each layout
     """
     source = Path(path)
     if source.is_dir():
+        if is_bag(source, b""):
+            return "bag"
         if all((source / name).is_file() for name in dvrk_berkeley.FILES):
             return "dvrk_psm_berkeley"
         raise _unknown(source, f"a folder without {', '.join(dvrk_berkeley.FILES)}")
     head = read_head(require_file(source))
-    if head.startswith(PARQUET_MAGIC):
-        return "parquet"
-    if source.suffix == SUFFIX:
-        return "arrows"
+    binary = {
+        "bag": is_bag(source, head),
+        "parquet": head.startswith(PARQUET_MAGIC),
+        "arrows": source.suffix == SUFFIX,
+    }
+    if any(binary.values()):
+        return next(name for name, fits in binary.items() if fits)
     if with_map:
         return "arrays" if b"\0" in head else "csv"
     if head.startswith(VERSION5_MARK):

@@ -83,7 +83,8 @@ class Recorder:
     truth_rate : float, optional
         Thin the joint encoders out to this rate [Hz]; all readings by default.
     truth : TruthSource, optional
-        Joint encoders that are not the arm's own, such as `JointEncoders`, stamped by its clock.
+        Joint encoders that are read in place of the arm's own, such as `JointEncoders`, stamped by
+        the arm's clock.
     gap_limit : float
         Longest time between two readings of the joint encoders to interpolate across [s].
     max_duration : float
@@ -138,7 +139,7 @@ class Recorder:
     def __enter__(self) -> Self:
         self._clear()
         self._stream = None if self.path is None else self._open(Path(self.path))
-        self.arm.subscribe(self._receive, every=_PIECE)
+        self.arm.subscribe(self._from_arm, every=_PIECE)
         if self.truth is not None:
             self.truth.subscribe(self._receive)
         return self
@@ -149,7 +150,7 @@ class Recorder:
         error: BaseException | None,
         trace: types.TracebackType | None,
     ) -> None:
-        self.arm.unsubscribe(self._receive)
+        self.arm.unsubscribe(self._from_arm)
         if self.truth is not None:
             self.truth.unsubscribe(self._receive)
         if kind is not None:
@@ -236,6 +237,11 @@ class Recorder:
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
+
+    def _from_arm(self, block: StateBlock | TruthBlock) -> None:
+        """Take what the arm says; of joint encoders nothing where others are given."""
+        if self.truth is None or isinstance(block, StateBlock):
+            self._receive(block)
 
     def _receive(self, block: StateBlock | TruthBlock) -> None:
         stream = self._truth if isinstance(block, TruthBlock) else self._state

@@ -11,6 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError
@@ -329,7 +330,7 @@ def nominal_rates(**stamps: Array) -> dict[str, float]:
     return {name: round(1.0 / dt, 3) for name, dt in steps.items() if dt > 0}
 
 
-def last_of_each_stamp(t: Array) -> Mask:
+def last_of_each_stamp(t: Array | NDArray[np.int64]) -> Mask:
     """Rows (n,) of stamps `t` (n,) [s] that are not repeated by the next: a clock that stood."""
     return np.append(np.diff(t) != 0, [True] * min(t.size, 1)).astype(np.bool_)
 
@@ -361,7 +362,8 @@ def recordings_of_file(
     _check_shapes(columns, path.name)
     columns, missing = _whole_rows(columns, path.name)
     last = last_of_each_stamp(columns["t"])
-    columns = {name: values[last] for name, values in columns.items()}
+    if not last.all():
+        columns = {name: values[last] for name, values in columns.items()}
     counts = {**(dropped or {}), MISSING: missing, "repeated time stamp": int((~last).sum())}
     stated: dict[str, Any] = {
         "source": path.name,

@@ -17,7 +17,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.extras import require
 from truejoint.robots.blocks import TruthBlock
-from truejoint.robots.raven2.hardware import JOINT_ENCODERS, JointEncoder
+from truejoint.robots.joint_encoder import JointEncoder
 
 RECONNECT: Final = 0.5
 """Time between two tries to open a port that is gone [s]."""
@@ -153,13 +153,7 @@ class JointEncoders(SerialSensor):
     ----------
     port : str
     encoders : sequence of JointEncoder
-        Resolution and hard stop of each, in the order of the numbers in a line.
-    directions : sequence of int
-        +1 where counts rise with the joint's position, -1 where they fall.
-    tolerances : sequence of int
-        Counts from the extreme that still belong to the stop.
-    to_upper : sequence of bool
-        Whether the hard stop is at the upper end of the joint.
+        In the order of the numbers in a line, such as `Robot.encoders`.
     clock : callable, optional
         As `SerialSensor`.
 
@@ -170,7 +164,8 @@ class JointEncoders(SerialSensor):
     Examples
     --------
     >>> from truejoint.recordings.serial_sensors import JointEncoders
-    >>> with JointEncoders("/dev/ttyACM0", clock=lambda: arm.time) as encoders:  # doctest: +SKIP
+    >>> line = JointEncoders("/dev/ttyACM0", arm.robot.encoders, clock=lambda: arm.time)
+    >>> with line as encoders:  # doctest: +SKIP
     ...     encoders.start_registration()
     ...     arm.home()
     ...     encoders.register()
@@ -181,24 +176,20 @@ class JointEncoders(SerialSensor):
     def __init__(
         self,
         port: str,
-        encoders: Sequence[JointEncoder] = JOINT_ENCODERS,
+        encoders: Sequence[JointEncoder],
         *,
-        directions: Sequence[int] = (-1, 1, 1),
-        tolerances: Sequence[int] = (50, 20, 20),
-        to_upper: Sequence[bool] = (False, True, True),
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         super().__init__(port, clock=clock)
-        counts = {len(encoders), len(directions), len(tolerances), len(to_upper)}
-        if len(counts) > 1 or not encoders or any(abs(sign) != 1 for sign in directions):
+        if not encoders:
             raise RecordingError(
-                f"{port}: {len(encoders)} encoders need as many directions (+1 or -1), tolerances "
-                "and ends"
+                f"{port}: no encoders are stated for this robot; its file needs [[encoders]]"
             )
         self.encoders: Final = tuple(encoders)
-        self._scale = np.array([e.resolution for e in encoders]) * np.array(directions)
-        self._tolerance = np.array(tolerances)
-        self._upwards = np.where(to_upper, 1, -1) * np.array(directions)
+        directions = np.array([e.direction for e in encoders])
+        self._scale = np.array([e.resolution for e in encoders]) * directions
+        self._tolerance = np.array([e.tolerance for e in encoders])
+        self._upwards = np.where([e.end == "upper" for e in encoders], 1, -1) * directions
         self._line = re.compile(rb"-?\d{1,10}" + rb"_-?\d{1,10}" * (len(encoders) - 1) + rb"\r?")
         self._seen: list[Array] | None = None
         self._began = math.nan

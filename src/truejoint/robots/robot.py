@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
+from truejoint.robots.joint_encoder import JointEncoder
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
@@ -38,8 +39,9 @@ _MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
 _CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
 _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
-                "gear", "kinematics", "workspace", "mechanism", "grasper")  # fmt: skip
+                "gear", "kinematics", "workspace", "mechanism", "grasper", "encoders")  # fmt: skip
 _FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
+_ENCODER_KEYS: Final = ("joint", "resolution", "hard_stop", "end", "direction", "tolerance")
 _WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
 
@@ -143,9 +145,21 @@ class Transmission:
 
         By virtual work: what the motors do in a small motion is what the joints receive.
         """
-        gear = np.array(self.gear or np.ones(len(self.matrix)))
-        joint: Array = np.asarray(effort, dtype=float) @ (self.matrix / gear[:, None])
+        joint: Array = np.asarray(effort, dtype=float) @ self._effort_matrix
         return joint
+
+    def motor_effort(self, effort: ArrayLike) -> Array:
+        """Torques (..., n_joints) at the motors [Nm] of efforts on the joints [Nm or N].
+
+        The inverse of `joint_effort`.
+        """
+        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self._effort_matrix)
+        return motor
+
+    @cached_property
+    def _effort_matrix(self) -> Array:
+        gear = np.array(self.gear or np.ones(len(self.matrix)))
+        return np.asarray(self.matrix / gear[:, None], dtype=np.float64)
 
     @cached_property
     def inverse(self) -> Array:
@@ -254,6 +268,8 @@ class Robot(Summarised):
         Of a jaw that a motor's cable opens and a spring's shuts; None where it is not stated.
     grasper : tuple of str
         Joints that are jaws, whose positions add up to the opening; empty where there are none.
+    encoders : tuple of JointEncoder
+        Temporary ones on the joints, in the order of the counts that they send.
 
     Raises
     ------
@@ -279,6 +295,7 @@ class Robot(Summarised):
     workspace: Workspace | None = None
     mechanism: ForcepsMechanism | None = None
     grasper: tuple[str, ...] = ()
+    encoders: tuple[JointEncoder, ...] = ()
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -294,7 +311,9 @@ class Robot(Summarised):
                 f"{', '.join(self.joint_names)}"
             )
         _check_once(self.grasper, f"{self.name}: grasper")
-        self.index((*self.positioning, *self.grasper))
+        encoded = tuple(one.joint for one in self.encoders)
+        _check_once(encoded, f"{self.name}: encoders")
+        self.index((*self.positioning, *self.grasper, *encoded))
         n = len(self.joints)
         if self.transmission is not None and self.transmission.matrix.shape != (n, n):
             raise RobotError(
@@ -348,6 +367,7 @@ class Robot(Summarised):
                 None if workspace is None else _workspace(workspace, joints),
                 None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
                 _names(values.get("grasper", ()), "grasper"),
+                _encoders(values["encoders"], joints) if values.get("encoders") else (),
             )
         except RobotError as error:
             raise RobotError(f"{source}: {error}") from None
@@ -364,6 +384,8 @@ class Robot(Summarised):
             values["transmission"] = self.transmission.matrix.tolist()
             if self.transmission.gear:
                 values["gear"] = list(self.transmission.gear)
+        if self.encoders:
+            values["encoders"] = [asdict(encoder) for encoder in self.encoders]
         if self.mechanism is not None:
             values["mechanism"] = dict(vars(self.mechanism))
         space = self.workspace
@@ -487,6 +509,28 @@ def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
                 "or for none"
             )
     return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
+
+
+def _encoders(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[JointEncoder, ...]:
+    """Read encoders of tables, each in the unit of its joint."""
+    factors = {joint["name"]: _kind(joint, "encoders")[1] for joint in joints}
+    encoders = []
+    for n, row in enumerate(_tables(values, "encoders"), 1):
+        where = f"encoder {n}"
+        _check_keys(row, _ENCODER_KEYS, _ENCODER_KEYS[:3], where)
+        joint = str(row["joint"])
+        if joint not in factors:
+            raise RobotError(f"{where}: {unknown('joint', joint, tuple(factors))}")
+        size = {
+            key: _number(row[key], f"{where}: {key}") * factors[joint]
+            for key in ("resolution", "hard_stop")
+        }
+        whole: dict[str, Any] = {k: row[k] for k in ("direction", "tolerance") if k in row}
+        if not all(type(value) is int for value in whole.values()):
+            raise RobotError(f"{where}: direction and tolerance are whole numbers")
+        whole |= {"end": row["end"]} if "end" in row else {}
+        encoders.append(JointEncoder(joint, size["resolution"], size["hard_stop"], **whole))
+    return tuple(encoders)
 
 
 def _transmission(matrix: Any, gear: Any) -> Transmission:

@@ -1,27 +1,34 @@
 """Set-points that put the joint itself where it is wanted, with the corrected position in the loop.
 
 A motor that is sent where the joint should be leaves the joint behind by what the cables lose. The
-compensator adds that loss, as the corrector tells it, and a share of what is still missing.
+compensator adds that loss, as the corrector tells it, and what is still missing after that.
 """
 
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.crtk.arm import Arm
+from truejoint.crtk.limits import move_speed
+from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.errors import CommandRefused
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows
+from truejoint.runtime import compensation as at
+from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.status import Status
+from truejoint.units import shown, shown_range
 
 GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
@@ -30,16 +37,25 @@ SPEED_SHARE: Final = 0.8
 SETTLING: Final = 0.1
 """Time constant with which set-points go on where a joint shall stand still [s]: friction and
 backlash would make a loop swing there that is quick enough for reversals."""
+_LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are moved
+_PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
+_INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
 
 
 class Compensator:
     """Inverts a calibration in the loop: wanted joint positions in, set-points of the motors out.
 
-    ``setpoint = wanted + lag d(wanted)/dt - lost + gain (wanted - corrected)``, where `lost` is the
-    corrected less the measured position, low-passed. While friction holds the joint, that makes it
-    an integrator; it cannot wind up at a limit, because it follows what the motor did rather than
-    what it was told. Where the corrector's status is not OK, `lost` is held, and nothing else is
-    fed back. Where a joint is wanted to stand still, set-points go on slowly.
+    ``setpoint = wanted + lag d(wanted)/dt - lost + gain e + (integral of e) / integral_time``,
+    where ``e = wanted - corrected`` and `lost` is the corrected less the measured position,
+    low-passed. Neither can wind up at a limit: `lost` follows what the motor did rather than what
+    it was told, and the integral waits where a limit holds the set-point back. Where the
+    corrector's status is not OK both are held, and nothing is fed back; before it first was, the
+    set-points go as far as what is wanted goes. Where a joint is wanted to stand still, they go on
+    slowly.
+
+    By default the loop is slow, and makes up for what changes slowly: errors of cables, and what
+    friction and load keep a motor from its set-point. An estimator that knows the joint within
+    milliseconds may have a quick one, of a `gain` and a short `time_constant`.
 
     Parameters
     ----------
@@ -51,11 +67,15 @@ class Compensator:
     rate : float
         Steps per second [Hz].
     lag : float
-        Time by which the measured position follows a set-point that moves evenly [s].
+        Time by which the measured position follows a set-point that moves evenly [s]; by default
+        that of a RAVEN-II.
     gain : float
         Share of the remaining error that is added to the set-point, 0 or more.
     time_constant : float
         Of the low-pass [s].
+    integral_time : float
+        In which a remaining error is made up for [s]; infinite for none. With it, the first
+        set-point is that which the arm has.
     dead_band : float
         Error [rad or m] that is let be where a joint is wanted to stand still: friction would make
         the loop hunt for the rest of it.
@@ -67,14 +87,16 @@ class Compensator:
     ----------
     setpoint : ndarray, shape (n_joints,)
         For the corrector's joints [rad or m]; copy what you want to keep.
-    gain : float
-        May be changed between steps.
     lost : ndarray, shape (n_joints,)
         True less measured position, as it is made up for [rad or m].
-    is_limited : ndarray of bool, shape (n_joints,)
-        Whether a limit of position or speed held the set-point back at the last step.
+    measured : list of int
+        Where the joints' measured positions stand in a sample.
+    is_limited : ndarray of int, shape (n_joints,)
+        1 where a limit of position or speed held the set-point back at the last step.
     status : Status
         Of the last sample.
+    statuses : Counter of Status
+        How many steps along an arm's way had each status.
 
     Raises
     ------
@@ -94,10 +116,11 @@ class Compensator:
         corrector: Corrector,
         robot: Robot,
         *,
-        rate: float,
-        lag: float,
-        gain: float = 1.5,
-        time_constant: float = 0.005,
+        rate: float = 250.0,
+        lag: float = 0.05,
+        gain: float = 0.0,
+        time_constant: float = 0.5,
+        integral_time: float = 0.5,
         dead_band: float = 0.0,
         believed: Status = Status.OK,
     ) -> None:
@@ -105,6 +128,10 @@ class Compensator:
         for name, value in numbers.items():
             if not 0.0 <= value < math.inf:
                 raise CommandRefused(f"compensator: {name} is {value}; give a number of 0 or more")
+        if not integral_time > 0.0:
+            raise CommandRefused(
+                f"compensator: integral time is {integral_time} s; give more than 0 s, or infinity"
+            )
         check_rate(rate, lag, gain)
         if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
             raise CommandRefused(
@@ -113,23 +140,64 @@ class Compensator:
             )
         self.corrector: Final = corrector
         self.rate: Final = float(rate)
+        self._integral_time = integral_time
+        self._how: dict[str, Any] = {
+            "rate": rate, "lag": lag, "gain": gain, "time_constant": time_constant,
+            "integral_time": integral_time, "dead_band": dead_band, "believed": believed,
+        }  # fmt: skip
+        self._robot = robot
         joints = robot.index(corrector.joints)
-        self._lower, self._upper = robot.lower[joints], robot.upper[joints]
         top = np.array([robot.joints[i].max_speed for i in joints])
-        self._step = np.minimum(top, SPEED_SHARE * corrector.spike_speed) / self.rate
-        self._lead, self.gain = lag * self.rate, gain
-        self._share = 1.0 / (1.0 + time_constant * self.rate)
-        self._measured = [corrector.signals.index(f"measured/{name}") for name in corrector.joints]
-        self.setpoint, self.lost, self._wanted = np.zeros((3, len(joints)))
-        self.is_limited, self._rests = np.zeros((2, len(joints)), dtype=bool)
-        self._dead_band, self._settle = dead_band, 1.0 / (1.0 + SETTLING * self.rate)
-        self._doubted = ~int(believed)
+        zeros = np.zeros(len(joints))
+        arrays = ("wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up")
+        self.memory: Final = at.LAYOUT.pack(
+            n_joints=len(joints), doubted=~int(believed), lead=lag * rate, gain=gain,
+            share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
+            settle=1.0 / (1.0 + SETTLING * rate), dead_band=dead_band,
+            lower=robot.lower[joints], upper=robot.upper[joints],
+            step=np.minimum(top, SPEED_SHARE * corrector.spike_speed) / rate,
+            **dict.fromkeys(arrays, zeros), **dict.fromkeys(("is_limited", "rests"), zeros),
+        )  # fmt: skip
+        view = self.memory.view
+        self.setpoint: Array = view("setpoint")
+        self.lost: Array = view("lost")
+        self.is_limited: Integers = view("is_limited")
+        self._lower, self._upper = view("lower"), view("upper")
+        self._wanted, self._measured = view("wanted"), view("measured")
+        self._correction = view("correction")
+        self.measured: Final = [corrector.signals.index(f"measured/{n}") for n in corrector.joints]
         self.status = Status.OK
+        self.statuses: Counter[Status] = Counter()
+        self.start(zeros)
+
+    @property
+    def at_limit(self) -> Mask:
+        """Whether each set-point (n_joints,) is held back by the range of its joint."""
+        at_end = (self.setpoint <= self._lower) | (self.setpoint >= self._upper)
+        return np.asarray(at_end & (self.is_limited != 0))
+
+    def around(self, corrector: Corrector) -> Compensator:
+        """Give the same loop, before its start, around another corrector of the same joints."""
+        return Compensator(corrector, self._robot, **self._how)
+
+    @property
+    def gain(self) -> float:
+        """Share of the remaining error that is added; may be changed between steps."""
+        return float(self.memory.memory[at.GAIN])
+
+    @gain.setter
+    def gain(self, share: float) -> None:
+        self.memory.memory[at.GAIN] = share
+
+    @property
+    def knows_lost(self) -> bool:
+        """Whether the corrector was believed since the start."""
+        return bool(self.memory.numbers[at.KNOWS_LOST])
 
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest from set-points (n_joints,) [rad or m] that the arm already has."""
-        self.setpoint[:] = self._wanted[:] = setpoint
-        self.lost[:] = 0.0
+        self.setpoint[:] = setpoint
+        begin(self.memory.numbers, self.memory.memory)
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.
@@ -137,27 +205,142 @@ class Compensator:
         The `sample` (n_signals,) of the corrector was taken at `t` [s]; where a wanted position is
         not finite, the one before goes on. Raises nothing; see `status` and `is_limited`.
         """
-        goal = np.asarray(wanted, dtype=np.float64)
-        goal = np.where(np.isfinite(goal), goal, self._wanted)
         self.status = self.corrector.step(t, sample)
-        ahead = goal + self._lead * (goal - self._wanted)
-        stands = goal == self._wanted
-        self._rests &= stands
-        correction = self.corrector.correction + self.corrector.offset
-        if self.status & self._doubted == 0 and np.isfinite(correction).all():
-            measured = np.asarray(sample, dtype=np.float64)[self._measured]
-            self.lost += self._share * (correction - self.lost)
-            missing = self._wanted - measured - correction
-            ahead += self.gain * missing
-            self._rests = stands & (np.abs(missing) < self._dead_band)
-        asked = ahead - self.lost
-        slowly = self.setpoint + self._settle * (asked - self.setpoint)
-        asked = np.where(stands, np.where(self._rests, self.setpoint, slowly), asked)
-        kept = np.clip(asked, self.setpoint - self._step, self.setpoint + self._step)
-        np.clip(kept, self._lower, self._upper, out=self.setpoint)
-        np.not_equal(self.setpoint, asked, out=self.is_limited)
-        self._wanted[:] = goal
+        self.memory.numbers[at.STATUS] = self.status
+        self._wanted[:] = wanted
+        self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
+        np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
+        compensate(self.memory.numbers, self.memory.memory)
         return self.setpoint
+
+    def approach(self, arm: Arm, wanted: ArrayLike) -> None:
+        """Take an arm to a pose `wanted` (n,) of all its joints [rad or m], through the loop.
+
+        Raises CommandRefused as `setpoints`, and if the corrector's status was not OK on the way.
+        """
+        goal, joints = np.asarray(wanted, dtype=np.float64), arm.robot.index(self.corrector.joints)
+        now = arm.setpoint_js(math.inf).position.copy()
+        with _Latest(arm, self.corrector.signals) as latest:
+            for _ in range(round(_LOOK * self.rate)):
+                arm.wait(1.0 / self.rate)
+                self.corrector.step(*latest.sample())
+        now[joints] = self.corrector.position
+        law = time_law([now, goal], move_speed(arm.robot, None, "approach"))
+        settled = 0.0 if math.isinf(self._integral_time) else _INTEGRAL_TIMES * self._integral_time
+        rest = np.tile(goal, (round(settled * SERVO_RATE), 1))
+        pieces = self.setpoints(arm, [*law.blocks(), rest])
+        arm.stream(pieces, law.duration + settled, "approach").wait()
+        if not self.knows_lost:
+            raise CommandRefused(
+                f"compensator: it is not known where the joints are: {self.status.name}; home the "
+                "arm, re-zero the model after the homing, and stay where it was trained"
+            )
+
+    def setpoints(
+        self, arm: Arm, pieces: Iterable[Array], tell: Callable[[float, Array], None] | None = None
+    ) -> Iterator[Array]:
+        """Turn wanted positions of all joints into set-points, a piece a step, for `Arm.stream`.
+
+        Each is worked out of what the arm tells when the one before has been sent, and between two
+        steps set-points are interpolated. Joints that are not corrected get what is wanted.
+
+        Parameters
+        ----------
+        arm : Arm
+            Enabled and homed, and the corrector told so.
+        pieces : iterable of ndarray, shape (n, n_joints)
+            Wanted positions at 1 kHz [rad or m].
+        tell : callable, optional
+            Called after each step with the sample's stamp [s] and what was wanted
+            (n_corrected,) [rad or m].
+
+        Raises
+        ------
+        CommandRefused
+            If the rate does not divide 1 kHz, or the arm does not report a signal; on the way, if
+            a set-point stands at the end of its joint's range for 0.2 s.
+        """
+        period = SERVO_RATE / self.rate
+        if abs(period - round(period)) > 1e-9:
+            raise CommandRefused(
+                f"compensator: a loop at {self.rate:g} Hz; its rate must divide {SERVO_RATE:g} Hz"
+            )
+        with _Latest(arm, self.corrector.signals) as latest:
+            arm.wait(SETPOINT_DT)
+        latest.check()
+        return self._stepped(latest, pieces, round(period), tell)
+
+    def _stepped(
+        self,
+        latest: _Latest,
+        pieces: Iterable[Array],
+        period: int,
+        tell: Callable[[float, Array], None] | None,
+    ) -> Iterator[Array]:
+        joints = latest.arm.robot.index(self.corrector.joints)
+        self.start(latest.arm.setpoint_js(math.inf).position[joints])
+        self.corrector.release()  # to the thread that moves the arm
+        share = np.arange(1, period + 1)[:, None] / period
+        held = np.zeros(len(joints))  # for so many steps
+        with latest:
+            for piece in pieces:
+                for first in range(0, len(piece), period):
+                    rows = piece[first : first + period].copy()
+                    before, (t, sample) = self.setpoint.copy(), latest.sample()
+                    after = self.step(t, sample, rows[-1, joints])
+                    self.statuses[self.status] += 1
+                    held = np.where(self.at_limit, held + 1, 0)
+                    if held.max() > _PATIENCE * self.rate:
+                        self._refuse(latest.arm.robot, int(np.argmax(held)))
+                    if tell is not None:
+                        tell(t, rows[-1, joints])
+                    rows[:, joints] = before + share[: len(rows)] * (after - before)
+                    rows[-1, joints] = after
+                    yield rows
+
+    def _refuse(self, robot: Robot, k: int) -> NoReturn:
+        """Say that no set-point takes the joint `k` of the corrector's where it is wanted."""
+        joint = robot.joint(self.corrector.joints[k])
+        raise CommandRefused(
+            f"compensator: {joint.name} is wanted at {shown(self._wanted[k], joint.unit)}, which "
+            f"no set-point within {shown_range(joint.lower, joint.upper, joint.unit)} reaches: "
+            f"{shown(self.lost[k], joint.unit)} are lost on the way; stay further inside"
+        )
+
+
+class _Latest:
+    """The newest message of an arm, as a corrector takes it."""
+
+    def __init__(self, arm: Arm, signals: tuple[str, ...]) -> None:
+        self.arm, self._signals = arm, signals
+        self._block: StateBlock | None = None
+
+    def __enter__(self) -> Self:
+        self.arm.subscribe(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.arm.unsubscribe(self)
+
+    def __call__(self, block: StateBlock | TruthBlock) -> None:
+        if isinstance(block, StateBlock) and len(block.t):
+            self._block = block
+
+    def check(self) -> None:
+        """Raise CommandRefused if nothing came, or it lacks a signal."""
+        known = () if self._block is None else self._block.columns()
+        if missing := [name for name in self._signals if name not in known]:
+            raise CommandRefused(
+                f"compensator: {self.arm.robot.title} does not report {', '.join(missing)}"
+            )
+
+    def sample(self) -> tuple[float, list[float]]:
+        """Stamp [s] and values of the signals; raises CommandRefused as `check`."""
+        if self._block is None:
+            self.check()
+        assert self._block is not None  # noqa: S101  # for the type checker
+        columns = self._block.columns()
+        return float(self._block.t[-1]), [float(columns[name][-1]) for name in self._signals]
 
 
 def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
@@ -165,13 +348,17 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
 
     The motor counts as two equal lags of `lag` / 2 [s], and sampling at `rate` [Hz] as a delay of
     one and a half periods: the loop's phase reaches -180 degrees where
-    ``2 atan(w lag / 2) + 1.5 w / rate = pi``.
+    ``2 atan(w lag / 2) + 1.5 w / rate = pi``. Raises CommandRefused where there is no such loop.
 
     Examples
     --------
     >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
     2.6
     """
+    if not (0.0 < rate < math.inf and 0.0 <= lag < math.inf):
+        raise CommandRefused(
+            f"loop margin: {rate} Hz, {lag} s; give a rate above 0 and a lag of 0 or more"
+        )
     low, high = 0.0, 2.0 * math.pi * rate
     for _ in range(60):  # the phase falls with the frequency, so halving finds it
         middle = 0.5 * (low + high)
@@ -223,8 +410,9 @@ class TrackedMotion:
 def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotion:
     """Put an arm's joints where they are wanted, row by row through a compensator; blocks.
 
-    Between two steps set-points are interpolated; joints that the calibration does not correct hold
-    still. What the arm measures reaches its subscribers, for instance a `Recorder`, meanwhile.
+    Joints that the calibration does not correct hold still. What the arm measures reaches its
+    subscribers, for instance a `Recorder`, meanwhile. The way to the first row, which is not made
+    here, is `Compensator.approach`; for a trajectory, `truejoint.motion.follow` makes both.
 
     Parameters
     ----------
@@ -249,40 +437,16 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     >>> track(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """
-    joints = arm.robot.index(compensator.corrector.joints)
-    pose = arm.setpoint_js().position.copy()
     rows = np.atleast_2d(np.asarray(wanted, dtype=np.float64))
-    full = np.tile(pose, (len(rows), 1))
-    full[:, joints] = rows
+    full = np.tile(arm.setpoint_js().position, (len(rows), 1))
+    full[:, arm.robot.index(compensator.corrector.joints)] = rows
     checked_rows(arm.robot, full, "track")
-    period = SERVO_RATE / compensator.rate
-    if abs(period - round(period)) > 1e-9:
-        raise CommandRefused(
-            f"track: a loop at {compensator.rate:g} Hz; its rate must divide {SERVO_RATE:g} Hz"
-        )
-    latest: list[StateBlock] = []
+    told: list[tuple[float, Array, Array, Array, int]] = []
 
-    def keep(block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, StateBlock):
-            latest[:] = [block]
+    def tell(t: float, goal: Array) -> None:
+        corrected = compensator.corrector.position.copy()
+        told.append((t, goal, compensator.setpoint.copy(), corrected, int(compensator.status)))
 
-    per_step, signals = round(period), compensator.corrector.signals
-    compensator.start(pose[joints])
-    arm.subscribe(keep)
-    try:
-        arm.wait(SETPOINT_DT)
-        told = []
-        if missing := [name for name in signals if name not in latest[0].columns()]:
-            raise CommandRefused(f"track: {arm.robot.title} does not report {', '.join(missing)}")
-        for goal in rows[per_step - 1 :: per_step]:
-            before = compensator.setpoint.copy()
-            columns, t = latest[0].columns(), float(latest[0].t[-1])
-            after = compensator.step(t, [columns[name][-1] for name in signals], goal)
-            corrected = compensator.corrector.position.copy()
-            told.append((t, goal, after.copy(), corrected, int(compensator.status)))
-            between = np.tile(pose, (per_step, 1))
-            between[:, joints] = np.linspace(before, after, per_step + 1)[1:]
-            arm.servo_jp_stream(between)
-    finally:
-        arm.unsubscribe(keep)
+    pieces = compensator.setpoints(arm, [full], tell)
+    arm.stream(pieces, len(rows) / SERVO_RATE, "track").wait()
     return TrackedMotion(*(np.array(part) for part in zip(*told, strict=True)))

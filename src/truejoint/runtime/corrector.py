@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from threading import Lock, get_ident
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -19,8 +21,13 @@ from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.layout import refuse_copy
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields as at
-from truejoint.runtime.correction import acknowledge, correct_sample, forget, trust
-from truejoint.runtime.homing import Homing
+from truejoint.runtime.correction import (
+    accept_offset,
+    acknowledge,
+    correct_sample,
+    forget,
+    tell_homing,
+)
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 from truejoint.summary import Summarised
@@ -114,8 +121,9 @@ class Corrector(Summarised):
 
     Notes
     -----
-    The arrays change in place at every step: copy what you want to keep. A corrector serves one
-    thread at a time; make each thread its own. It refuses to be copied and pickled.
+    The arrays change in place at every step: copy what you want to keep. A corrector belongs to the
+    thread of its first step, until `release` or that thread's end; a step of another one is
+    OTHER_THREAD, and changes nothing. It refuses to be copied and pickled.
 
     Examples
     --------
@@ -127,8 +135,8 @@ class Corrector(Summarised):
     """
 
     __slots__ = (
-        "_base_width", "_homing", "_memory", "_n_signals", "_needs_rezero", "_numbers", "_packed",
-        "_sample", "_statuses", "beside", "correction", "features", "half_width", "joints",
+        "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample", "_statuses",
+        "_taking", "_thread", "beside", "correction", "features", "half_width", "joints",
         "offset", "position", "signals",
     )  # fmt: skip
 
@@ -155,11 +163,10 @@ class Corrector(Summarised):
         self.features = packed.view("features")
         told = find_family(data.model.family).beside
         self.beside: dict[str, Array] = {name: packed.part_view("model", name) for name in told}
-        self._base_width = packed.view("base_width").copy()
-        self._needs_rezero = data.interval is not None and data.interval.rezero > 0.0
-        self._homing = Homing(data.metadata)
+        own = at.homing_ids(data.metadata)
+        self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(own)}
         self._statuses = _Statuses()
-        self._apply_homing()
+        self._thread, self._taking = 0, Lock()
         self.warm_up()
 
     @property
@@ -174,7 +181,7 @@ class Corrector(Summarised):
             "signals": ", ".join(self.signals),
             "joints": ", ".join(self.joints),
             "position": str(self.position),
-            "homing": str(self._homing.status.name),
+            "homing": str(Status(int(self._numbers[at.HOMING])).name),
         }
 
     def step(self, t: float, sample: ArrayLike) -> Status:
@@ -183,6 +190,8 @@ class Corrector(Summarised):
         It holds the values of `signals`, in their order and units; fastest as an array of float64.
         Returns OK (0), or why the measured position passed through.
         """
+        if self._thread != get_ident() and not self._take():
+            return Status.OTHER_THREAD
         memory = self._memory
         try:
             # By exact type first: a look at a type costs as much as looking at ten signals.
@@ -204,15 +213,16 @@ class Corrector(Summarised):
         Call it before the first sample, and whenever it changes: then an offset of `rezero` ends
         and the history of the signals starts anew. A `homing_id` is compared with those of the
         training recordings or, where these have none, with the first one told; without it, a robot
-        that is homed after it was said not to be counts as homed again.
+        that is homed after it was said not to be counts as homed again. It also does as `release`.
 
         Returns OK, NOT_HOMED or HOMED_AGAIN: what every sample from now on is flagged with.
         """
-        if self._homing.tell(is_homed, homing_id):
-            self.offset[:] = 0.0
-            forget(self._numbers, self._memory)
-            trust(self._numbers, self._memory)
-        return self._apply_homing()
+        told = at.HOMING_UNKNOWN
+        if homing_id is not None:
+            told = self._homings.setdefault(homing_id, len(self._homings) + 1)
+        self._numbers[at.IS_HOMED], self._numbers[at.TOLD_ID] = bool(is_homed), told
+        self.release()
+        return self._statuses[tell_homing(self._numbers, self._memory)]
 
     def rezero(self, offset: ArrayLike) -> Status:
         """Add an offset to every corrected position: the calibration is valid for this homing.
@@ -228,10 +238,8 @@ class Corrector(Summarised):
             raise CalibrationError(
                 f"offset {offset!r:.80} is not a finite number for each of {', '.join(self.joints)}"
             )
-        self._homing.accept()
         self.offset[:] = values
-        self.acknowledge()
-        return self._apply_homing()
+        return self._statuses[accept_offset(self._numbers, self._memory)]
 
     def acknowledge(self) -> None:
         """Say that the zero is right after all: ends ZERO_SUSPECT.
@@ -240,11 +248,18 @@ class Corrector(Summarised):
         """
         acknowledge(self._numbers, self._memory)
 
+    def release(self) -> None:
+        """Let the thread of the next step have the corrector; its history goes on."""
+        self._thread = 0
+
     def run(self, recording: Recording) -> CorrectionTrace:
         """Correct a whole recording as the loop would, from a fresh start, homed as it was told.
 
-        Raises RecordingError if it lacks a signal.
+        Raises RecordingError if it lacks a signal, and CalibrationError while another thread has
+        the corrector.
         """
+        if not self._take():
+            raise CalibrationError("another thread has this corrector; make one for this thread")
         forget(self._numbers, self._memory)
         t = np.array(recording.t)
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
@@ -256,22 +271,23 @@ class Corrector(Summarised):
             position[i], half_width[i] = self.position, self.half_width
             for name, rows in beside.items():
                 rows[i] = self.beside[name]
+        self.release()
         return CorrectionTrace(t, position, half_width, status, beside)
 
     def warm_up(self) -> None:
         """Compile what is not compiled yet; `step` finds everything ready."""
         numbers, memory = self._numbers.copy(), self._memory.copy()
-        for kernel in (forget, trust, acknowledge, correct_sample):
+        for kernel in (forget, acknowledge, tell_homing, accept_offset, correct_sample):
             kernel(numbers, memory)
 
     __reduce__ = refuse_copy
 
-    def _apply_homing(self) -> Status:
-        status = self._homing.status
-        self._numbers[at.HOMING] = status
-        known = not self._needs_rezero or self._homing.rezeroed
-        self._packed.view("base_width")[:] = self._base_width if known else np.inf
-        return status
+    def _take(self) -> bool:
+        """Whether this thread has the corrector, which it may take if no living one has it."""
+        with self._taking:
+            if self._thread not in sys._current_frames():  # documented: every thread that lives
+                self._thread = get_ident()
+            return self._thread == get_ident()
 
     def _refuse(self) -> Status:
         self.position[:] = self.correction[:] = np.nan

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from statistics import NormalDist
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -12,6 +13,12 @@ from truejoint.calibration.interval import inverse_span
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime.limits import Limits
+from truejoint.runtime.status import Status
+
+HOMING_UNKNOWN: Final = 0
+HOMING_OF_CALIBRATION: Final = -1
+"""Numbers of homings: one without a name, the first of those of the training (which are negative);
+others are positive."""
 
 LAYOUT: Final = Layout()
 N_SIGNALS: Final = LAYOUT.integer("n_signals", "in a sample")
@@ -22,7 +29,15 @@ N_PARITY: Final = LAYOUT.integer("n_parity", "parity equations")
 N_TERMS: Final = LAYOUT.integer("n_terms", "signals in a parity equation")
 N_WHITE: Final = LAYOUT.integer("n_white", "features, filled up to a multiple of 4")
 IS_POSITION: Final = LAYOUT.integer("is_position", "1: the model predicts it, 0: the error")
+NEEDS_REZERO: Final = LAYOUT.integer("needs_rezero", "1: half-widths are those after `rezero`")
+ZEROED: Final = LAYOUT.integer("zeroed", "1: the calibration was re-zeroed after its homing")
 HOMING: Final = LAYOUT.integer("homing", "status bits of the homing")
+HOMING_ID: Final = LAYOUT.integer("homing_id", "the homing that positions refer to")
+OWN_ID: Final = LAYOUT.integer("own_id", "the homing of the calibration")
+IS_HOMED: Final = LAYOUT.integer("is_homed", "what was told last: whether the robot is homed")
+TOLD_ID: Final = LAYOUT.integer("told_id", "and which homing its positions refer to")
+WAS_LOST: Final = LAYOUT.integer("was_lost", "whether the robot was homed anew")
+REZEROED: Final = LAYOUT.integer("rezeroed", "whether an offset was given for this homing")
 HAS_STAMP: Final = LAYOUT.integer("has_stamp", "whether there was a sample")
 HAS_LAST: Final = LAYOUT.integer("has_last", "whether a sample was used")
 WAS_STALE: Final = LAYOUT.integer("was_stale", "whether stamps were since a sample was used")
@@ -102,7 +117,7 @@ MODEL: Final = LAYOUT.part("model", "the estimator")
 
 
 def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> Memory:
-    """Memory of a corrector before its first sample, but for the homing.
+    """Memory of a corrector before its first sample, not homed.
 
     `level` says which half-widths of the interval to use, where there is one. Raises
     CalibrationError if the estimator only works offline.
@@ -131,6 +146,9 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         {"row": family.row},
         **(vars(limits) | {"parity_intercept": limits.parity_intercept - moved}),
         n_signals=n_signals, n_features=k, n_joints=n_joints, n_white=n_white,
+        needs_rezero=data.interval is not None and data.interval.rezero > 0.0,
+        zeroed="rezeroed" in data.metadata, homing=int(Status.NOT_HOMED),
+        own_id=HOMING_OF_CALIBRATION if homing_ids(data.metadata) else HOMING_UNKNOWN,
         n_shifted=len(data.signals) if shift.any() else 0,
         n_parity=n_parity if data.parity else 0, n_terms=n_terms, parity_shift=np.zeros(n_parity),
         is_position=data.target == "position", row=family.row_address(),
@@ -145,3 +163,9 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
         measured=[signals.index(f"measured/{joint}") for joint in data.joints],
     )  # fmt: skip
+
+
+def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
+    """Homings of the training or, where it was re-zeroed since, of the truth for it."""
+    named = metadata.get("homing_ids", ())
+    return [n for n in named if isinstance(n, str)] if isinstance(named, (list, tuple)) else []

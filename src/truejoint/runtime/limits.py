@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.calibration.training_domain import TrainingDomain, partners
+from truejoint.calibration.training_domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import MAX_RATE_RATIO
@@ -130,7 +130,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     held = _held(data, is_position & ~moves, high - low)
-    used = np.abs(seen.whitening).sum(axis=0) > 0.0
+    used = varies(data.lower, data.upper)
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * seen.distance
     correction_lower, correction_upper = believable_corrections(seen)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from enum import IntFlag
+from typing import Final
 
 
 class Status(IntFlag):
@@ -13,33 +14,54 @@ class Status(IntFlag):
 
     Examples
     --------
-    >>> Status(80).name
-    'SPIKE|OUT_OF_RANGE'
+    >>> Status(80).name, Status.STALE.words
+    ('SPIKE|OUT_OF_RANGE', 'the stamp is that of the last sample or an older one')
     """
 
     OK = 0
     NOT_FINITE = 1
-    """A signal, or the time stamp, is NaN or infinite."""
     WRONG_SIZE = 2
-    """Sample or stamp are not numbers, or not as many as the model has signals."""
     STALE = 4
-    """The stamp is that of the last sample or an older one."""
     TIME_JUMP = 8
-    """The stamp is further from the last one than the history may bridge."""
     SPIKE = 16
-    """A signal changed faster than it ever did in training."""
     FROZEN = 32
-    """A signal stands still, or nearly, while its joint moves, or all of them do for long."""
     OUT_OF_RANGE = 64
-    """A feature lies outside its trained range."""
     OUT_OF_DOMAIN = 128
-    """Each feature is in its range, but together they are unlike any trained row."""
     IMPLAUSIBLE = 256
-    """The correction is larger than the errors seen in training."""
     NOT_HOMED = 512
-    """Nobody has said that the robot is homed: positions mean nothing."""
     HOMED_AGAIN = 1024
-    """The robot was homed again: its positions are shifted against those of the calibration."""
     ZERO_SUSPECT = 2048
-    """A measured position has jumped, or contradicts what else is known of the joint: its zero may
-    have moved."""
+    OTHER_THREAD = 4096
+
+    @property
+    def words(self) -> str:
+        """What each bit means, for a person; empty for OK."""
+        return "; ".join(_MEANINGS[bit] for bit in self)
+
+
+_MEANINGS: Final = {
+    Status.NOT_FINITE: "a signal, or the time stamp, is NaN or infinite",
+    Status.WRONG_SIZE: "sample or stamp are not numbers, or not as many as the model has signals",
+    Status.STALE: "the stamp is that of the last sample or an older one",
+    Status.TIME_JUMP: "the stamp is further from the last one than the history may bridge",
+    Status.SPIKE: "a signal changed faster than it ever did in training",
+    Status.FROZEN: (
+        "a signal stands still, or nearly, while its joint moves, or all of them do for long"
+    ),
+    Status.OUT_OF_RANGE: "a feature lies outside its trained range",
+    Status.OUT_OF_DOMAIN: (
+        "each feature is in its range, but together they are unlike any trained row"
+    ),
+    Status.IMPLAUSIBLE: "the correction is larger than the errors seen in training",
+    Status.NOT_HOMED: "nobody has said that the robot is homed: positions mean nothing",
+    Status.HOMED_AGAIN: (
+        "the robot was homed again: its positions are shifted against those of the calibration"
+    ),
+    Status.ZERO_SUSPECT: (
+        "a measured position has jumped, or contradicts what else is known of the joint: its "
+        "zero may have moved"
+    ),
+    Status.OTHER_THREAD: (
+        "another thread has this corrector: nothing was done, its position is of another sample"
+    ),
+}

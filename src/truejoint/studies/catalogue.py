@@ -40,13 +40,14 @@ _CHOICES: Final = _methods(
 _FEW: Final = _methods("ukf_compensated", "play_reset", "play_gated", "ukf_friction")
 
 
-def _study(name: str, title: str, source: str, *options: Option) -> Study:
+def _study(name: str, title: str, source: str, *options: Option, version: int = 1) -> Study:
     return Study(
         f"forceps-{name}",
         title,
         source,
         f"truejoint.studies.forceps.{name.replace('-', '_')}",
         options,
+        version,
     )
 
 
@@ -81,10 +82,11 @@ _FORCEPS: Final = (
         _CALIBRATED,
         _MASSES, _DIRECTIONS,
         _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
+        version=2,
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=2,
     ),
     _study(
         "physical", "Does friction in physical parameters make a better filter?",
@@ -104,6 +106,7 @@ _FORCEPS: Final = (
         Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
         Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
+        version=2,
     ),
     _study(
         "sweep", "Which sensors, cables, friction and homing buy which accuracy?",

@@ -4,49 +4,15 @@ import threading
 
 import numpy as np
 import pytest
+from tests.crtk.instant_twin import InstantTwin
 
 from truejoint.crtk import Arm, LoopTiming, PacedBackend, StateBlock
 from truejoint.errors import CommandRefused, MotionStopped
-from truejoint.robots import get_robot
-from truejoint.robots.blocks import TruthBlock
-from truejoint.simulation import TwinOutput
-
-
-class Instant:
-    """A twin that homes at once and is where it is told to be."""
-
-    def __init__(self):
-        self.robot, self.seed, self.load, self.homing_count = get_robot("raven2"), 0, 0.0, 0
-        self.ticks, self.rows = 0, []
-
-    @property
-    def time(self):
-        return self.ticks * 1e-3
-
-    def homing(self):
-        self.homing_count += 1
-        yield self.run(self.robot.home[None])
-
-    def run(self, setpoint):
-        rows = np.asarray(setpoint, dtype=float)
-        self.rows.append(rows)
-        t = self.time + 1e-3 * np.arange(1, len(rows) + 1)
-        self.ticks += len(rows)
-        full = np.insert(rows, 3, 0.0, axis=1)
-        still = np.zeros_like(full)
-        truth = TruthBlock(t[:0], self.robot.positioning, rows[:0, :3])
-        return TwinOutput(
-            t=t, name=self.robot.channels, measured=full, velocity=still, effort=still,
-            setpoint=full, motor=still, motor_velocity=still, truth=truth, joint=rows[:, :3],
-        )  # fmt: skip
-
-    def idle(self, duration):
-        self.ticks += round(duration * 1e3)
 
 
 @pytest.fixture
 def paced():
-    backend = PacedBackend(Instant())
+    backend = PacedBackend(InstantTwin())
     arm = Arm(backend)
     arm.enable()
     arm.home()
@@ -96,6 +62,8 @@ def test_pause_from_another_thread_stops_a_move(paced):
     path = np.vstack(backend.twin.rows)[:, 0]
     assert path[-1] > path[0]
     assert path[-1] - path[-2] <= 1e-12
+    moving = np.diff(path)[np.diff(path) > 0.0]
+    assert np.abs(np.diff(moving)).max() < 2.0 * moving.max() / 50  # it brakes in 50 steps
 
 
 def test_a_failing_subscriber_pauses_the_arm(paced):

@@ -56,6 +56,17 @@ def test_streams_agree_with_the_twin_itself(backend):
     assert arm.time == twin.time
 
 
+def test_no_time_passes_once_it_is_not_to_go_on(backend):
+    arm = Arm(backend)
+    arm.enable()
+    arm.home()
+    start, rows = arm.time, np.tile(arm.robot.home, (500, 1))
+    assert backend.servo_jp(rows, lambda: False) == 0
+    assert arm.time == start
+    assert backend.servo_jp(rows, lambda: True) == 500
+    assert arm.time == pytest.approx(start + 0.5)
+
+
 def test_time_goes_on_over_blocks_moves_and_brakes():
     arm = simulated_arm(seed=2)
     arm.enable()

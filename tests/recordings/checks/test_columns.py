@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
-from truejoint.recordings import DataCheck, Recording, check_data
+from truejoint.recordings import DataCheck, Provenance, Recording, check_data
 
 
 def _jaw(truth: np.ndarray, measured: np.ndarray) -> DataCheck:
@@ -26,6 +27,22 @@ def test_a_saturated_sensor_is_found() -> None:
     assert finding.where.startswith("truth/jaw")
     first, behind = finding.rows[0]
     assert (MEASURED[first:behind] >= 0.4).all()
+
+
+@pytest.mark.parametrize(("setpoint", "load"), [(True, 0.0), (False, 0.2)])
+def test_a_load_that_turns_a_standing_joint_is_no_saturation(setpoint: bool, load: float) -> None:
+    still = np.minimum.accumulate(np.append(np.linspace(0.5, 0.0, 600), np.zeros(600)))
+    pushed = still - 0.2 * np.clip(np.arange(1200) / 200 - 4, 0.0, 1.0)
+    columns = {"t": np.arange(1200) / 50, "measured/jaw": still, "truth/jaw": pushed}
+    told = {"setpoint/jaw": still} if setpoint else {}
+
+    def names(extra: dict[str, np.ndarray], load: float) -> set[str]:
+        origin = Provenance("davinci_grasper", load=load)
+        return _names(check_data(Recording.from_columns({**columns, **extra}, origin)))
+
+    assert "saturated" not in names(told, load)
+    assert "saturated" in names({}, 0.0), "the case shows nothing"
+    assert "saturated" in names({"setpoint/jaw": pushed}, load), "a motor that was sent on"
 
 
 def test_slack_is_no_saturation() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import StudyError, TruejointError
-from truejoint.recordings import read_recording
+from truejoint.recordings import Recording, read_recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import population, specimen
@@ -14,6 +14,7 @@ from truejoint.studies import run_study, write_study
 from truejoint.studies.forceps.load import errors_in_grams
 from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS
+from truejoint.studies.forceps.mixed import load_test, unseen_turn
 from truejoint.studies.forceps.motions import built, plain_specimen, record
 from truejoint.studies.forceps.population import share
 from truejoint.studies.forceps.sweep import front
@@ -133,13 +134,32 @@ def test_other_frictions_and_weights_are_judged_together(tmp_path):
         assert ours["rms"] < paper["rms"]
         assert list(part.numbers["loaded"]["play_gated"]) == ["100 g opposing", "100 g along"]
         assert 0.85 < part.numbers["inside"]["unloaded"] < 0.98
+        assert 0.8 * ours["rms"] < part.numbers["floor"] < ours["rms"]
+        assert list(part.numbers["unseen"].values()) == [0.0, 0.0]  # no guide holds this one
     (table,) = result.summary.tables
-    assert table.notes[1].startswith("gated plays (our default): a stated 90 % holds in")
+    assert table.notes[1].startswith("The reference encoder's noise and counts alone are 0.03")
+    assert table.notes[2].startswith("In 0.0 % of the cases in phase IV the weight turned the jaw")
+    assert table.notes[3].startswith("gated plays (our default): a stated 90 % holds in")
     assert drawn(result, tmp_path)
     with pytest.raises(TruejointError, match="no prior called 'dahl'"):
         run_study("forceps-mixed", {"prior": "dahl"})
     with pytest.raises(TruejointError, match="a load of 9 kg"):
         run_study("forceps-mixed", {"masses_g": "9000"})
+
+
+def test_a_turn_that_no_sensor_shows_is_no_estimates_error():
+    plant = specimen()
+    test = load_test(100.0, "along")
+    t = np.arange(0.0, test.end, 0.01)
+    turned = np.where(t > test.loaded_to, np.radians(33.0), np.radians(30.0))
+
+    def unseen(moved: float) -> float:
+        reset = np.where(t > test.loaded_to, 2e-3 + moved, 2e-3)
+        columns = {"t": t, "measured/jaw": 0 * t, "truth_exact/jaw": turned, "cable/reset": reset}
+        return unseen_turn(plant, Recording.from_columns(columns, "forceps"), test)
+
+    assert unseen(0.5e-6) == pytest.approx(np.radians(3.0))
+    assert unseen(1.5e-6) == 0.0
 
 
 def test_shares_count_specimens():

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, get_args
 
@@ -13,6 +13,7 @@ from truejoint.crtk.protocol import Backend, Listener
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.joint_rows import in_grains
 
 FaultKind = Literal["fault", "pause", "link", "silence", "slip"]
 FAULTS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
@@ -102,10 +103,15 @@ class FaultyBackend:
             self._cleared = True
         self._backend.state_command(command, timeout)
 
-    def servo_jp(self, position: Array) -> None:
-        """Stream set-points (n, n_joints) [rad or m], unless the link is lost."""
-        self._check_link("servo_jp")
-        self._backend.servo_jp(position)
+    def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
+        """Stream set-points (n, n_joints) [rad or m] until there is a fault or the link is lost."""
+        taken = 0
+        for piece in in_grains(position):
+            self._check_link("servo_jp")
+            if not self.operating_state().is_ready:
+                break
+            taken += self._backend.servo_jp(piece, go_on)
+        return taken
 
     def _check_link(self, command: str) -> None:
         if self._has("link"):

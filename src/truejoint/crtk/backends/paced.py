@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final
@@ -13,6 +14,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput
@@ -71,6 +73,8 @@ class PacedBackend(SimulatedBackend):
     ----------
     twin : Twin
         Kept by reference.
+    homed : bool
+        Begin enabled and homed, as if the robot had been before; that takes as long as it computes.
 
     Examples
     --------
@@ -79,8 +83,11 @@ class PacedBackend(SimulatedBackend):
     >>> arm.close()
     """
 
-    def __init__(self, twin: Twin) -> None:
+    def __init__(self, twin: Twin, *, homed: bool = False) -> None:
         super().__init__(twin)
+        if homed:
+            twin.home()
+            self._state = OperatingState("ENABLED", is_homed=True, is_busy=False, t=twin.time)
         self._waiting: deque[Array] = deque()
         self._moved = threading.Condition()
         self._starts = np.empty(_KEPT)  # of the latest passes, a ring
@@ -108,23 +115,32 @@ class PacedBackend(SimulatedBackend):
         first = passes - min(passes, _KEPT)
         return LoopTiming.of(self._starts[np.arange(first, passes) % _KEPT], self._restarts)
 
-    def servo_jp(self, position: Array) -> None:
-        """Queue set-points (n, n_joints) [rad or m]; returns when nearly all are executed."""
+    def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
+        """Queue set-points (n, n_joints) [rad or m]; returns when nearly all are executed.
+
+        Those that still wait when it is not to go on are not taken, but for the next few.
+        """
         with self._moved:
             self._waiting.extend(position)
-            self._wait_for(_AHEAD)
+            return len(position) - self._wait_for(_AHEAD, go_on)
 
     def flush(self) -> None:
         """Return once all set-points are executed."""
         with self._moved:
-            self._wait_for(0)
+            self._wait_for(0, lambda: True)
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] of the wall clock pass."""
         self._closed.wait(duration)
 
-    def _wait_for(self, most: int) -> None:
+    def _wait_for(self, most: int, go_on: Callable[[], bool]) -> int:
+        """Wait until no more than `most` set-points wait; gives how many were dropped instead."""
+        dropped = 0
         while len(self._waiting) > most:
+            if not go_on():
+                self._waiting.pop()
+                dropped += 1
+                continue
             if self._failure is not None:
                 raise self._failure
             if self._closed.is_set():
@@ -134,6 +150,7 @@ class PacedBackend(SimulatedBackend):
                 self._waiting.clear()
                 raise CommandRefused(f"servo_jp stopped: the arm is {self._state.state}")
             self._moved.wait(GRAIN)
+        return dropped
 
     def _loop(self) -> None:
         due = time.perf_counter()
@@ -150,12 +167,13 @@ class PacedBackend(SimulatedBackend):
                 self._pass()
             except BaseException as error:  # noqa: BLE001  # a subscriber's: the arm stops
                 self._failure = error
-                with self._lock, suppress(TruejointError):
+                with suppress(TruejointError):
                     SimulatedBackend.state_command(self, "pause", 1.0)
                 return
 
     def _pass(self) -> None:
         """One period: a set-point if there is one, else hold; or stand on the brakes."""
+        self._give_way()
         with self._lock:
             if self._state.is_busy:
                 return  # homing lets the time pass itself

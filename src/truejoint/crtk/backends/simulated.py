@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -38,11 +38,12 @@ class SimulatedBackend:
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
         self._listener: Listener | None = None
         self._lock = threading.RLock()  # of the twin, whose time one thread at a time lets pass
+        self._queue = threading.RLock()  # of those who wait for it: who drives the arm lets them in
 
     @property
     def time(self) -> float:
         """Simulated time [s]."""
-        with self._lock:  # a twin may try a motion before it makes it
+        with self._queue, self._lock:  # a twin may try a motion before it makes it
             return self.twin.time
 
     @property
@@ -72,18 +73,22 @@ class SimulatedBackend:
         Homing gives up after `timeout` [s] of simulated time, and where the arm is paused or
         disabled meanwhile.
         """
-        with self._lock:
+        with self._queue, self._lock:
             after = next_state(self._state, command)
             homing = command == "home"
             self._state = replace(after, is_homed=False, is_busy=True) if homing else after
         if homing:
             self._home(timeout)
 
-    def servo_jp(self, position: Array) -> None:
-        """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz."""
-        with self._lock:
+    def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
+        """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz, all or none."""
+        self._give_way()
+        with self._lock:  # for others the clock leaps: who stops the arm comes before or after
+            if not go_on():
+                return 0
             output = self.twin.run(position)
         self._deliver(output)
+        return len(position)
 
     def flush(self) -> None:
         """Return at once: what is sent is executed."""
@@ -111,6 +116,7 @@ class SimulatedBackend:
 
     def _piece(self, pieces: Iterator[TwinOutput]) -> TwinOutput | None:
         """Next piece of the homing; after the last one the arm is homed."""
+        self._give_way()
         with self._lock:
             state = self._state.state
             if state != "ENABLED":
@@ -121,6 +127,11 @@ class SimulatedBackend:
             if piece is None:
                 self._state = replace(self._state, is_homed=True)
         return piece
+
+    def _give_way(self) -> None:
+        """Let those in who wait for the twin; a lock that is free again would not."""
+        with self._queue:
+            pass
 
     def _passed(self, piece: TwinOutput) -> None:
         """Note that a piece of the homing is over; it takes no longer than to compute it."""

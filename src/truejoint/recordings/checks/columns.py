@@ -16,6 +16,7 @@ from truejoint.recordings.signals import GAP_STEPS, gaps
 _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
 _OFTEN: Final = 3  # times that it does so by half of that, which tell as much
 _FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
+_LEAP: Final = 5.0  # usual steps, with which a sensor that stood while its joint moved goes on
 _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
 
@@ -45,7 +46,8 @@ def judge_columns(
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
             if len(rows) >= _FEWEST:
-                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows])
+                told = _told(recording, joint)[rows]
+                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows], told)
 
 
 def _clock(t: Array) -> Iterable[Defect]:
@@ -135,17 +137,37 @@ def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
     yield Defect("fail" if wrapped else "warn", kind, what, name, advice, where, largest)
 
 
+def _told(recording: Recording, joint: str) -> Array:
+    """Where the motor was sent (n,); NaN where nothing says so, and it may have moved.
+
+    Under a stated load without a set-point the motor counts as sent nowhere while it stands.
+    """
+    if f"setpoint/{joint}" in recording.units:
+        return recording.column(f"setpoint/{joint}")
+    return np.full(len(recording), 0.0 if recording.provenance.load > 0.0 else math.nan)
+
+
 def _stands(
-    joint: str, t: Array, rows: Integers, truth: Array, measured: Array
+    joint: str, t: Array, rows: Integers, truth: Array, measured: Array, told: Array
 ) -> Iterable[Defect]:
     """Find a sensor that repeats one value while the other end of the cable moves far.
 
     At an end of its own range it is saturated, and the other end needs to move only outwards and
-    only a little: at a turning point with slack it moves back.
+    only a little: at a turning point with slack it moves back. A motor that stands where it was
+    `told` to is none, though a load turns its joint; but from where it stands it goes on without
+    a leap.
     """
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
         span = float(np.ptp(other))
         repeats = runs(np.diff(still) == 0.0)
+        if name == "measured":
+            steps = np.append(np.abs(np.diff(still)), 0.0)
+            leap = _LEAP * np.median(steps[steps > 0.0]) if steps.any() else 0.0
+            repeats = [
+                (a, b)
+                for a, b in repeats
+                if steps[b] > leap or not np.ptp(told[a : b + 1]) < 0.5 * np.ptp(other[a : b + 1])
+            ]
         if not repeats or span == 0.0:
             continue
         way = float(np.sign(np.corrcoef(truth, measured)[0, 1])) if np.ptp(still) > 0.0 else 0.0

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.recordings.checks.explained import SLOW, Explained, explain
@@ -72,7 +73,8 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
 def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:
     """Rows (n,) of each recording whose truth minus measured of `joint` is grossly off."""
     enough = [r for r in recordings if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
-    explained = explain(enough, joint) if enough else None
+    with threadpool_limits(1):  # of a few thousand rows
+        explained = explain(enough, joint) if enough else None
     masks = []
     for recording in recordings:
         mask = np.zeros(len(recording), dtype=np.bool_)

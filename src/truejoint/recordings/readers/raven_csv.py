@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Mask
+from truejoint.crtk.messages import RAVEN_FIELDS, RUN_LEVELS
 from truejoint.errors import RecordingError
 from truejoint.recordings.numeric_text import NumericTable, TextLayout, count_fields, read_numbers
 from truejoint.recordings.recording import (
@@ -37,22 +38,14 @@ EXTERNAL: Final = (1, 2, 3)
 
 CHANNELS: Final = 8  # of one arm in every block of 16: gold (left), then green (right)
 RUN_LEVEL: Final = 17
-HOMING: Final = 1  # run level while the arm explores its hard stops: positions mean nothing
+AMID: Final = "homing, after rows that are kept"
 
 _DEG: Final = math.pi / 180.0
-# Quantity: first column of its block of 16 in the 240-column layout, factor to SI.
-BLOCKS: Final[Mapping[str, tuple[int, float]]] = {
-    "measured": (1, _DEG),
-    "velocity": (150, _DEG),
-    "effort": (102, 1.0),
-    "setpoint": (182, _DEG),
-    "motor": (118, _DEG),
-    "motor_velocity": (134, _DEG),
-    "motor_setpoint": (166, _DEG),
-    "encoder": (70, 1.0),
-    "encoder_offset": (200, 1.0),
-    "dac": (86, 1.0),
-}
+# First column of each block of 16 in the 240-column layout, by the message's field.
+_FIRST: Final = {
+    "jpos": 1, "encVals": 70, "dac_val": 86, "tau": 102, "mpos": 118, "mvel": 134, "jvel": 150,
+    "mpos_d": 166, "jpos_d": 182, "encoffsets": 200,
+}  # fmt: skip
 _AXES: Final = ("x", "y", "z")
 _ENTRIES: Final = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 # Quantity: first column, what each arm has of it (first the gold one), factor to SI.
@@ -150,11 +143,23 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
     return frozen
 
 
+def without_homing(levels: Array) -> tuple[Mask, dict[str, int]]:
+    """Rows (n,) in which the arm does not explore its hard stops, and how many it does, if any.
+
+    `levels` (n,) are the state's run levels. Positions after a homing amid them have another zero.
+    """
+    keep = np.asarray(levels != RUN_LEVELS["homing"])
+    amid = ~keep & np.logical_or.accumulate(keep)
+    counts = {"homing": int((~keep & ~amid).sum()), AMID: int(amid.sum())}
+    return keep, {reason: count for reason, count in counts.items() if count}
+
+
 def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
     """Column in the 240-column layout and factor to SI, by name; the time stands first."""
     second = robot.arm == "right"
     found = {"t": (0, 1.0)}
-    for quantity, (first, factor) in BLOCKS.items():
+    for quantity, (name, factor) in RAVEN_FIELDS.items():
+        first = _FIRST[name]
         for i, channel in enumerate(robot.channels):
             found[f"{quantity}/{channel}"] = (first + i + (CHANNELS if second else 0), factor)
     for quantity, (first, names, factor) in _OF_ARM.items():
@@ -187,7 +192,7 @@ def _recording(
     known = _state_columns(robot)
     state = zip(known.items(), table.values.T, strict=False)
     columns = {name: values * factor for (name, (_, factor)), values in state} | dict(others)
-    keep = columns["state/run_level"] != HOMING
+    keep, homing = without_homing(columns["state/run_level"])
     return recordings_of_file(
         path,
         robot,
@@ -196,7 +201,7 @@ def _recording(
         sha256=table.sha256,
         dropped={
             **dropped,
-            "homing": int((~keep).sum()),
+            **homing,
             "last line cut short": table.incomplete,
         },
     )

@@ -55,8 +55,9 @@ def build(side: Literal["left", "right"]) -> Robot:
     """Give the arm of a side."""
     arm = side, CHANNELS, POSITIONING, _transmission(side), kinematics(side)
     return Robot(
-        "raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE, grasper=("jaw1", "jaw2")
-    )
+        "raven2", JOINTS, *arm, effort="motor", workspace=WORKSPACE, grasper=("jaw1", "jaw2"),
+        encoders=hardware.JOINT_ENCODERS,
+    )  # fmt: skip
 
 
 def _transmission(arm: Literal["left", "right"]) -> Transmission:

@@ -9,6 +9,8 @@ import math
 from dataclasses import dataclass
 from typing import Final, Literal
 
+from truejoint.robots.joint_encoder import JointEncoder
+
 _DEG: Final = math.pi / 180.0
 
 # Period of the servo loop [s] (src/raven/rt_process_preempt.cpp).
@@ -143,21 +145,10 @@ def links(arm: Literal["left", "right"]) -> tuple[Link, Link, Link]:
     )
 
 
-@dataclass(frozen=True)
-class JointEncoder:
-    """Temporary encoder on a joint, the ground truth of a calibration."""
-
-    joint: str
-    resolution: float  # joint motion per count [rad or m]
-    # Position that is assigned to the hard stop when the encoder is registered [rad or m]; it is
-    # another than `Drive.hard_stop`, which makes a constant offset between the two.
-    hard_stop: float
-
-
-# Encoders of peng2024 (section IV-B); zeros from uw-biorobotics/raven2_CRTK_Python_controller:
-# joint_encoder/func_raven_joint_encodersIII.py.
+# Encoders of peng2024 (section IV-B); zeros, directions and tolerances from
+# uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py.
 JOINT_ENCODERS: Final = (
-    JointEncoder("shoulder", 2 * math.pi / 80000, 0.0),
+    JointEncoder("shoulder", 2 * math.pi / 80000, 0.0, "lower", -1, 50),
     JointEncoder("elbow", 2 * math.pi / 80000, 130 * _DEG),
     JointEncoder("insertion", 5e-6, 0.572467),
 )

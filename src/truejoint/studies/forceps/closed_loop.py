@@ -37,6 +37,8 @@ BARS: Final = {"none": 0.12, "steady": 0.25}
 """Wanted of the error with our estimate in the loop, without a load and with a steady one [deg]."""
 MARGINS: Final = (1.0, 2.0)
 """Factors of the gain at which stability is tried."""
+QUICK: Final = 0.005
+"""Time constant of what the loop takes for lost [s]."""
 DEAD_BAND: Final = math.radians(0.05)
 """Of the loop where the jaw shall stand still [rad], half a step of the reference encoder."""
 SWING: Final = math.radians(0.05)
@@ -141,6 +143,8 @@ def follow_jaw(
             rate=rate,
             lag=lag(plant),
             gain=gain,
+            time_constant=QUICK,
+            integral_time=math.inf,
             dead_band=DEAD_BAND,
             believed=KNOWN,
         )

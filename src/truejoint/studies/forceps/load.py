@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import Any, Final, cast
 
 import numpy as np
@@ -25,8 +26,8 @@ from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
 from truejoint.units import GRAVITY
 
-CALIBRATION_WEIGHT: Final = 0.2
-"""Known weight that identifies the stiffness, hung once each way [kg]."""
+CALIBRATION_WEIGHTS: Final = (0.1, 0.2, 0.25)
+"""Known weights that identify the stiffness, each hung once each way [kg]."""
 LEVEL: Final = 1.645
 """Deviations on either side that hold 90 % of a normal distribution."""
 _ESTIMATES: Final = {"assumed": "K_d assumed", "identified": "K_d identified"}
@@ -81,14 +82,16 @@ def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
 
 
 def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> PartResult:
-    """Find the stiffness of a specimen by two known weights, and estimate others on it."""
+    """Find the stiffness of a specimen by known weights, and estimate others on it."""
     plant = built(forceps)
     assumed, known = unloaded_filter(plant, seed, motion), []
-    for n, way in enumerate(("along", "opposing")):
-        test = load_test(CALIBRATION_WEIGHT, way)
+    for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, ("along", "opposing"))):
+        test = load_test(mass, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
+        torque = run.column("truth_load/jaw")
         still = within(run.t, *test.phases["IV"])
-        known.append((*signals(run), np.where(still, run.column("truth_load/jaw"), np.nan)))
+        if float(torque[still].mean()) <= slack_torque(plant, test.angle):
+            known.append((*signals(run), np.where(still, torque, np.nan)))
     X, dt, torque = (np.concatenate(columns) for columns in zip(*known, strict=True))
     found = identify_stiffness(assumed, X, torque, dt)
     identified = assumed.with_stiffness(found)
@@ -185,7 +188,8 @@ def _weights(name: str, found: Mapping[str, Any]) -> Table:
     friction = [_text(found, 2.0 * found[key]) for key in ("friction", "true_friction")]
     notes = [
         f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified"
-        f" with {1e3 * CALIBRATION_WEIGHT:.0f} g each way: "
+        f" with {', '.join(f'{1e3 * mass:.0f}' for mass in CALIBRATION_WEIGHTS)} g each way, "
+        "but where the drive cable is slack: "
         f"K_d = {found['drive_stiffness'] / 1e3:.1f} +- {found['deviation'] / 1e3:.1f} kN/m, "
         f"growing by {found['growth']:.0f} N/m per N; cable and gear have "
         f"{found['true_stiffness'] / 1e3:.1f}.",

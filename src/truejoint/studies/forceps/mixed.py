@@ -10,21 +10,26 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration
+from truejoint.models.jaw import RESET
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.simulation.forceps.sensors import reference_error
 from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record
 from truejoint.studies.forceps.population import against_paper, quantile_texts
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table
+from truejoint.studies.table import Table, degrees_text
 
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""
 _HELD: Final = math.radians(0.15)
 """Error under a weight that counts as held [rad]."""
+_BEFORE: Final = 0.5
+"""Time before the hand comes that tells where the jaw stood without a weight [s]."""
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -66,6 +71,7 @@ def judge(
     errors = m.judge(models, run).errors()
     inside = {"unloaded": covered(models, run, m.SETTLED)}
     loaded: dict[str, dict[str, float]] = {key: {} for key in models}
+    unseen = {}
     for mass in masses_g:
         for direction in directions:
             test, case = load_test(mass, direction), f"{mass:g} g {direction}"
@@ -74,7 +80,34 @@ def judge(
             for key, error in m.judge(models, hung).errors(first, last).items():
                 loaded[key][case] = error["rms"]
             inside[case] = covered(models, hung, first)
-    return PartResult({"unloaded": errors, "loaded": loaded, "inside": inside})
+            unseen[case] = unseen_turn(plant, hung, test)
+    numbers = {"floor": encoder_floor(plant, run), "unseen": unseen, "inside": inside}
+    return PartResult({"unloaded": errors, "loaded": loaded, **numbers})
+
+
+def encoder_floor(plant: ForcepsParameters, recording: Recording) -> float:
+    """RMS [rad] of what the reference encoder adds to the jaw's angle that no estimate can know.
+
+    Its harmonic error is the same at each angle, and learnt; noise and quantisation are not.
+    """
+    exact = recording.column("truth_exact/jaw")
+    known = exact + reference_error(exact, plant.reference_encoder)
+    return float(np.sqrt(np.nanmean((recording.column("truth/jaw") - known) ** 2)))
+
+
+def unseen_turn(plant: ForcepsParameters, recording: Recording, test: LoadTest) -> float:
+    """By how much a weight turns the jaw [rad] while neither motor nor reset encoder tells.
+
+    0 where the reset encoder moves by as much as it resolves.
+    """
+    first, last = test.phases["IV"]
+    before = m.within(recording.t, test.loaded_from - _BEFORE, test.loaded_from)
+    after = m.within(recording.t, first, last)
+    turned, moved = (
+        abs(float(values[after].mean() - values[before].mean()))
+        for values in map(recording.column, ("truth_exact/jaw", RESET))
+    )
+    return turned if moved < plant.reset_encoder.resolution else 0.0
 
 
 def covered(models: Mapping[str, Calibration], recording: Recording, first: float) -> float | None:
@@ -113,11 +146,35 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         f"{settings.seed}, prior {settings['prior']}, calibrated on the motion "
         f"{settings['motion']}: unloaded on (28); IV hung still, every weight and direction of "
         "every specimen a case (at twice the speed of IV-D).",
+        *_floors(numbers, rms, loaded),
         *_stated(numbers),
         *m.left_out(settings, rms),
     )
     table = Table("Other frictions and sizes, and weights on the jaw", header, tuple(rows), notes)
     return Summary((table,), {"forceps-mixed": _figure(rms, loaded)})
+
+
+def _floors(
+    numbers: Sequence[Mapping[str, Any]], rms: Mapping[str, Array], loaded: Mapping[str, Array]
+) -> tuple[str, ...]:
+    """Tell what no estimate can pass: the reference encoder's noise, and loads unseen."""
+    if not {m.BEST, m.PAPERS_BEST} <= set(rms):
+        return ()
+    floor = np.array([n["floor"] for n in numbers])
+    paper, ours = rms[m.PAPERS_BEST], rms[m.BEST]
+    beyond = np.sqrt(np.maximum([paper**2 - floor**2, ours**2 - floor**2], 1e-12))
+    unseen = np.array([list(n["unseen"].values()) for n in numbers]) > _HELD
+    seen = np.where(unseen, 0.0, loaded[m.BEST])
+    return (
+        "The reference encoder's noise and counts alone are "
+        f"{degrees_text(float(np.median(floor)))} deg: without any error an estimate would have a "
+        f"median ratio of {np.median(paper / floor):.2f}. Of what exceeds them, ours has one of "
+        f"{np.median(beyond[0] / beyond[1]):.2f}.",
+        f"In {100 * np.mean(unseen):.1f} % of the cases in phase IV the weight turned the jaw by "
+        f"more than {math.degrees(_HELD):g} deg and neither motor nor x2 moved; but for these ours "
+        f"holds {100 * np.mean(seen <= _HELD):.0f} % within that, the worst "
+        f"{degrees_text(float(seen.max()))} deg.",
+    )
 
 
 def _stated(numbers: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:

@@ -1,0 +1,125 @@
+"""A headless Chromium to look at a page with: sizes, clicks, pictures, what it says on its console.
+
+It speaks the DevTools protocol over the websocket that Chromium opens on this computer.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import time
+from pathlib import Path
+from typing import Any, Self
+
+from websockets.sync.client import connect
+
+FOUND = shutil.which("chromium")
+_FLAGS = (
+    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
+    "--mute-audio", "--disable-background-networking", "--disable-component-update",
+    "--disable-sync", "--disable-extensions", "--disable-dev-shm-usage", "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader", "--remote-debugging-port=0", "--remote-allow-origins=*",
+)  # fmt: skip
+_LIMIT = 60.0  # [s] for anything
+
+
+class Chromium:
+    """One page of a browser of its own; `folder` keeps its profile."""
+
+    def __init__(self, folder: Path, width: int = 1280, height: int = 800) -> None:
+        profile = folder / "profile"
+        self._process = subprocess.Popen(
+            [FOUND or "chromium", *_FLAGS, f"--user-data-dir={profile}",
+             f"--window-size={width},{height}", "about:blank"],
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        said = profile / "DevToolsActivePort"
+        end = time.monotonic() + _LIMIT
+        while not (said.exists() and said.read_text().count("\n")):
+            if self._process.poll() is not None or time.monotonic() > end:
+                self._process.kill()
+                raise RuntimeError("chromium does not start")
+            time.sleep(0.05)
+        port, path = said.read_text().split("\n")[:2]
+        self._socket = connect(f"ws://127.0.0.1:{port}{path}", max_size=None)
+        self._count, self._session = 0, None
+        self.errors: list[str] = []  # on its console
+        self.requested: list[str] = []  # addresses
+        target = self.call("Target.createTarget", url="about:blank")["targetId"]
+        attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
+        self._session = attached["sessionId"]
+        for domain in ("Page", "Runtime", "Log", "Network"):
+            self.call(f"{domain}.enable")
+        self.resize(width, height)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._socket.close()
+        self._process.terminate()
+        self._process.wait(_LIMIT)
+
+    def call(self, method: str, **params: Any) -> Any:
+        """Call a method of the protocol and wait for its result."""
+        self._count += 1
+        message = {"id": self._count, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        self._socket.send(json.dumps(message))
+        while True:
+            got = json.loads(self._socket.recv(timeout=_LIMIT))
+            if got.get("id") == self._count:
+                if "error" in got:
+                    raise RuntimeError(f"{method}: {got['error']['message']}")
+                return got["result"]
+            self._note(got.get("method", ""), got.get("params", {}))
+
+    def open(self, url: str) -> None:
+        """Go to a page."""
+        self.call("Page.navigate", url=url)
+
+    def resize(self, width: int, height: int, *, mobile: bool = False) -> None:
+        """Give the page a size [px]."""
+        self.call(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height,
+            deviceScaleFactor=2 if mobile else 1, mobile=mobile,
+        )  # fmt: skip
+
+    def evaluate(self, script: str) -> Any:
+        """Value of a JavaScript expression, a promise awaited."""
+        got = self.call(
+            "Runtime.evaluate", expression=script, returnByValue=True, awaitPromise=True
+        )
+        if "exceptionDetails" in got:
+            raise RuntimeError(got["exceptionDetails"]["exception"].get("description", script))
+        return got["result"].get("value")
+
+    def until(self, script: str, limit: float = _LIMIT) -> Any:
+        """Wait until an expression is true, and give its value."""
+        end = time.monotonic() + limit
+        while not (value := self.evaluate(script)):
+            if time.monotonic() > end:
+                raise RuntimeError(f"never came true: {script}")
+            time.sleep(0.05)
+        return value
+
+    def picture(self, path: Path) -> None:
+        """Write a PNG of what is seen."""
+        data = self.call("Page.captureScreenshot", format="png")["data"]
+        path.write_bytes(base64.b64decode(data))
+
+    def _note(self, method: str, params: Any) -> None:
+        if method == "Runtime.exceptionThrown":
+            self.errors.append(str(params["exceptionDetails"].get("exception", {})))
+        elif method == "Runtime.consoleAPICalled" and params["type"] == "error":
+            texts = (str(a.get("value", a.get("description", ""))) for a in params["args"])
+            self.errors.append(" ".join(texts))
+        elif method == "Log.entryAdded" and params["entry"]["level"] == "error":
+            self.errors.append(f"{params['entry']['text']} {params['entry'].get('url', '')}")
+        elif method == "Network.requestWillBeSent":
+            self.requested.append(params["request"]["url"])
+        elif method == "Network.webSocketCreated":
+            self.requested.append(params["url"])

@@ -1,0 +1,175 @@
+"""What watching an arm costs, and how soon the page shows what the arm does.
+
+    python -m benchmarks.monitor [--minutes 10] [--seed 0]
+
+A simulated RAVEN-II at the wall clock's pace, 1 kHz, moves at random with a linear model beside it,
+first alone and then with the page open in a headless Chromium at 1280 x 800, which draws on the
+processor, without graphics hardware. Pictures that the browser shows are changes of the clock on
+the page; latency is from the stamp of the sample shown, on the arm's clock, until the page has it.
+Load is the processor time of the monitor's own threads, as a share of one core, Chromium's not
+among it; growth is the slope of the process's memory over the second half. Late periods of the
+arm's loop are those above 1.5 ms.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import os
+import tempfile
+import threading
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+
+import truejoint
+from benchmarks.chromium import Chromium
+from truejoint.crtk import Arm, LoopTiming, PacedBackend
+from truejoint.errors import TruejointError
+from truejoint.monitor import ArmPage
+from truejoint.motion import follow, random_motion
+from truejoint.simulation import make_twin
+
+PIECE = 10.0  # [s] between two looks
+# Notes in the page when it shows another clock, by a look every 2 ms.
+NOTE = """(() => { window.seen = []; let last = '';
+  setInterval(() => { const e = document.querySelector('#clock');
+    if (e && e.dataset.t !== last) { last = e.dataset.t; seen.push([+last, Date.now() / 1e3]); }
+  }, 2); })()"""
+
+
+class Clock:
+    """Which time of day the arm's clock stood for, noted as both run."""
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm, self._over = arm, threading.Event()
+        # All the memory at once: its own growth is not to be measured.
+        self._pairs, self._noted = np.full((200_000, 2), np.nan), 0
+        self._thread = threading.Thread(target=self._note, daemon=True)
+        self._thread.start()
+
+    def _note(self) -> None:
+        while not self._over.wait(0.02):
+            self._pairs[self._noted] = self._arm.time, time.time()
+            self._noted += 1
+
+    def ages(self, seen: list[list[float]]) -> np.ndarray:
+        """How old each stamp was when it was seen [s]."""
+        robot, day = self._pairs[: self._noted].T
+        t, at = np.array(seen).T
+        return at - np.interp(t, robot, day)
+
+    def stop(self) -> None:
+        """End noting."""
+        self._over.set()
+        self._thread.join()
+
+
+def spent() -> float:
+    """Processor time [s] of the threads that make the pictures and those that send them."""
+    names = {thread.native_id: thread.name for thread in threading.enumerate()}
+    total = 0
+    for task in Path("/proc/self/task").iterdir():
+        name = names.get(int(task.name), "")
+        if name == "monitor" or "<lambda>" in name or name.startswith("ThreadPool"):
+            fields = (task / "stat").read_text().rpartition(")")[2].split()
+            total += int(fields[11]) + int(fields[12])
+    return total / os.sysconf("SC_CLK_TCK")
+
+
+def memory() -> float:
+    """Memory of this process that is in use [MB]."""
+    pages = int(Path("/proc/self/statm").read_text().split()[1])
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def a_model(seed: int) -> truejoint.Calibration:
+    """Linear model of the same arm, of a minute of random motion, faster than real time."""
+    arm = truejoint.crtk.simulated_arm("raven2", seed=seed)
+    arm.enable()
+    arm.home()
+    with truejoint.recordings.Recorder(arm) as recorder:
+        follow(arm, random_motion(arm.robot, 60.0, seed=seed))
+    return truejoint.calibrate([recorder.recording()], "linear")
+
+
+def move(arm: Arm) -> None:
+    """Move at random until the arm is closed."""
+    with suppress(TruejointError):
+        for seed in itertools.count():
+            follow(arm, random_motion(arm.robot, 120.0, seed=seed))
+
+
+def evenness(backend: PacedBackend, first: int) -> LoopTiming:
+    """How even the arm's loop was since its pass number `first`."""
+    starts = backend._starts
+    passes = np.arange(max(first, backend._passes - len(starts) + 1), backend._passes)
+    return LoopTiming.of(starts[passes % len(starts)])
+
+
+def print_table(rows: list[tuple[str, str, str]]) -> None:
+    """Print what was measured beside what it is to be."""
+    for row in [("what", "measured", "bar"), (":---", "---:", "---:"), *rows]:
+        print(f"| {' | '.join(row)} |")
+
+
+def main() -> None:
+    """Watch for some minutes and print the table."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=10.0)
+    parser.add_argument("--seed", type=int, default=0)
+    options = parser.parse_args()
+    model = a_model(options.seed)
+    backend = PacedBackend(make_twin("raven2", seed=options.seed))
+    backend._starts.fill(0.0)  # memory that it will use
+    arm = Arm(backend)
+    arm.enable()
+    arm.home()
+    threading.Thread(target=move, args=(arm,), daemon=True).start()
+    time.sleep(PIECE)
+    first = backend._passes
+    time.sleep(3 * PIECE)
+    alone, used, seen = evenness(backend, first), [], []
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ArmPage(arm, model, port=0) as page,
+        Chromium(Path(folder)) as browser,
+    ):
+        browser.open(page.url)
+        browser.until("document.querySelector('#clock') !== null")
+        time.sleep(PIECE)
+        clock = Clock(arm)
+        browser.evaluate(NOTE)
+        first, made, began, before = backend._passes, page._count, time.monotonic(), spent()
+        while time.monotonic() < began + 60.0 * options.minutes:
+            time.sleep(PIECE)
+            seen += browser.evaluate("seen.splice(0)")
+            used.append((time.monotonic() - began, memory()))
+        duration = time.monotonic() - began
+        made = page._count - made
+        share, watched = (spent() - before) / duration, evenness(backend, first)
+        clock.stop()
+    arm.pause()
+    arm.close()
+    median, p95 = 1e3 * np.quantile(clock.ages(seen), [0.5, 0.95])
+    t, size = np.array(used).T
+    later = t >= t[-1] / 2
+    slope = np.polyfit(t[later] / 3600.0, size[later], 1)[0]
+    print_table([
+        ("pictures/s that are made", f"{made / duration:.1f}", "20"),
+        ("pictures/s that the browser shows", f"{len(seen) / duration:.1f}", "20"),
+        ("share of a core", f"{share:.3f}", "0.25"),
+        ("latency arm to page, median [ms]", f"{median:.0f}", "100"),
+        ("the same, of 95 % [ms]", f"{p95:.0f}", ""),
+        (f"memory, {size[0]:.0f} to {size[-1]:.0f} MB: slope [MB/h]", f"{slope:.1f}", "0"),
+        ("late periods of the arm alone [%]", f"{100 * alone.late_share:.2f}", ""),
+        ("late periods of the arm watched [%]", f"{100 * watched.late_share:.2f}", ""),
+        ("errors on the console", f"{len(browser.errors)}", "0"),
+    ])  # fmt: skip
+    print(f"\n{duration / 60:.1f} min, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,131 @@
+"""`truejoint monitor`: watch an arm or a recording in the browser."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import truejoint
+from truejoint.cli import complete
+from truejoint.cli.console import out, say
+from truejoint.cli.inputs import Files, read_trajectory, takes_files
+from truejoint.errors import RecordingError, TruejointError
+from truejoint.robots.catalogue import DEFAULT
+
+_PIECE = 600.0  # of random motion [s]
+_DAY = 86400.0  # for which a pause may last [s]
+
+
+@takes_files
+def monitor(
+    recording: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[RECORDING]",
+            help="Recording to play and scrub through; without one a simulated arm is shown, in "
+            "real time.",
+            autocompletion=complete.recordings,
+        ),
+    ] = None,
+    model: Annotated[
+        Path | None, typer.Option(help="Model file: shows the corrected position as well.")
+    ] = None,
+    follow: Annotated[
+        Path | None,
+        typer.Option(
+            help="Trajectory that the simulated arm follows; by default it moves at random."
+        ),
+    ] = None,
+    twin: Annotated[
+        str | None, typer.Option(help="Specimen of the simulated robot, or a file with one.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(min=0, max=2**31 - 1, help="Of the simulated robot; default 0.")
+    ] = None,
+    host: Annotated[
+        str, typer.Option(help="Address to listen at; another lets other computers in.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes a free one.")
+    ] = 8080,
+    *,
+    files: Files,
+) -> None:
+    """Show an arm in the browser: reported, corrected and true pose, plots, statuses.
+
+    The page is on this computer alone. A simulated arm homes and moves in real time until Ctrl-C;
+    the page's buttons pause and resume it.
+    """
+    calibration = None if model is None else truejoint.read_calibration(model)
+    try:
+        if recording is not None:
+            if follow is not None or twin is not None or seed is not None:
+                raise TruejointError("--follow, --twin and --seed are for a simulated arm")
+            _show_recording(recording, calibration, files, host, port)
+        else:
+            if files != Files(robot=files.robot, arm=files.arm):
+                raise TruejointError("options on what files do not say need a recording")
+            motions = None if follow is None else [read_trajectory(follow)]
+            made = truejoint.simulation.make_twin(
+                files.robot or DEFAULT, files.arm, parameters=twin or "nominal", seed=seed or 0
+            )
+            _show_arm(made, motions, calibration, host, port)
+    except KeyboardInterrupt:
+        say("stopped")
+
+
+def _show_recording(
+    name: str,
+    calibration: truejoint.Calibration | None,
+    files: Files,
+    host: str,
+    port: int,
+) -> None:
+    found = files.find([name], model=calibration)()
+    if len(found) != 1:
+        raise RecordingError(f"{name}: {len(found)} recordings; name one of them")
+    with truejoint.monitor.RecordingPage(found[0], calibration, host=host, port=port) as page:
+        _tell(page.url)
+        _wait()
+
+
+def _show_arm(
+    twin: truejoint.simulation.Twin,
+    motions: list[truejoint.motion.Trajectory] | None,
+    calibration: truejoint.Calibration | None,
+    host: str,
+    port: int,
+) -> None:
+    """Home and move a simulated arm with the page beside it, until Ctrl-C."""
+    with ExitStack() as stack:
+        arm = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(twin)))
+        page = truejoint.monitor.ArmPage(arm, calibration, host=host, port=port)
+        stack.enter_context(page)
+        _tell(page.url)
+        say(f"Homing {arm.robot.title}, simulated in real time ...")
+        try:
+            arm.enable()
+            arm.home()
+            for motion in _random_motions(arm.robot) if motions is None else motions:
+                truejoint.motion.follow(arm, motion, resume_within=_DAY)
+        except TruejointError as error:
+            say(str(error))  # the page shows where it stands
+        _wait()
+
+
+def _random_motions(robot: truejoint.robots.Robot) -> Iterator[truejoint.motion.Trajectory]:
+    return (truejoint.motion.random_motion(robot, _PIECE, seed) for seed in itertools.count())
+
+
+def _tell(url: str) -> None:
+    out.print(f"Open {url} in a browser; Ctrl-C ends.")
+
+
+def _wait() -> None:
+    threading.Event().wait()

@@ -1,0 +1,245 @@
+"""`truejoint node`: correct, simulate and record an arm on the topics of a running ROS."""
+
+from __future__ import annotations
+
+import logging
+import math
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+import truejoint
+from truejoint.cli import options
+from truejoint.cli.bags import Profile
+from truejoint.cli.console import command_line, out, say
+from truejoint.errors import RosError, TruejointError, unknown
+from truejoint.files import check_target
+from truejoint.robots.catalogue import DEFAULT
+from truejoint.toml_file import read_toml
+
+if TYPE_CHECKING:
+    from truejoint.crtk.ros import Transport
+
+app = typer.Typer(
+    name="node",
+    no_args_is_help=True,
+    help="Correct, simulate or record an arm on the topics of a running ROS (docs/ros.md).",
+)
+
+_LOOK: Final = 0.2  # [s] between two looks at whether to end
+_SILENCE: Final = 1.0  # [s] without a state of a homed arm after which that is said
+_MENDED: Final = "raven2_mended"
+
+
+def _take_parameters(context: typer.Context, path: Path | None) -> Path | None:
+    """Let a file say what the command line does not."""
+    if path is None:
+        return None
+    known = {str(p.name): p for p in context.command.params if p.name != "parameters"}
+    given = read_toml(path, RosError)
+    for name in given:
+        if name.replace("-", "_") not in known:
+            raise RosError(f"{path}: {unknown('parameter', name, known)}")
+    context.default_map = {name.replace("-", "_"): value for name, value in given.items()}
+    return path
+
+
+Parameters = Annotated[
+    Path | None,
+    typer.Option(
+        "--parameters",
+        is_eager=True,
+        callback=_take_parameters,
+        help="TOML file with options by their names; the command line goes before it.",
+    ),
+]
+Ros = Annotated[int, typer.Option("--ros", min=1, max=2, help="Which ROS.")]
+Namespace = Annotated[
+    str, typer.Option("--namespace", help="Of the arm's topics, for instance /PSM1.")
+]
+Seconds = Annotated[
+    float, typer.Option("--seconds", help="End after so long [s]; default: with Ctrl-C.")
+]
+
+
+@app.command(
+    epilog="Example: `truejoint node correct left_arm.safetensors --profile raven2_mended`"
+)
+def correct(
+    model: options.Model,
+    profile: Profile = "",
+    namespace: Namespace = "",
+    level_percent: options.Level = 90.0,
+    homing_id: Annotated[
+        str | None, typer.Option(help="Name of the homing that the positions refer to now.")
+    ] = None,
+    seconds: Seconds = math.inf,
+    ros: Ros = 1,
+    parameters: Parameters = None,
+) -> None:
+    """Correct an arm's joints as they come.
+
+    In <namespace>/corrected: measured_js, half_width and status; once a second /diagnostics.
+    """
+    del parameters  # taken already
+    with _node("truejoint_correct", ros) as transport:
+        from truejoint.runtime.corrector import Corrector  # noqa: PLC0415  # compiles
+        from truejoint.runtime.node import CorrectorNode  # noqa: PLC0415
+
+        calibration = truejoint.read_calibration(model)
+        robot = truejoint.get_robot(calibration.robot, calibration.arm)
+        choices = [calibration]
+        if calibration.redundant:
+            choices.append(calibration.without_redundant())
+        correctors = [Corrector(choice, level=level_percent / 100.0) for choice in choices]
+        node = CorrectorNode(
+            transport, correctors, robot, profile, namespace=namespace,
+            homing_id=homing_id, say=say,
+        )  # fmt: skip
+        with node, suppress(KeyboardInterrupt):
+            node.run(seconds)
+        out.print(f"{node.received} messages, {node.corrected} corrected")
+
+
+@app.command(epilog="Example: `truejoint node simulate --robot raven2 --homed`")
+def simulate(
+    robot: options.RobotName = DEFAULT,
+    arm: options.Arm = "",
+    seed: options.Seed = 0,
+    twin: Annotated[
+        str, typer.Option(help="Specimen, such as peng2024, or a TOML file with its parameters.")
+    ] = "nominal",
+    load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,
+    quirks: Annotated[
+        bool,
+        typer.Option(
+            "--quirks", help="Publish as RAVEN-II's software does: arms swapped, no effort, ..."
+        ),
+    ] = False,
+    homed: Annotated[
+        bool, typer.Option("--homed", help="Begin enabled and homed, which else takes 13 s.")
+    ] = False,
+    rate_hz: Annotated[float, typer.Option(min=1.0, max=1000.0, help="State messages [Hz].")] = 1e3,
+    namespace: Namespace = "",
+    seconds: Seconds = math.inf,
+    ros: Ros = 1,
+    parameters: Parameters = None,
+) -> None:
+    """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
+    del parameters
+    made = truejoint.simulation.make_twin(
+        robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
+    )
+    if quirks and made.robot.name != DEFAULT:
+        raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
+    profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""
+    with _node("truejoint_simulate", ros) as transport:
+        from truejoint.crtk.server import ArmServer  # noqa: PLC0415
+
+        with truejoint.crtk.Arm(truejoint.crtk.PacedBackend(made, homed=homed)) as device:
+            server = ArmServer(device, transport, profile, namespace=namespace, rate=rate_hz)
+            with server:
+                say(f"{device.robot.title}, simulated, on {', '.join(server.topics)}")
+                _wait(transport, seconds)
+
+
+@app.command(epilog="Example: `truejoint node record left.parquet --profile raven2 --seconds 600`")
+def record(
+    output: Annotated[Path, typer.Argument(metavar="OUT", help="Parquet file to write.")],
+    robot: options.RobotName = DEFAULT,
+    arm: options.Arm = "",
+    profile: Profile = "",
+    namespace: Namespace = "",
+    truth: Annotated[
+        str, typer.Option(help="Topic of joint sensors, for instance /ext_jpos.")
+    ] = "",
+    state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 100.0,
+    homing_id: options.HomingId = None,
+    load_grams: options.LoadGrams = None,
+    session: options.Session = None,
+    seconds: Seconds = math.inf,
+    ros: Ros = 1,
+    force: options.Force = False,
+    parameters: Parameters = None,
+) -> None:
+    """Record what an arm reports while others move it; it is only looked at."""
+    del parameters
+    check_target(output, overwrite=force)
+    with _node("truejoint_record", ros) as transport:
+        from truejoint.crtk.backends.ros import RosBackend  # noqa: PLC0415
+
+        found = truejoint.get_robot(robot, arm)
+        backend = RosBackend(transport, found, profile, namespace=namespace, truth=truth)
+        with truejoint.crtk.Arm(backend, controls=False) as device:
+            recorder = truejoint.recordings.Recorder(
+                device, state_rate=state_rate_hz, path=output, overwrite=force,
+                session=session or output.stem, homing_id=homing_id,
+                load=math.nan if load_grams is None else load_grams / 1e3,
+                command=command_line(),
+            )  # fmt: skip
+            with recorder, suppress(KeyboardInterrupt):
+                if not device.operating_state().is_homed:
+                    say(f"waiting for {found.title} to be homed")
+                _wait(transport, seconds, lambda: _listen(device))
+        if recorder.written is None:
+            raise RosError(f"{output}: fewer than two states came in time; is the arm homed?")
+        out.print(f"{recorder.written}: {recorder.rows} rows")
+
+
+def _listen(arm: truejoint.crtk.Arm) -> None:
+    """Raise CommandRefused if a homed arm does not report."""
+    if arm.operating_state().is_homed:
+        arm.measured_js(_SILENCE)
+
+
+@contextmanager
+def _node(name: str, ros: int) -> Iterator[Transport]:
+    """Be a node of ROS meanwhile; what parts of it have to say goes to the person."""
+    from truejoint.crtk.ros import open_transport  # noqa: PLC0415
+
+    transport = open_transport(ros, name)
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does
+    log = logging.getLogger("truejoint")
+    handler, propagated = _Sayer(), log.propagate
+    log.addHandler(handler)
+    log.propagate = False
+    try:
+        yield transport
+    except KeyboardInterrupt:  # which is how a node ends
+        say("stopped")
+    finally:
+        transport.close()
+        log.removeHandler(handler)
+        log.propagate = propagated
+        signal.signal(signal.SIGTERM, before)
+
+
+class _Sayer(logging.Handler):
+    """Tells the person what is logged, no line twice in a second."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.WARNING)
+        self._said: dict[str, float] = {}
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Say a line."""
+        text, now = record.getMessage(), time.monotonic()
+        if now - self._said.get(record.msg, -math.inf) > 1.0:
+            self._said[record.msg] = now
+            say(text)
+
+
+def _wait(transport: Transport, seconds: float, look: Callable[[], object] = lambda: None) -> None:
+    """Let time pass until it is over or the node is shut down, looking at something meanwhile."""
+    end = time.monotonic() + seconds
+    while not transport.is_over and (left := end - time.monotonic()) > 0.0:
+        try:
+            look()
+        except TruejointError as error:
+            logging.getLogger("truejoint").warning("%s", error)
+        time.sleep(min(_LOOK, left))

@@ -1,0 +1,386 @@
+"""An arm that is reached over ROS: a robot, or `truejoint node simulate`."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk.messages import (
+    JOINT_STATE,
+    OPERATING_STATE,
+    STRING_STAMPED,
+    Profile,
+    profile_of,
+)
+from truejoint.crtk.protocol import Listener
+from truejoint.crtk.ros.state_stream import StateStream
+from truejoint.crtk.ros.transport import Publisher, Transport
+from truejoint.crtk.states import OperatingState, StateCommand
+from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
+from truejoint.robots import Robot
+from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
+from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
+
+CONNECT_TIMEOUT: Final = 5.0
+"""How long a topic may take to say its first word [s]."""
+_SILENCE: Final = 1.0  # [s] without a message of the state or the joints: the link is lost
+_HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
+_ARRIVAL: Final = 0.2  # [s] that the robot may take to report the last set-point
+_ARRIVED: Final = 1e-6  # [rad or m]
+_log = logging.getLogger(__name__)
+_LEADS_TO: Final = {
+    "enable": "ENABLED", "resume": "ENABLED", "pause": "PAUSED", "disable": "DISABLED",
+}  # fmt: skip
+
+
+class RosBackend:
+    """Executes an arm's commands on a robot that speaks CRTK on ROS topics.
+
+    Set-points go to ``servo_jp`` at 1 kHz. Time is the robot's, by the stamps of its messages.
+
+    Parameters
+    ----------
+    transport : Transport
+        From `truejoint.crtk.open_transport`.
+    robot : Robot
+        What the arm is.
+    profile : str
+        How its messages differ from CRTK, by name (`truejoint.crtk.messages.PROFILES`); by default
+        the robot's own.
+    namespace : str
+        Of its topics, for instance ``"/PSM1"``; by default what the profile says.
+    truth : str
+        Topic of joint sensors, a JointState; empty where there are none.
+
+    Raises
+    ------
+    RobotError
+        If there is no such profile.
+
+    Notes
+    -----
+    Making an `Arm` of it raises RosError within 5 s where the robot does not report. docs/ros.md
+    has the way from a running ROS to a moving arm.
+
+    Examples
+    --------
+    >>> try:
+    ...     backend = RosBackend(open_transport(1), get_robot("raven2"), "raven_3")
+    ... except TruejointError as error:  # no such profile, or no ROS here
+    ...     print("refused")
+    refused
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        profile: str = "",
+        *,
+        namespace: str = "",
+        truth: str = "",
+    ) -> None:
+        self.robot: Final = robot
+        self._transport = transport
+        self._profile: Profile = profile_of(robot, profile)
+        self._truth = truth
+        self._stream = StateStream(
+            transport, robot, self._profile, self._on_state, namespace=namespace
+        )
+        self._listener: Listener | None = None
+        self._changed = threading.Condition()  # of what follows
+        self._state: OperatingState | None = None
+        self._heard = -np.inf  # when, by this computer's clock
+        self._ahead = 0.0  # of the robot's clock [s]
+        self._homings: list[float] = []
+        self._setpoint: Array | None = None
+        self._velocity: tuple[float, Array] | None = None
+        self._delivering = threading.Lock()
+        self._closing: list[Callable[[], None]] = []
+        self._servo: Publisher
+        self._command: Publisher
+        self._due = 0.0
+        self._sent: Array | None = None
+        self._has_commanded = False
+        self._failure: BaseException | None = None
+        self._closed = threading.Event()
+
+    @property
+    def time(self) -> float:
+        """Stamp of the robot's newest message, and what has passed since [s]."""
+        return time.monotonic() + self._ahead
+
+    @property
+    def homing_id(self) -> str:
+        """Stamp of the homing that was seen; empty where the robot was homed before."""
+        return f"homed at {self._homings[-1]:.3f}" if self._homings else ""
+
+    def connect(self, listener: Listener) -> None:
+        """Deliver all blocks from now on to `listener`, once the robot reports its state.
+
+        Raises CommandRefused if there is a listener, RosError if the robot does not report.
+        """
+        if self._listener is not None:
+            raise CommandRefused(
+                f"{self.robot.title} refused: another Arm controls it; close that one first"
+            )
+        # What an earlier listener saw says nothing now: the robot may have been homed meanwhile.
+        self._state = self._setpoint = self._velocity = self._sent = self._failure = None
+        self._homings.clear()
+        self._has_commanded = False
+        self._closed.clear()
+        self._listener = listener
+        try:
+            self._open()
+        except BaseException:
+            self.disconnect()
+            raise
+
+    def _open(self) -> None:
+        """Take up the topics; returns once the robot reports its state, and its joints if homed."""
+        name, transport = self._stream.name, self._transport
+        self._servo = transport.publisher(name("servo_jp"), JOINT_STATE)
+        self._closing.append(self._servo.close)
+        self._command = transport.publisher(name("state_command"), STRING_STAMPED)
+        self._closing.append(self._command.close)
+        told = transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
+        self._closing.append(told)
+        if self._truth:
+            self._closing.append(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
+        with self._changed:
+            if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
+                raise RosError(self._nobody(name("operating_state")))
+        self._stream.start()
+        if self._now().is_homed:
+            self._wait_for_joints()
+
+    def disconnect(self) -> None:
+        """Deliver no more blocks, and give the topics up."""
+        self._listener = None
+        self._closed.set()
+        self._stream.close()
+        while self._closing:
+            self._closing.pop()()
+        self._state = None
+
+    def operating_state(self) -> OperatingState:
+        """State as the robot reported it last; raises CommandRefused where it reports no more."""
+        state = self._state
+        if state is None:
+            raise CommandRefused(f"{self.robot.title} refused: the arm is closed")
+        silent = time.monotonic() - self._heard
+        if silent > _SILENCE:
+            raise CommandRefused(
+                f"{self._stream.name('operating_state')} has been silent for {silent:.1f} s, "
+                "as have the joints: does the robot still run, and the network?"
+            )
+        return state
+
+    def state_command(self, command: StateCommand, timeout: float) -> None:
+        """Send a state command; returns once the robot reports what it leads to.
+
+        Raises CommandRefused if that takes longer than `timeout` [s], MotionStopped if a homing
+        is stopped.
+        """
+        self._reach(self._command)
+        before, began = self._now(), self.time
+        self._send_command(command)
+        left = {"begun": False}
+
+        def is_done() -> bool:
+            now = self._now()
+            if now.state == "FAULT" and before.state != "FAULT":
+                raise CommandRefused(f"{command!r} stopped: the robot reports FAULT; see its log")
+            if command in _LEADS_TO:
+                return now.state == _LEADS_TO[command]
+            if command == "unhome":
+                return not now.is_homed
+            left["begun"] = left["begun"] or now.is_busy or not now.is_homed
+            if now.state != "ENABLED":
+                raise MotionStopped(
+                    f"'home' stopped at t = {now.t:.3f} s: {now.state}; the arm is not homed"
+                )
+            # A robot that is homed already may have nothing to do.
+            begun = left["begun"] or now.t - began > _SILENCE
+            return begun and now.is_homed and not now.is_busy
+
+        with self._changed:
+            while not is_done():
+                self._changed.wait(GRAIN)
+                if self.time - began > timeout:
+                    raise CommandRefused(
+                        f"{command!r} stopped: not done after {timeout:g} s; the robot reports "
+                        f"{self._now().state}"
+                    )
+        self._sent = None
+        if command == "home":
+            self._wait_for_joints()
+
+    def _send_command(self, command: StateCommand) -> None:
+        message = self._transport.stamped(STRING_STAMPED, self._transport.now())
+        message.string = command
+        self._has_commanded = True
+        self._command.publish(message)
+
+    def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
+        """Send set-points (n, n_joints) [rad or m], one a millisecond, while ``go_on()``."""
+        if self._failure is not None:
+            failure, self._failure = self._failure, None
+            raise failure
+        self._reach(self._servo)
+        for taken, row in enumerate(position):
+            now = time.perf_counter()
+            self._due = now if now - self._due > _HOPELESS else self._due + SETPOINT_DT
+            if self._due > now:
+                time.sleep(self._due - now)
+            if not go_on():
+                return taken
+            state = self.operating_state()
+            if not state.is_ready:
+                raise CommandRefused(f"servo_jp stopped: the arm is {state.state}")
+            message = self._transport.stamped(JOINT_STATE, self._transport.now())
+            message.position = row.tolist()
+            self._has_commanded = True
+            self._servo.publish(message)
+            self._sent = row
+        return len(position)
+
+    def flush(self) -> None:
+        """Return once the robot reports the last set-point as its own, or soon after."""
+        sent = self._sent
+        if sent is None:
+            return
+
+        def arrived() -> bool:
+            told = self._setpoint
+            there = told is not None and bool((np.abs(told - sent) < _ARRIVED).all())
+            return there or not self._now().is_ready
+
+        with self._changed:
+            self._changed.wait_for(arrived, _ARRIVAL)
+
+    def wait(self, duration: float) -> None:
+        """Let `duration` [s] pass."""
+        self._closed.wait(duration)
+
+    def _now(self) -> OperatingState:
+        return self.operating_state()
+
+    def _reach(self, publisher: Publisher) -> None:
+        """Raise CommandRefused unless somebody reads a topic of commands, within a while."""
+        if publisher.readers:
+            return
+        end = time.monotonic() + CONNECT_TIMEOUT
+        while not publisher.readers:
+            if time.monotonic() > end or self._closed.wait(GRAIN):
+                raise CommandRefused(
+                    f"nobody reads {publisher.topic}: does the robot take commands there?"
+                )
+
+    def _wait_for_joints(self) -> None:
+        """Return once the homed robot has reported its joints; raises RosError if it does not."""
+        with self._changed:
+            told = self._changed.wait_for(lambda: self._setpoint is not None, CONNECT_TIMEOUT)
+        if not told:
+            raise RosError(self._stream.refusal or self._nobody(self._stream.topic))
+
+    def _nobody(self, topic: str) -> str:
+        ending = "/" + topic.rsplit("/", 1)[-1]
+        spaces = sorted(
+            t.removesuffix(ending) for t in self._transport.topics() if t.endswith(ending)
+        )
+        there = f"arms report under {', '.join(spaces)}: give one" if spaces else "no arm reports"
+        return (
+            f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {there}"
+            f"{'' if spaces else ': start the node of the robot'}"
+        )
+
+    def _on_operating(self, message: Any) -> None:
+        t = self._transport.seconds(message)
+        if not t > 0.0:
+            return
+        with self._changed:
+            was = self._state
+            self._state = OperatingState(
+                message.state, bool(message.is_homed), bool(message.is_busy), t
+            )
+            self._tell_time(t)
+            if was is not None and self._state.is_homed and not was.is_homed:
+                self._homings.append(t)
+            if not self._state.is_homed:
+                self._setpoint = None
+            self._changed.notify_all()
+
+    def _tell_time(self, t: float) -> None:
+        self._heard = time.monotonic()
+        self._ahead = t - self._heard
+
+    def _on_state(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
+        del message
+        state, listener = self._state, self._listener
+        if state is None or listener is None or not state.is_homed:
+            return  # before the registration positions mean nothing
+        block = self._block(t, columns)
+        with self._changed:
+            self._tell_time(t)
+            joints = [self.robot.channels.index(name) for name in self.robot.joint_names]
+            self._setpoint = block.setpoint[-1, joints]
+            self._changed.notify_all()
+        self._deliver(listener, block)
+
+    def _deliver(self, listener: Listener, block: StateBlock | TruthBlock) -> None:
+        """Give a block to the arm; what its subscribers raise pauses it, and ends its motion.
+
+        A robot that was only looked at is left alone.
+        """
+        try:
+            with self._delivering:
+                listener(block)
+        except BaseException as error:  # noqa: BLE001  # a subscriber's, in a thread of ROS
+            if not self._has_commanded:
+                _log.error("%s: a subscriber failed: %r", self.robot.title, error)
+                return
+            self._failure = error
+            self._send_command("pause")
+
+    def _block(self, t: float, columns: Mapping[str, Array]) -> StateBlock:
+        """One row of everything that the robot says; what is not said of any joint is empty."""
+        found: dict[str, Any] = {}
+        for quantity in QUANTITIES:
+            names = [f"{quantity}/{channel}" for channel in self.robot.channels]
+            said = any(name in columns for name in names)
+            row = [columns[name][0] if name in columns else 0.0 for name in names]
+            found[quantity] = np.array([row]) if said else np.empty((1, 0))
+        measured = found["measured"]
+        if not found["setpoint"].shape[1]:
+            found["setpoint"] = measured
+        if not found["velocity"].shape[1]:
+            found["velocity"] = self._speed(t, measured)
+        return StateBlock(np.array([t]), self.robot.channels, **found)
+
+    def _speed(self, t: float, measured: Array) -> Array:
+        """Change since the last row [rad/s or m/s], for robots that state no velocity."""
+        last, self._velocity = self._velocity, (t, measured)
+        if last is None or not t > last[0]:
+            return np.zeros_like(measured)
+        return np.asarray((measured - last[1]) / (t - last[0]))
+
+    def _on_truth(self, message: Any) -> None:
+        state, listener = self._state, self._listener
+        t = self._transport.seconds(message)
+        if state is None or listener is None or not state.is_homed or not t > 0.0:
+            return
+        try:
+            columns = self._stream.columns_of(message, "truth")
+        except RobotError as refusal:
+            _log.warning("%s: %s", self._truth, refusal)
+            return
+        names = tuple(name.partition("/")[2] for name in columns)
+        position = np.array([[float(values[0]) for values in columns.values()]])
+        self._deliver(listener, TruthBlock(np.array([t]), names, position))

@@ -1,0 +1,479 @@
+"""What the messages of CRTK and of RAVEN-II say, as columns of a recording in SI units, and back.
+
+Nothing of ROS is needed: messages come and go as arrays by field, a row a message, whether they
+were read from a bag or arrive one by one. What a robot does differently from CRTK's rules is in its
+`Profile`, by name, and in nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import RobotError, unknown
+from truejoint.robots import Robot
+
+JOINT_STATE: Final = "sensor_msgs/JointState"
+RAVEN_STATE: Final = "raven_2/raven_state"
+OPERATING_STATE: Final = "crtk_msgs/OperatingState"
+STRING_STAMPED: Final = "crtk_msgs/StringStamped"
+RAVEN_TOPIC: Final = "/ravenstate"
+TRUTH_TOPIC: Final = "/ext_jpos"
+"""Of the temporary joint encoders (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder)."""
+
+# The state of both arms as uw-biorobotics/raven2:msg/raven_state.msg has it, by its MD5 sum
+# ce9e7f4969049d8bb365de3c98461a01. Other variants are read by the definition in their file.
+_RAVEN_STATE_TEXT: Final = """\
+Header hdr
+int32 runlevel
+int32 sublevel
+int32 last_seq
+int32[2] type
+int32[6] pos
+float32[18] ori
+float32[18] ori_d
+int32[6] pos_d
+duration dt
+int32[16] encVals
+int32[16] dac_val
+float32[16] tau
+float32[16] mpos
+float32[16] jpos
+float32[16] mvel
+float32[16] jvel
+float32[16] mpos_d
+float32[16] jpos_d
+float32[2] grasp_d
+float32[16] encoffsets
+float32[12] jac_vel
+float32[12] jac_f
+"""
+_RAVEN_TYPES: Final = {
+    name: kind
+    for kind, name in re.findall(r"^(\w+)\[\d+\] (\w+)$", _RAVEN_STATE_TEXT, re.MULTILINE)
+}
+_OPERATING_STATE_TEXT: Final = "Header header\nstring state\nbool is_homed\nbool is_busy\n"
+
+DEFINITIONS: Final[Mapping[str, str]] = {
+    RAVEN_STATE: _RAVEN_STATE_TEXT,
+    # The one name until crtk_msgs 1.1.0 (2023-11), on RAVEN-II to this day; the other since.
+    "crtk_msgs/operating_state": _OPERATING_STATE_TEXT,
+    OPERATING_STATE: _OPERATING_STATE_TEXT,
+    STRING_STAMPED: "Header header\nstring string\n",
+}
+"""Definition, as ROS 1 writes it, of each message type that ROS itself does not bring."""
+
+
+def ros2_definition(name: str) -> str:
+    """Definition of one of `DEFINITIONS` as ROS 2 writes it.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import ros2_definition
+    >>> ros2_definition("crtk_msgs/StringStamped").splitlines()[0]
+    'std_msgs/Header header'
+    """
+    text = re.sub("^Header ", "std_msgs/Header ", DEFINITIONS[name], flags=re.MULTILINE)
+    return re.sub("^duration ", "builtin_interfaces/Duration ", text, flags=re.MULTILINE)
+
+
+ARMS: Final = ("left", "right")
+"""Arms of RAVEN-II in the order of every array of its state: gold, then green."""
+
+_DEG: Final = math.pi / 180.0
+RAVEN_FIELDS: Final[Mapping[str, tuple[str, float]]] = {
+    "measured": ("jpos", _DEG),
+    "velocity": ("jvel", _DEG),
+    "effort": ("tau", 1.0),
+    "setpoint": ("jpos_d", _DEG),
+    "motor": ("mpos", _DEG),
+    "motor_velocity": ("mvel", _DEG),
+    "motor_setpoint": ("mpos_d", _DEG),
+    "encoder": ("encVals", 1.0),
+    "encoder_offset": ("encoffsets", 1.0),
+    "dac": ("dac_val", 1.0),
+}
+"""Quantity of a recording: field of ``raven_state``, eight channels an arm, and factor to SI.
+
+The robot multiplies every position by 180/pi, the insertion in metres included
+(uw-biorobotics/raven2:src/raven/local_io.cpp). ``tau`` is the torque wanted at the motor's capstan,
+behind the gearbox.
+"""
+
+USUAL_QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint")
+"""Of `RAVEN_FIELDS`, what is read of a bag unless more is asked for."""
+
+RUN_LEVELS: Final[Mapping[str, int]] = {"stopped": 0, "homing": 1, "pedal up": 2, "pedal down": 3}
+"""Field ``runlevel``. While homing the arm explores its hard stops: positions mean nothing."""
+
+
+@dataclass(frozen=True)
+class Profile:
+    """How a robot's topics and messages differ from what CRTK says of them.
+
+    Attributes
+    ----------
+    name, summary : str
+    arms : mapping of str to str
+        Namespace of a topic to the arm it is for, where the robot does not name arms that way.
+    swapped : tuple of str
+        CRTK names that the robot publishes in the other arm's namespace.
+    joints : mapping of str to str
+        Name in a message to the joint's, where they differ, after `prefixes` are taken off.
+    prefixes : mapping of str to str
+        Namespace of a topic to what stands before each joint's name in its messages.
+    no_effort : bool
+        The effort of ``measured_js`` is always 0 and says nothing.
+    no_setpoint : bool
+        ``setpoint_js`` is no position to go to.
+    truth_offsets : mapping of str to float
+        What to add to the readings of joint sensors that count from another zero [rad or m].
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import PROFILES
+    >>> PROFILES["raven2"].arm_of("/arm1/measured_js"), PROFILES["raven2"].arm_of("/arm1/servo_jp")
+    ('right', 'left')
+    """
+
+    name: str
+    summary: str
+    arms: Mapping[str, str] = field(default_factory=dict)
+    swapped: tuple[str, ...] = ()
+    joints: Mapping[str, str] = field(default_factory=dict)
+    prefixes: Mapping[str, str] = field(default_factory=dict)
+    no_effort: bool = False
+    no_setpoint: bool = False
+    truth_offsets: Mapping[str, float] = field(default_factory=dict)
+
+    def arm_of(self, topic: str) -> str:
+        """Arm of which a topic tells; empty where its name does not say."""
+        found = [space for space in topic.split("/") if space in self.arms]
+        if not found:
+            return ""
+        others = [arm for arm in self.arms.values() if arm != self.arms[found[-1]]]
+        return others[0] if crtk_name(topic) in self.swapped and others else self.arms[found[-1]]
+
+    def topic(self, arm: str, name: str) -> str:
+        """Topic on which the robot has the CRTK name `name` of an arm: the inverse of `arm_of`."""
+        for space in self.arms:
+            if self.arm_of(f"{space}/{name}") == arm:
+                return f"/{space}/{name}"
+        return f"/{arm}/{name}" if arm else f"/{name}"
+
+    def joint(self, name: str) -> str:
+        """Joint that is called `name` in a message."""
+        for prefix in self.prefixes.values():
+            name = name.removeprefix(prefix)
+        return self.joints.get(name, name)
+
+    def joint_in(self, topic: str, joint: str) -> str:
+        """Name that a joint has in the messages of a topic: the inverse of `joint`."""
+        names = {ours: theirs for theirs, ours in self.joints.items()}
+        spaces = [space for space in topic.split("/") if space in self.prefixes]
+        return "".join(self.prefixes[space] for space in spaces[-1:]) + names.get(joint, joint)
+
+
+PROFILES: Final[Mapping[str, Profile]] = {
+    profile.name: profile
+    for profile in (
+        Profile("crtk", "CRTK as it is specified"),
+        Profile(
+            "dvrk",
+            "da Vinci Research Kit, whatever its joints were called at the time",
+            joints={
+                name: f"outer_{name}"
+                for name in ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")
+            },
+        ),
+        # uw-biorobotics/raven2, branch crtk: publish_crtk_measured_js fills the message of arm 1
+        # from the right arm, and that of arm 2 from the left; measured_cp likewise. joint->tau is
+        # never assigned, so that all efforts are 0; setpoint_js has the last increment. Elbow and
+        # insertion: the external encoders take the hard stops for 130 deg and 0.572467 m
+        # (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
+        # func_raven_joint_encodersIII.py), homing for 137.5 deg and 0.562 m (raven2:src/raven).
+        Profile(
+            "raven2",
+            "RAVEN-II as its CRTK branch publishes it: measured joints of the arms swapped, no "
+            "effort and no set-point in CRTK's messages, encoders that count from another zero",
+            arms={"arm1": "left", "arm2": "right"},
+            swapped=("measured_js", "measured_cp"),
+            joints={"ins": "insertion"},
+            prefixes={"arm1": "gold_", "arm2": "green_"},
+            no_effort=True,
+            no_setpoint=True,
+            truth_offsets={"elbow": 7.5 * _DEG, "insertion": 0.562 - 0.572467},
+        ),
+        Profile(
+            "raven2_mended",
+            "RAVEN-II with none of that: arm 1 is the left one, efforts act on the joints",
+            arms={"arm1": "left", "arm2": "right"},
+            joints={"ins": "insertion"},
+            prefixes={"arm1": "gold_", "arm2": "green_"},
+        ),
+    )
+}
+"""What is known of robots' messages, by name."""
+
+
+def get_profile(name: str) -> Profile:
+    """Profile called `name`; raises RobotError naming those that there are."""
+    if name not in PROFILES:
+        raise RobotError(unknown("profile", name, PROFILES))
+    return PROFILES[name]
+
+
+def profile_of(robot: Robot, name: str = "") -> Profile:
+    """Profile called `name`, else the one that is called like the robot, else CRTK's own rules."""
+    own = [known for known in PROFILES if robot.name.startswith(known)]
+    return get_profile(name or (own or ["crtk"])[0])
+
+
+def crtk_name(topic: str) -> str:
+    """CRTK's name of what a topic tells, its last part, whether it was thinned out or not.
+
+    `topic_tools throttle` is told a name; RAVEN's recorder says ``measured_js_100hz``
+    (raven2_CRTK_Python_controller:bag_reader/r2_enc_CRTK_recorder.launch).
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import crtk_name
+    >>> crtk_name("/arm2/measured_js_100hz")
+    'measured_js'
+    """
+    return re.sub(r"_\d+hz$", "", topic.rpartition("/")[2])
+
+
+def message_type(name: str) -> str:
+    """Name of a message type as ROS 1 writes it: ``a/msg/B`` of ROS 2 is ``a/B``.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import message_type
+    >>> message_type("sensor_msgs/msg/JointState")
+    'sensor_msgs/JointState'
+    """
+    return name.replace("/msg/", "/")
+
+
+def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile) -> list[str]:
+    """Joints whose values stand in a joint state of `count` values, in its order.
+
+    Without names, as joint sensors publish, they are all of the robot's, or its positioning ones,
+    by their number. Raises RobotError for names or numbers that no joint has.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import PROFILES, joint_order
+    >>> joint_order(get_robot("raven2"), ["gold_ins"], 1, PROFILES["raven2"])
+    ['insertion']
+    """
+    if not names:
+        for known in (robot.joint_names, robot.positioning):
+            if count == len(known):
+                return list(known)
+        raise RobotError(
+            f"{count} positions without names; {robot.title} has {len(robot.joint_names)} joints, "
+            f"of which {len(robot.positioning)} place the tool: name the joints in the message"
+        )
+    joints = [_joint(robot, name, profile) for name in names]
+    if len(joints) != count or len(set(joints)) != len(joints):
+        raise RobotError(
+            f"{len(joints)} joint names for {count} positions ({', '.join(names)}); a message has "
+            "one for each"
+        )
+    return joints
+
+
+def _joint(robot: Robot, name: str, profile: Profile) -> str:
+    found = [joint for joint in (name, profile.joint(name)) if joint in robot.joint_names]
+    if not found:
+        raise RobotError(unknown("joint", profile.joint(name), robot.joint_names))
+    return found[0]
+
+
+def joint_state_columns(
+    robot: Robot,
+    quantity: str,
+    names: Sequence[str],
+    fields: Mapping[str, Array],
+    profile: Profile,
+) -> dict[str, Array]:
+    """Columns of a recording that joint states with the same names hold.
+
+    Parameters
+    ----------
+    robot : Robot
+    quantity : {"measured", "setpoint", "truth"}
+        What the topic tells. Velocity and effort are kept of measured joints alone.
+    names : sequence of str
+        Field ``name``; empty where the robot gives none.
+    fields : mapping of str to ndarray, shape (n, k) or (n, 0)
+        ``position``, ``velocity`` and ``effort``, n messages of k joints [SI].
+    profile : Profile
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        ``measured/<joint>`` [rad or m], ``velocity/<joint>``, ``effort/<joint>``, which is at the
+        motor where the robot states it there (`Robot.effort`) and all joints are in the message;
+        or ``setpoint/<joint>``, or ``truth/<joint>``.
+
+    Raises
+    ------
+    RobotError
+        As `joint_order`, or if position, velocity and effort are not of the same number of joints.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import PROFILES, joint_state_columns
+    >>> fields = {"position": np.array([[0.5]])}
+    >>> joint_state_columns(get_robot("raven2"), "truth", ["elbow"], fields, PROFILES["crtk"])
+    {'truth/elbow': array([0.5])}
+    """
+    position = fields["position"]
+    joints = joint_order(robot, names, position.shape[1], profile)
+    if quantity != "measured":
+        offsets = profile.truth_offsets if quantity == "truth" else {}
+        shifted = {k: position[:, k] + offsets[j] for k, j in enumerate(joints) if j in offsets}
+        return {f"{quantity}/{j}": shifted.get(k, position[:, k]) for k, j in enumerate(joints)}
+    for name in ("velocity", "effort"):
+        values = fields.get(name, position)
+        if values.shape[1] not in (0, len(joints)):
+            raise RobotError(
+                f"{len(joints)} positions and {values.shape[1]} values of {name}; a joint state "
+                "has as many of each, or none"
+            )
+    kept: dict[str, Array | None] = {"measured": position, "velocity": fields.get("velocity")}
+    effort = fields.get("effort")
+    if effort is not None and effort.shape[1] and not profile.no_effort:
+        kept["effort"] = _stated_effort(robot, joints, effort)
+    return {
+        f"{name}/{joint}": values[:, k]
+        for name, values in kept.items()
+        if values is not None and values.shape[1]
+        for k, joint in enumerate(joints)
+    }
+
+
+def _stated_effort(robot: Robot, joints: Sequence[str], effort: Array) -> Array | None:
+    """Efforts on joints as the robot states them: at the motors, or None if a joint is missing."""
+    if robot.effort == "joint" or robot.transmission is None:
+        return effort
+    if set(joints) != set(robot.joint_names):
+        return None  # cables couple the joints: a motor's effort takes all of them
+    order = [joints.index(joint) for joint in robot.joint_names]
+    found = np.empty_like(effort)
+    found[:, order] = robot.transmission.motor_effort(effort[:, order])
+    return found
+
+
+def joint_state_fields(
+    robot: Robot,
+    quantity: str,
+    topic: str,
+    columns: Mapping[str, Array],
+    profile: Profile,
+) -> tuple[tuple[str, ...], dict[str, Array]]:
+    """Names and fields of joint states that hold an arm's columns: inverse of the one above.
+
+    Gives names (k,) as they are in the messages of `topic`, and ``position``, ``velocity`` and
+    ``effort``, (n, k) or (n, 0) where not all the joints have a column of it. A robot that states
+    no effort has zeros.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import PROFILES, joint_state_fields
+    >>> columns = {"measured/jaw": np.array([0.5])}
+    >>> robot = get_robot("davinci_grasper")
+    >>> joint_state_fields(robot, "measured", "/measured_js", columns, PROFILES["crtk"])[0]
+    ('jaw',)
+    """
+    joints = [joint for joint in robot.joint_names if f"{quantity}/{joint}" in columns]
+    rows = len(next(iter(columns.values())))
+
+    def table(name: str) -> Array:
+        found = [columns.get(f"{name}/{joint}") for joint in joints]
+        known = [values for values in found if values is not None]
+        return (
+            np.column_stack(known) if known and len(known) == len(joints) else np.empty((rows, 0))
+        )
+
+    fields = {"position": table(quantity)}
+    if quantity == "truth":
+        fields["position"] = fields["position"] - [profile.truth_offsets.get(j, 0) for j in joints]
+    if quantity == "measured":
+        fields |= {"velocity": table("velocity"), "effort": table("effort")}
+        if profile.no_effort:
+            fields["effort"] = np.zeros_like(fields["position"])
+        elif robot.effort == "motor" and robot.transmission is not None and fields["effort"].size:
+            whole = len(joints) == len(robot.joint_names)
+            fields["effort"] = (
+                robot.transmission.joint_effort(fields["effort"]) if whole else np.empty((rows, 0))
+            )
+    return tuple(profile.joint_in(topic, joint) for joint in joints), fields
+
+
+def raven_state_columns(
+    robot: Robot, fields: Mapping[str, Array], quantities: Collection[str]
+) -> dict[str, Array]:
+    """Columns of a recording of one arm that messages ``raven_state`` hold.
+
+    Parameters
+    ----------
+    robot : Robot
+        RAVEN-II, either arm.
+    fields : mapping of str to ndarray, shape (n, 16)
+        As in the messages, of any variant; those of `RAVEN_FIELDS` that are asked for.
+    quantities : collection of str
+        Of `RAVEN_FIELDS`.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        ``<quantity>/<channel>`` [SI], the channels of `Robot.channels`.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import raven_state_columns
+    >>> state = {"jpos": np.zeros((1, 16))}
+    >>> raven_state_columns(get_robot("raven2"), state, ["measured"])["measured/elbow"]
+    array([0.])
+    """
+    first = ARMS.index(robot.arm) * len(robot.channels)
+    return {
+        f"{quantity}/{channel}": fields[name][:, first + k].astype(np.float64) * factor
+        for quantity, (name, factor) in RAVEN_FIELDS.items()
+        if quantity in quantities
+        for k, channel in enumerate(robot.channels)
+    }
+
+
+def raven_state_fields(robot: Robot, columns: Mapping[str, Array]) -> dict[str, Array]:
+    """Fields of ``raven_state`` that hold an arm's columns: the inverse of `raven_state_columns`.
+
+    Fields of which there is no column are zero, and so is the other arm. Gives each array field of
+    `RAVEN_FIELDS`, (n, 16), in the message's own type: add those of both arms.
+
+    Examples
+    --------
+    >>> from truejoint.crtk.messages import raven_state_fields
+    >>> columns = {"measured/insertion": np.array([0.4])}
+    >>> raven_state_fields(get_robot("raven2"), columns)["jpos"][0, 2]
+    np.float32(22.91831)
+    """
+    rows = len(next(iter(columns.values())))
+    first = ARMS.index(robot.arm) * len(robot.channels)
+    found = {}
+    for quantity, (name, factor) in RAVEN_FIELDS.items():
+        values = np.zeros((rows, len(ARMS) * len(robot.channels)))
+        for k, channel in enumerate(robot.channels):
+            values[:, first + k] = columns.get(f"{quantity}/{channel}", np.zeros(rows)) / factor
+        found[name] = values.astype(_RAVEN_TYPES[name])
+    return found

@@ -1,0 +1,249 @@
+"""ROS 1 through rospy, as Debian or a ROS of one's own brings it."""
+
+from __future__ import annotations
+
+import logging
+import sys
+import threading
+import time
+import xmlrpc.client
+from collections.abc import Callable
+from contextlib import suppress
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Final
+
+from truejoint.crtk.messages import DEFINITIONS
+from truejoint.crtk.ros.transport import QUEUE, header_of
+from truejoint.errors import RosError
+
+_DEBIAN: Final = "/usr/lib/python3/dist-packages"
+_BUFFER: Final = 1 << 18  # bytes that are read at once: hundreds of messages
+_WATCH: Final = 1.0  # [s] between two looks at the master
+_HEADER: Final = "MSG: std_msgs/Header\nuint32 seq\ntime stamp\nstring frame_id\n"
+_RULE: Final = "=" * 80 + "\n"
+
+_log = logging.getLogger(__name__)
+
+
+class Ros1:
+    """A node of ROS 1; there is one in a process, whose topics each `Ros1` has for itself.
+
+    A master that is started anew is told all topics again: connections that stand outlive it.
+
+    Parameters
+    ----------
+    node : str
+
+    Raises
+    ------
+    RosError
+        If rospy is not there, or no master answers.
+    """
+
+    name = "ROS 1"
+
+    def __init__(self, node: str) -> None:
+        self._rospy = _start(node)
+        self._open: list[Any] = []
+
+    @property
+    def is_over(self) -> bool:
+        """Whether somebody has shut the node down, as ``rosnode kill`` does."""
+        return bool(self._rospy.is_shutdown())
+
+    def now(self) -> float:
+        """Time of ROS's clock [s]."""
+        return float(self._rospy.get_time())
+
+    def message(self, kind: str) -> Any:
+        """Make an empty message; raises RosError where its type is not installed."""
+        return _message_class(kind)()
+
+    def stamped(self, kind: str, t: float) -> Any:
+        """Make an empty message with a header that says `t` [s]."""
+        message = _message_class(kind)()
+        header_of(message).stamp = self._rospy.Time.from_sec(t)
+        return message
+
+    def seconds(self, message: Any) -> float:
+        """Stamp of a message [s]; 0 where it is not valid."""
+        stamp = header_of(message).stamp
+        return float(stamp.secs + 1e-9 * stamp.nsecs)
+
+    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> _Publisher:
+        """Begin to write a topic."""
+        made = _Publisher(
+            topic,
+            self._rospy.Publisher(
+                topic, _message_class(kind), queue_size=QUEUE, latch=latched, tcp_nodelay=True
+            ),
+        )
+        self._open.append(made)
+        return made
+
+    def subscribe(
+        self, topic: str, kind: str, callback: Callable[[Any], None]
+    ) -> Callable[[], None]:
+        """Call `callback` with every message; gives what ends that.
+
+        A type of which there are variants is read by the definition that its writer sends.
+        """
+        told, receive = _message_class(kind), callback
+        if kind in DEFINITIONS:
+            told, receive = self._rospy.AnyMsg, _by_definition(kind, callback)
+        made = self._rospy.Subscriber(
+            topic, told, receive, queue_size=None, buff_size=_BUFFER, tcp_nodelay=True
+        )
+        self._open.append(made)
+        return lambda: _close(made)
+
+    def topics(self) -> dict[str, str]:
+        """Type of every topic that somebody writes now."""
+        try:
+            return dict(self._rospy.get_published_topics())
+        except OSError:
+            raise RosError(_no_master()) from None
+
+    def close(self) -> None:
+        """Give up all topics."""
+        while self._open:
+            _close(self._open.pop())
+
+
+class _Publisher:
+    """A topic that is written."""
+
+    def __init__(self, topic: str, made: Any) -> None:
+        self.topic = topic
+        self._made = made
+        self.publish = made.publish  # as fast as it gets
+
+    @property
+    def readers(self) -> int:
+        """How many are connected."""
+        return int(self._made.get_num_connections())
+
+    def close(self) -> None:
+        """Give the topic up."""
+        self._made.unregister()
+
+    unregister = close
+
+
+def _close(made: Any) -> None:
+    with suppress(Exception):  # a master that is gone need not be told
+        made.unregister()
+
+
+def _by_definition(kind: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    """Take raw messages apart as the definition says that came with the connection."""
+    known: dict[str, Any] = {}
+
+    def receive(raw: Any) -> None:
+        header = raw._connection_header
+        made = known.get(header["md5sum"])
+        if made is None:
+            made = _generated(header.get("type", kind), header["message_definition"])
+            known[header["md5sum"]] = made
+        message = made()
+        message.deserialize(raw._buff)
+        callback(message)
+
+    return receive
+
+
+@cache
+def _message_class(kind: str) -> Any:
+    found = import_module("roslib.message").get_message_class(kind)
+    if found is None and kind in DEFINITIONS:
+        found = _generated(kind, f"{DEFINITIONS[kind]}{_RULE}{_HEADER}")
+    if found is None:
+        package = kind.partition("/")[0]
+        raise RosError(
+            f"ROS's messages {kind} are not installed: install {package}, on Debian "
+            f"python3-{package.replace('_', '-')}"
+        )
+    return found
+
+
+def _generated(kind: str, definition: str) -> Any:
+    return import_module("genpy.dynamic").generate_dynamic(kind, definition)[kind]
+
+
+@cache
+def _imported() -> Any:
+    """Import rospy; Debian's comes after all else, so that it brings no second NumPy."""
+    with suppress(ModuleNotFoundError):
+        return import_module("rospy")
+    if Path(_DEBIAN).is_dir() and _DEBIAN not in sys.path:
+        sys.path.append(_DEBIAN)
+    try:
+        return import_module("rospy")
+    except ImportError as error:
+        version = f"{sys.version_info.major}.{sys.version_info.minor}"
+        raise RosError(
+            f"live ROS 1 needs rospy, which this Python {version} lacks ({error}): on Debian 12 "
+            "install python3-rospy, elsewhere source your ROS's setup.bash first"
+        ) from None
+
+
+_starting: Final = threading.Lock()
+
+
+def _start(node: str) -> Any:
+    """Make this process a node, once; gives rospy."""
+    rospy = _imported()
+    with _starting:
+        rosgraph = import_module("rosgraph")
+        if not rosgraph.is_master_online():
+            raise RosError(_no_master())
+        if not rospy.core.is_initialized():
+            loggers = [logging.getLogger(name) for name in logging.root.manager.loggerDict]
+            heard = [logger for logger in loggers if not logger.disabled]
+            rospy.init_node(node, argv=[], anonymous=True, disable_signals=True)
+            for logger in heard:
+                logger.disabled = False  # rospy silences all that are not its own
+            threading.Thread(target=_watch, args=(rosgraph, rospy), daemon=True).start()
+        elif rospy.is_shutdown():
+            raise RosError("this process's ROS node was shut down; start truejoint again")
+    return rospy
+
+
+def _no_master() -> str:
+    uri = import_module("rosgraph").get_master_uri()
+    return f"no ROS master answers at {uri}: start roscore there, or set ROS_MASTER_URI"
+
+
+def _watch(rosgraph: Any, rospy: Any) -> None:
+    """Tell a master that was started anew of this node's topics."""
+    master = rosgraph.Master(rospy.get_name())
+    was_gone = False
+    while not rospy.core.is_shutdown_requested():
+        try:
+            try:
+                master.lookupNode(rospy.get_name())
+            except rosgraph.MasterError:  # it does not know us
+                _register(master, rospy)
+                _log.warning("the ROS master was started anew: told it of our topics")
+            was_gone = False
+        except OSError:
+            if not was_gone:
+                _log.warning("%s; connections that stand go on", _no_master())
+            was_gone = True
+        except Exception as error:  # noqa: BLE001  # whatever it is, look again
+            _log.debug("looking at the ROS master: %s", error)
+        time.sleep(_WATCH)
+
+
+def _register(master: Any, rospy: Any) -> None:
+    """Register all topics, by the interfaces that every node has (wiki.ros.org/ROS/Slave_API)."""
+    name, uri = rospy.get_name(), rospy.get_node_uri()
+    own: Any
+    with xmlrpc.client.ServerProxy(uri) as own:
+        for topic, kind in own.getPublications(name)[2]:
+            master.registerPublisher(topic, kind, uri)
+        for topic, kind in own.getSubscriptions(name)[2]:
+            writers = master.registerSubscriber(topic, kind, uri)
+            own.publisherUpdate("/master", topic, writers)

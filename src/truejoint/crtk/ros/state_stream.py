@@ -1,0 +1,137 @@
+"""What an arm says on its topics, as rows of a recording's columns."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk.messages import (
+    JOINT_STATE,
+    RAVEN_FIELDS,
+    RAVEN_STATE,
+    RAVEN_TOPIC,
+    Profile,
+    joint_state_columns,
+    raven_state_columns,
+)
+from truejoint.crtk.ros.transport import Transport
+from truejoint.errors import RobotError
+from truejoint.robots import Robot
+from truejoint.robots.blocks import QUANTITIES
+
+_FIELDS: Final = ("position", "velocity", "effort")
+_RAVEN_FIELDS: Final = tuple(RAVEN_FIELDS[name][0] for name in QUANTITIES)
+
+Row = Callable[[Any, float, Mapping[str, Array]], None]
+
+
+class StateStream:
+    """Columns of every state message of an arm, from `start` to `close`.
+
+    They are read from ``measured_js``, with the newest ``setpoint_js`` beside it; of a robot whose
+    profile says that CRTK's messages lack effort and set-point, from its ``ravenstate``.
+
+    Parameters
+    ----------
+    transport : Transport
+    robot : Robot
+    profile : Profile
+    namespace : str
+        Of the arm's topics, for instance ``"/PSM1"``; by default what the profile says.
+    receive : callable
+        Called with a state message, its stamp [s] and its columns, (1,) each. Messages with an
+        invalid stamp are left out, and counted in `invalid`.
+
+    Attributes
+    ----------
+    topic : str
+        What is read.
+    refusal : str
+        Why the latest message could not be read; empty where it could.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        robot: Robot,
+        profile: Profile,
+        receive: Row,
+        namespace: str = "",
+    ) -> None:
+        self._transport, self._robot, self._profile = transport, robot, profile
+        self._receive = receive
+        self.namespace = namespace.rstrip("/")
+        self.reads_raven = not self.namespace and profile.no_effort and profile.no_setpoint
+        self.topic = RAVEN_TOPIC if self.reads_raven else self.name("measured_js")
+        self.invalid = 0
+        self.refusal = ""
+        self._setpoint: Mapping[str, Array] = {}
+        self._open: list[Callable[[], None]] = []
+
+    def name(self, crtk: str) -> str:
+        """Topic of a CRTK name of this arm."""
+        if self.namespace:
+            return f"{self.namespace}/{crtk}"
+        return self._profile.topic(self._robot.arm, crtk)
+
+    def start(self) -> None:
+        """Begin to listen."""
+        subscribe = self._transport.subscribe
+        if self.reads_raven:
+            self._open.append(subscribe(self.topic, RAVEN_STATE, self._on_raven))
+            return
+        self._open.append(subscribe(self.topic, JOINT_STATE, self._on_measured))
+        if not self._profile.no_setpoint:
+            self._open.append(subscribe(self.name("setpoint_js"), JOINT_STATE, self._on_setpoint))
+
+    def close(self) -> None:
+        """Listen no more."""
+        while self._open:
+            self._open.pop()()
+        self._setpoint = {}
+
+    def _on_measured(self, message: Any) -> None:
+        def columns() -> Mapping[str, Array]:
+            told = self.columns_of(message, "measured")
+            unused = (
+                f"{quantity}/{channel}"
+                for quantity in dict.fromkeys(name.partition("/")[0] for name in told)
+                for channel in self._robot.unused_channels
+            )
+            return {**told, **dict.fromkeys(unused, np.zeros(1)), **self._setpoint}
+
+        self._take(message, columns)
+
+    def _on_raven(self, message: Any) -> None:
+        def columns() -> Mapping[str, Array]:
+            fields = {name: np.array([getattr(message, name)]) for name in _RAVEN_FIELDS}
+            return raven_state_columns(self._robot, fields, QUANTITIES)
+
+        self._take(message, columns)
+
+    def _on_setpoint(self, message: Any) -> None:
+        try:
+            self._setpoint = self.columns_of(message, "setpoint")
+        except RobotError as refusal:
+            self.refusal = f"{self.name('setpoint_js')}: {refusal}"
+
+    def columns_of(self, message: Any, quantity: str) -> dict[str, Array]:
+        """Columns of a joint state; raises RobotError as `joint_state_columns`."""
+        fields = {name: np.array([getattr(message, name)], dtype=float) for name in _FIELDS}
+        return joint_state_columns(self._robot, quantity, message.name, fields, self._profile)
+
+    def _take(self, message: Any, columns: Callable[[], Mapping[str, Array]]) -> None:
+        t = self._transport.seconds(message)
+        if not t > 0.0:
+            self.invalid += 1
+            return
+        try:
+            row = columns()
+        except (RobotError, AttributeError) as refusal:  # a variant that lacks a field
+            self.refusal = f"{self.topic}: {refusal}"
+            return
+        self.refusal = ""
+        self._receive(message, t, row)

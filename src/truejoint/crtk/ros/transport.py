@@ -1,0 +1,71 @@
+"""What is needed of a ROS: topics, messages and a clock. The rest knows neither 1 nor 2."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Final, Protocol
+
+QUEUE: Final = 1000
+"""Messages that wait for a slow reader before the oldest is dropped: a second at 1 kHz."""
+
+
+class Publisher(Protocol):
+    """A topic that is written."""
+
+    topic: str
+
+    @property
+    def readers(self) -> int:
+        """How many are connected."""
+
+    def publish(self, message: Any) -> None:
+        """Send a message; returns at once."""
+
+    def close(self) -> None:
+        """Give the topic up."""
+
+
+class Transport(Protocol):
+    """A node of a running ROS. Callbacks come in threads of their own.
+
+    Message types are named as ROS 1 does, ``sensor_msgs/JointState``; messages are those of the
+    ROS itself, whose fields have the same names in both but for what `seconds` and `stamped` hide.
+    """
+
+    name: str
+    """``"ROS 1"`` or ``"ROS 2"``."""
+
+    @property
+    def is_over(self) -> bool:
+        """Whether somebody has shut the node down."""
+
+    def now(self) -> float:
+        """Time of ROS's clock [s]."""
+
+    def message(self, kind: str) -> Any:
+        """Make an empty message; raises RosError where its type is not installed."""
+
+    def stamped(self, kind: str, t: float) -> Any:
+        """Make an empty message with a header that says `t` [s]."""
+
+    def seconds(self, message: Any) -> float:
+        """Stamp of a message [s]; 0 where it is not valid, as CRTK says so."""
+
+    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> Publisher:
+        """Begin to write a topic; one who comes late gets the last message if it is `latched`."""
+
+    def subscribe(
+        self, topic: str, kind: str, callback: Callable[[Any], None]
+    ) -> Callable[[], None]:
+        """Call `callback` with every message; gives what ends that."""
+
+    def topics(self) -> dict[str, str]:
+        """Type of every topic that somebody writes now."""
+
+    def close(self) -> None:
+        """Give up all topics."""
+
+
+def header_of(message: Any) -> Any:
+    """Header of a message; RAVEN's state calls it ``hdr``."""
+    return message.header if hasattr(message, "header") else message.hdr

@@ -1,0 +1,248 @@
+"""Ridge regression and boosted trees on plays and low-passes of every feature."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
+from truejoint.estimators import registry
+from truejoint.estimators.base import (
+    Arrays,
+    JointRegressor,
+    Progress,
+    constant_columns,
+    scaling,
+)
+from truejoint.estimators.combination import Combination
+from truejoint.estimators.polynomial import polynomial_design
+from truejoint.models import interactions, offset, play_bank
+from truejoint.models.family import Family, Params, is_integer
+
+PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
+"""Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
+SHARES: Final = (0.0, 0.3, 1.0)
+"""Sizes tried of terms that are products, beside the others: less is penalised more."""
+BLOCKS: Final = 5  # of the rows, on end, left out in turn
+
+_CHUNK: Final = 4096  # rows that are held at a time as terms
+_PRODUCTS: Final = 600  # terms that are products, at most
+_LEAVES: Final = 31  # of a tree; half as many where each of more joints has trees of its own,
+_FEW_JOINTS: Final = 2  # which a control loop walks through at every sample
+
+
+@dataclass(eq=False, repr=False)
+class Ridge(JointRegressor):
+    """Ridge regression on features and products of them, its penalties cross-validated.
+
+    For each output by itself, a penalty and how much more products are penalised are those of the
+    least mean square on five blocks of rows, on end, that are left out in turn.
+
+    Parameters
+    ----------
+    first : int
+        Of the features, by which each of the first `crossed` is multiplied.
+    crossed : int
+        Features that are multiplied, `first` or more.
+
+    Attributes
+    ----------
+    penalties_ : ndarray, shape (n_outputs,)
+        Chosen of `PENALTIES`.
+    shares_ : ndarray, shape (n_outputs,)
+        Chosen of `SHARES`.
+
+    Examples
+    --------
+    >>> X = np.random.default_rng(0).normal(size=(500, 2))
+    >>> Ridge(first=1, crossed=2).fit(X, X[:, 0] * X[:, 1]).predict([[2.0, 0.5]]).round(2)
+    array([1.])
+    """
+
+    family: ClassVar[Family] = interactions.FAMILY
+    first: int = 0
+    crossed: int = 0
+
+    def minimum_rows(self, n_features: int) -> int:
+        """Two rows for each input, which the penalty makes enough."""
+        return max(100, 2 * n_features)
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        factors = interactions.interaction_factors(X.shape[1], int(self.first), int(self.crossed))
+        scales = scaling(X, y)
+        mean, inverse_scale = scales["mean"], scales["inverse_scale"]
+        scaled = (X - mean) * inverse_scale
+        targets = (y - scales["target_mean"]) / scales["target_scale"]
+        blocks = np.array_split(np.arange(len(X)), BLOCKS)
+        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks])
+        is_product = factors[:, 1] < X.shape[1]
+        shares = SHARES if is_product.any() else SHARES[-1:]
+        weights = [np.where(is_product, share, 1.0) for share in shares]
+        found: list[tuple[Array, float, float]] = []
+        errors = np.empty((len(weights), len(PENALTIES), y.shape[1]))
+        for number, own in enumerate(weights):
+            errors[number] = _errors(products, own)
+            progress((number + 1) / len(weights))
+        whole = products.sum(axis=0)
+        n_outputs = y.shape[1]
+        fits = [_ridge(whole, own, n_outputs) for own in weights]
+        for j in range(n_outputs):
+            share, penalty = np.unravel_index(np.argmin(errors[:, :, j]), errors.shape[:2])
+            found.append((fits[share][penalty][:, j], shares[share], PENALTIES[penalty]))
+        solution, chosen, penalties = zip(*found, strict=True)
+        self.shares_, self.penalties_ = np.array(chosen), np.array(penalties)
+        table = np.array(solution).T * scales["target_scale"]
+        return {
+            "mean": mean,
+            "inverse_scale": inverse_scale,
+            "coef": np.ascontiguousarray(table[1:]),
+            "intercept": table[0] + scales["target_mean"],
+        }
+
+
+def _products(scaled: Array, y: Array, factors: Integers) -> Array:
+    """Give sums (m, m) of products of every two of: 1, the terms, the targets."""
+    width = 1 + len(factors) + y.shape[1]
+    total = np.zeros((width, width))
+    for start in range(0, len(scaled), _CHUNK):
+        rows = slice(start, start + _CHUNK)
+        terms = polynomial_design(scaled[rows], factors)
+        table = np.column_stack([np.ones(len(terms)), terms, y[rows]])
+        total += table.T @ table
+    return total
+
+
+def _ridge(products: Array, weights: Array, n_outputs: int) -> Array:
+    """Intercept and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
+
+    Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
+    """
+    n_terms, n = len(weights), products[0, 0]
+    mean = products[0] / n
+    spread = products / n - np.outer(mean, mean)
+    terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
+    deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
+    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > 1e-9)
+    used = np.flatnonzero(scale)
+    own = scale[used]
+    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
+    values, vectors = np.linalg.eigh(inner)
+    right = vectors.T @ (spread[terms, targets][used] * own[:, None])
+    found = np.zeros((len(PENALTIES), 1 + n_terms, n_outputs))
+    for at, penalty in enumerate(PENALTIES):
+        shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
+        found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
+        found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]
+    return found
+
+
+def _errors(products: Array, weights: Array) -> Array:
+    """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
+    n_outputs = products.shape[1] - 1 - len(weights)
+    total = np.zeros((len(PENALTIES), n_outputs))
+    whole = products.sum(axis=0)
+    for own in products:
+        for at, found in enumerate(_ridge(whole - own, weights, n_outputs)):
+            left = np.vstack([-found, np.eye(n_outputs)])
+            total[at] += np.sum(left * (own @ left), axis=0)
+    return total
+
+
+@dataclass(eq=False, repr=False)
+class RichPlay(JointRegressor):
+    """A model on plays and low-passes of every feature: for joints whose error has a history.
+
+    Half-widths are shares of half the range that a feature has in training, so nothing is to be
+    chosen for a robot or a unit. A ridge regression on the features, plays and low-passes, and on
+    their products with the features (the width of a loop grows with load), is learnt first.
+
+    Parameters
+    ----------
+    learner : {"ridge", "trees"}
+        The ridge regression alone, or with boosted trees on what it leaves.
+    plays : sequence of float
+        Half-widths of the plays, in half ranges of the feature.
+    time_constants : sequence of float
+        Of the low-passes [s].
+    rows : int
+        Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
+    random_state : int, optional
+        Seed of the trees; their own by default.
+
+    Attributes
+    ----------
+    model_ : JointRegressor
+        Fitted to what it sees.
+
+    Examples
+    --------
+    >>> x = np.sin(np.arange(3000.0) / 200.0)[:, None]
+    >>> slack = RichPlay().fit(x, np.sign(np.gradient(x[:, 0])))
+    >>> bool(slack.score(x, np.sign(np.gradient(x[:, 0]))) > 0.9)
+    True
+    """
+
+    family: ClassVar[Family] = play_bank.FAMILY
+    least_rows: ClassVar[int] = 300
+    learner: str = "ridge"
+    plays: tuple[float, ...] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+    time_constants: tuple[float, ...] = (0.05, 0.5, 2.0)
+    rows: int = 40_000
+    random_state: int | None = None
+
+    def minimum_rows(self, n_features: int) -> int:
+        """As many as what sees the plays needs."""
+        seen = play_bank.n_seen(vars(self), n_features)
+        return max(self.least_rows, Ridge().minimum_rows(seen))
+
+    def check_params(self) -> None:
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        if not is_integer(self.rows, 1, 10**9):
+            raise CalibrationError(f"rows is {self.rows!r:.60}; it must be an integer from 1")
+        super().check_params()
+
+    def model_params(self) -> Params:
+        """Parameters of the family: its own, and the model's once there is one."""
+        own = {name: getattr(self, name) for name in ("learner", "plays", "time_constants")}
+        return {**own, "members": vars(self).get("members_", _UNFITTED)}
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters; the model among them is to be run only."""
+        made = cls(**{name: value for name, value in params.items() if name != "members"})
+        made.members_ = params["members"]
+        return made
+
+    def check_shape(self, n_features: int, n_outputs: int) -> None:
+        """Take any number of either."""
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        known = np.flatnonzero(self._known(y))
+        kept = np.zeros(len(X), dtype=bool)
+        kept[known[:: -(-len(known) // int(self.rows))]] = True
+        low, high = X[known].min(axis=0), X[known].max(axis=0)
+        varies = ~constant_columns(X[known])
+        inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
+        arrays = {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
+        seen = play_bank.expand_rows(vars(self), arrays, X, dt, kept)
+        self.model_ = self._unfitted(X.shape[1], seen.shape[1], y.shape[1]).fit(
+            seen, y[kept], progress
+        )
+        self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
+        return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
+
+    def _unfitted(self, n_features: int, n_seen: int, n_outputs: int) -> JointRegressor:
+        """Model for so many features, and so much that it sees of them, and so many joints."""
+        products = [(n_features, n_seen), (n_features, n_features), (0, 0)]
+        ridge = Ridge(*next(p for p in products if p[0] * p[1] <= _PRODUCTS))
+        if self.learner == "ridge":
+            return ridge
+        leaves = _LEAVES if n_outputs <= _FEW_JOINTS else _LEAVES // 2
+        trees = registry.boosted_trees().set_params(max_leaf_nodes=leaves)
+        return Combination((ridge, trees), None, self.random_state)
+
+
+_UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)

@@ -1,0 +1,189 @@
+"""Plays and low-passes of every feature, and a model of another family that sees them.
+
+A joint behind cables remembers where its motor came from: friction and slack make a play, creep a
+low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen, European Journal
+of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
+larger swings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.compiled import compiled, vector
+from truejoint.errors import CalibrationError
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.models.combination import are_members, members
+from truejoint.models.family import (
+    Family,
+    Params,
+    Rule,
+    Shape,
+    call_row,
+    find_family,
+    numbers,
+    one_of,
+)
+from truejoint.models.feature_kernels import lowpass, play
+from truejoint.models.features import MAX_TIME_CONSTANT
+from truejoint.models.products import standardise
+
+LEARNERS: Final = ("ridge", "trees")
+MAX_PLAYS: Final = 32
+MAX_LOWPASSES: Final = 8
+
+LAYOUT: Final = Layout()
+N_PLAYS: Final = LAYOUT.integer("n_plays", "of each feature")
+N_LOWPASSES: Final = LAYOUT.integer("n_lowpasses", "of each feature")
+CENTRE: Final = LAYOUT.array("centre", "of the range of each feature in training")
+INVERSE_HALF_RANGE: Final = LAYOUT.array("inverse_half_range", "of it; 0 where it is not used")
+HALF_WIDTHS: Final = LAYOUT.array("half_widths", "of the plays, in half ranges")
+TIME_CONSTANTS: Final = LAYOUT.array("time_constants", "of the low-passes [s]")
+OUTPUTS: Final = LAYOUT.array("outputs", "of the plays of each feature, as they were last")
+TRAILS: Final = LAYOUT.array("trails", "output and input of each low-pass, as they were last")
+SEEN: Final = LAYOUT.array("seen", "by the model: features, then plays, then low-passes")
+ROW: Final = LAYOUT.address("row", "prediction of the model")
+MODEL: Final = LAYOUT.part("model", "of what is seen")
+
+
+@compiled
+def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -> None:
+    """Scale features `x` (k,) to -1 to 1, add how far plays and low-passes are from them.
+
+    `seen` is ``n_seen(k, ...)`` long. A play is divided by its half-width, so that it too runs
+    from -1 to 1.
+    """
+    k, n_plays, n_lowpasses = x.shape[0], numbers[N_PLAYS], numbers[N_LOWPASSES]
+    fresh = dt == 0.0
+    standardise(
+        x, vector(memory, numbers[CENTRE], k), vector(memory, numbers[INVERSE_HALF_RANGE], k), seen
+    )
+    half_widths = vector(memory, numbers[HALF_WIDTHS], n_plays)
+    outputs = vector(memory, numbers[OUTPUTS], k * n_plays)
+    time_constants = vector(memory, numbers[TIME_CONSTANTS], n_lowpasses)
+    for i in range(k):
+        for j in range(n_plays):
+            at = i * n_plays + j
+            outputs[at] = play(half_widths[j], fresh, seen[i], outputs[at])
+            seen[k + at] = (outputs[at] - seen[i]) / half_widths[j]
+        for j in range(n_lowpasses):
+            at = i * n_lowpasses + j
+            kept = vector(memory, numbers[TRAILS] + 2 * at, 2)
+            trail = lowpass(time_constants[j], fresh, dt, seen[i], kept)
+            seen[k + k * n_plays + at] = trail - seen[i]
+
+
+@compiled
+def play_bank_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the model from what the features are and were."""
+    k = x.shape[0]
+    n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
+    seen = vector(memory, numbers[SEEN], n)
+    expand(numbers, memory, dt, x, seen)
+    call_row(
+        numbers[ROW],
+        part_numbers(numbers, MODEL),
+        part_memory(numbers, memory, MODEL),
+        dt,
+        seen,
+        out,
+        half_width,
+    )
+
+
+@compiled
+def _expand_rows(
+    numbers: Integers, memory: Array, dt: Array, X: Array, kept: Mask, out: Array
+) -> None:
+    at = 0
+    for i in range(X.shape[0]):
+        expand(numbers, memory, dt[i], X[i], out[at])
+        if kept[i] and at < out.shape[0] - 1:
+            at += 1
+
+
+def expand_rows(
+    params: Params, arrays: Mapping[str, Array], X: Array, dt: Array, kept: Mask
+) -> Array:
+    """Give what a model sees (m, n_seen) in the rows `kept` (n,) of features `X` (n, k)."""
+    packed = _packed(params, arrays, X.shape[1], Layout().pack())
+    out = np.empty((int(kept.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
+    _expand_rows(packed.numbers, packed.memory, dt, X, kept, out)
+    return out[:-1]
+
+
+def n_seen(params: Params, n_features: int) -> int:
+    """Count what the model sees."""
+    return n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    ((data, _),) = members(params, {})
+    family, k = find_family(data.family), n_seen(params, n_features)
+    family.check_params(data.params)
+    if family.inputs is not None or family.remembers:
+        raise CalibrationError(
+            f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
+            "features"
+        )
+    own = family.shapes(data.params, k, n_outputs)
+    return {
+        "centre": (n_features,),
+        "inverse_half_range": (n_features,),
+        **{f"0/{name}": shape for name, shape in own.items()},
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
+    ((data, _),) = members(params, arrays)
+    family = find_family(data.family)
+    model = family.memory(data, n_seen(params, n_features), n_outputs)
+    return _packed(params, arrays, n_features, model, family)
+
+
+def _packed(
+    params: Params,
+    arrays: Mapping[str, Array],
+    k: int,
+    model: Memory,
+    family: Family | None = None,
+) -> Memory:
+    n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
+    return LAYOUT.pack(
+        {} if family is None else {"row": family.row},
+        n_plays=n_plays,
+        n_lowpasses=n_lowpasses,
+        centre=arrays["centre"],
+        inverse_half_range=arrays["inverse_half_range"],
+        half_widths=params["plays"],
+        time_constants=params["time_constants"],
+        outputs=np.zeros(k * n_plays),
+        trails=np.zeros((k * n_lowpasses, 2)),
+        seen=np.zeros(n_seen(params, k)),
+        row=0 if family is None else family.row_address(),
+        model=model,
+    )
+
+
+FAMILY: Final = Family(
+    "play_bank",
+    rules={
+        "learner": one_of(*LEARNERS),
+        "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature"),
+        "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]"),
+        "members": Rule(
+            lambda value: are_members(value) and len(value) == 1 and not value[0][2],
+            "one model: family, its parameters and no outputs",
+        ),
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=play_bank_row,
+    remembers=True,
+)

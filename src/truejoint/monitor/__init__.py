@@ -1,0 +1,6 @@
+"""A page in the browser that shows an arm, while it works or from a recording."""
+
+import lazy_loader
+
+# Imported on first use; the names stand in the stub beside this file.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

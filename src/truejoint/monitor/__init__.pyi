@@ -1,0 +1,2 @@
+from .pages import ArmPage as ArmPage
+from .pages import RecordingPage as RecordingPage

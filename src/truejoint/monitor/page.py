@@ -1,0 +1,385 @@
+"""The page in the browser, made with viser: what is shown on it is given to it."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import socket
+import threading
+import time
+from collections.abc import Callable, Sequence
+from typing import Any, Final
+from urllib.parse import urlsplit
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import TruejointError
+from truejoint.extras import require
+from truejoint.monitor import view
+from truejoint.monitor.drawing import ArmDrawing, Drawing, can_draw
+from truejoint.monitor.samples import Samples
+from truejoint.robots import Robot
+
+LOOPBACK: Final = "127.0.0.1"
+PORT: Final = 8080
+FRAME_RATE: Final = 25.0
+"""Pictures a second."""
+WINDOW: Final = 10.0
+"""Time that the plots show [s]."""
+
+_LOOPBACK_NAMES: Final = ("127.0.0.1", "localhost")
+# The truth is a halo: what is right lies inside.
+_OPACITY: Final = {"reported": None, "corrected": None, "truth": 0.25}
+_THICKNESS: Final = {"reported": 0.7, "corrected": 0.72, "truth": 1.25}
+_NARROW: Final = 0.75  # width by height of a window
+_SIDES: Final = 18  # of a tube
+_PANEL_WIDTH: Final = 384  # [px]
+_PLOT_HEIGHT: Final = 118  # [px]
+_WIDE, _TALL = 880, 170  # [px] of the plots where no arm is drawn
+
+
+class Page:
+    """Shows samples of one arm in the browser.
+
+    Parameters
+    ----------
+    robot : Robot
+    joints : sequence of str
+        Those that the samples are of.
+    controls : callable
+        Called once with viser's interface for widgets, to add its own.
+    host, port
+        Where to listen; port 0 takes any that is free.
+
+    Raises
+    ------
+    TruejointError
+        If viser is not installed or nothing can listen there.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        joints: Sequence[str],
+        controls: Callable[[Any], None],
+        *,
+        host: str,
+        port: int,
+    ) -> None:
+        self._robot, self._joints = robot, tuple(joints)
+        whole = can_draw(robot) and self._joints == robot.joint_names
+        self._drawing = ArmDrawing(robot) if whole else None
+        self._lock = threading.RLock()  # of all below
+        self._latest: Samples | None = None
+        self._window: Samples | None = None  # what the plots show
+        self._bodies: dict[str, _Body] = {}
+        self._plots: dict[str, Any] = {}
+        self._titles: dict[str, tuple[str, ...]] = {}
+        self._closed = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._server = _listening(host, port)
+        self.url: Final = f"http://{host}:{self._server.get_port()}"
+        self._lay_out(controls)
+
+    def _lay_out(self, controls: Callable[[Any], None]) -> None:
+        gui = self._server.gui
+        gui.set_panel_label(self._robot.title)
+        self._set_theme(dark=False)
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(_PANEL_WIDTH)
+        self._status = gui.add_html("")
+        controls(gui)
+        self._table = gui.add_html("")
+        self._legend = gui.add_html("")
+        gui.add_html(view.STYLE)
+        if self._drawing is None:
+            known = "The kinematics of this robot are not known"
+            if can_draw(self._robot):
+                known = "Not every joint is measured"
+            gui.add_html(f'<div class="said">{known}: no arm is drawn.</div>')
+        else:
+            self._set_stage(self._drawing)
+            look = gui.add_button_group("Look at", ("the arm", "the tool"))
+            look.on_click(lambda event: self._look(event.client, look.value))
+        dark = gui.add_checkbox("Dark", initial_value=False)
+        dark.on_update(lambda _: self._set_theme(dark=dark.value))
+        panel = gui.add_panel()
+        panel.dock_left()
+        panel.set_width(_PANEL_WIDTH if self._drawing is not None else _WIDE)
+        self._plot_tab = panel.add_tab("Plots")
+        with self._plot_tab:
+            self._joint = gui.add_dropdown("Joint", self._joints, order=0.0)
+            self._joint.visible = len(self._joints) > 1
+        self._joint.on_update(lambda _: self._replot())
+
+    def run(self, frame: Callable[[], None]) -> None:
+        """Call `frame` `FRAME_RATE` times a second, in a thread, until the page is closed."""
+        self._thread = threading.Thread(
+            target=self._loop, args=(frame,), name="monitor", daemon=True
+        )
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop, and let the port go."""
+        self._closed.set()
+        if self._thread is not None and self._thread is not threading.current_thread():
+            self._thread.join(2.0)
+        with _silent():
+            self._server.stop()
+
+    def show(self, samples: Samples | None, condition: view.Condition, *, replot: bool) -> None:
+        """Show the last row of `samples`, and with `replot` all of them over time."""
+        with self._lock, self._server.atomic():
+            self._latest = samples
+            self._status.content = view.status_html(condition, samples)
+            if samples is None:
+                return
+            table = view.table_html(samples, self._robot, is_fresh=condition.is_fresh)
+            if table != self._table.content:
+                self._table.content = table
+            self._draw(samples, condition.is_fresh)
+            if replot:
+                self._window = samples
+                self._replot()
+
+    def say(self, error: Exception) -> None:
+        """Tell all who look that something they asked for was refused, and why."""
+        for client in self._server.get_clients().values():
+            client.add_notification("Refused", str(error), color="red", auto_close_seconds=8.0)
+
+    def _loop(self, frame: Callable[[], None]) -> None:
+        due = time.monotonic()
+        while not self._closed.wait(max(due - time.monotonic(), 0.0)):
+            try:
+                frame()
+            except Exception as error:
+                stopped = view.Condition("the page has stopped", str(error), is_fresh=False)
+                self._status.content = view.status_html(stopped, self._latest)
+                raise
+            due = max(due + 1.0 / FRAME_RATE, time.monotonic())
+
+    def _set_theme(self, *, dark: bool) -> None:
+        self._server.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, control_width="large"
+        )
+
+    def _set_stage(self, drawing: ArmDrawing) -> None:
+        """Set light, floor and camera for an arm of this size."""
+        scene, size = self._server.scene, drawing.size
+        at_home = drawing.at([self._robot.home])
+        points = at_home.balls[0]
+        middle, lowest = 0.5 * (points.min(axis=0) + points.max(axis=0)), points[:, 2].min()
+        scene.world_axes.visible = False
+        scene.add_grid(
+            "/floor", width=4 * size, height=4 * size, plane="xy", cell_size=size / 5,
+            section_size=size, cell_color=(200, 203, 207), section_color=(170, 174, 178),
+            cell_thickness=0.6, section_thickness=0.8,
+            infinite_grid=True, fade_distance=6 * size, shadow_opacity=0.0,
+            position=(0.0, 0.0, float(lowest - 0.25 * size)),
+        )  # fmt: skip
+        self._views = {
+            "the arm": (middle + size * np.array([0.95, -1.05, 0.45]), middle),
+            "the tool": (points[-1] + size * np.array([0.28, -0.32, 0.1]), points[-1]),
+        }
+        # Light without shadows: a control computer may draw without graphics hardware.
+        scene.configure_environment_map(None)
+        scene.configure_default_lights(enabled=False, cast_shadow=False)
+        scene.add_light_ambient("/light/all_round", intensity=0.7)
+        scene.add_light_directional("/light/sun", intensity=1.7, position=(0.6, -1.0, 1.5))
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = self._views["the arm"]
+        camera.near, camera.far = 0.01 * size, 100 * size
+        self._server.on_client_connect(self._welcome)
+
+    def _welcome(self, client: Any) -> None:
+        """Step back for who looks through a narrow window, whose lower half a sheet covers."""
+        if client.camera.aspect < _NARROW:
+            self._look(client, "the arm")
+
+    def _look(self, client: Any, at: str) -> None:
+        position, target = self._views[at]
+        if at == "the tool" and "reported" in self._bodies:
+            tool = self._bodies["reported"].tool
+            position, target = position - target + tool, tool
+        if client.camera.aspect < _NARROW:
+            back = 0.9 * (position - target)
+            down = np.array([0.0, 0.0, 0.5 * np.linalg.norm(back)])
+            position, target = position + back - down, target - down
+        with client.atomic():
+            client.camera.position, client.camera.look_at = position, target
+
+    def _draw(self, samples: Samples, is_fresh: bool) -> None:
+        found = view.poses(samples, self._robot) if self._drawing is not None else {}
+        if self._drawing is None or not found:
+            return
+        drawing = self._drawing.at(list(found.values()))
+        positions, wxyz, scales = drawing.cylinders()
+        if not set(found) <= set(self._bodies):
+            for name in found:
+                if name not in self._bodies:
+                    self._bodies[name] = _Body(self._server.scene, name, drawing)
+            self._legend.content = view.legend_html([n for n in view.POSES if n in self._bodies])
+        for k, name in enumerate(found):
+            self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
+        for name, body in self._bodies.items():
+            body.show(name in found, is_fresh)
+
+    def _replot(self) -> None:
+        with self._lock, self._server.atomic():
+            if self._window is None:
+                return
+            known = view.plots(self._window, self._robot, self._joint.value)
+            for name in view.PLOTS:
+                self._plot(name, known.get(name))
+
+    def _plot(self, name: str, plot: view.Plot | None) -> None:
+        """Give a plot new values; made anew only when other curves are known."""
+        handle = self._plots.get(name)
+        if plot is None:
+            if handle is not None:
+                handle.visible = False
+            return
+        data = (plot.t, *(curve.values for curve in plot.curves))
+        shape = (plot.title, *(curve.label for curve in plot.curves))
+        if handle is not None and shape == self._titles[name]:
+            handle.data = data
+            handle.visible = True
+            return
+        if handle is not None:
+            handle.remove()
+        with self._plot_tab:
+            self._plots[name] = self._server.gui.add_uplot(
+                data, _series(plot), title=plot.title,
+                height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
+                bands=({"series": (1, 2), "fill": view.COLOURS["band"]},) if plot.has_band else (),
+                scales={"x": {"time": False}},
+                axes=(_axis(24), _axis(44)),
+                legend={"show": len(plot.curves) > 1, "live": False},
+                padding=(4, 12, 0, 0),
+                order=1.0 + view.PLOTS.index(name),
+            )  # fmt: skip
+        self._titles[name] = shape
+
+
+def _axis(size: int) -> dict[str, Any]:
+    """Axis of a plot that takes up `size` px."""
+    ticks = {"size": 4, "width": 1, "stroke": view.COLOURS["stale"]}
+    return {"size": size, "font": "11px system-ui, sans-serif", "gap": 3, "ticks": ticks}
+
+
+class _Body:
+    """One pose of the arm in the scene."""
+
+    def __init__(self, scene: Any, name: str, drawing: Drawing) -> None:
+        self._colour = _rgb(view.COLOURS[name])
+        self._thickness = _THICKNESS[name]
+        common = {
+            "opacity": _OPACITY[name],
+            "batched_colors": self._colour,
+            "lod": "off",
+            "cast_shadow": False,
+            "receive_shadow": False,
+        }
+        mesh = require("trimesh", "monitor", "the monitor").creation
+        tube, ball = mesh.cylinder(1.0, 1.0, _SIDES), mesh.icosphere(2)
+        positions, wxyz, scales = (part[0] for part in drawing.cylinders())
+        self._tubes = scene.add_batched_meshes_simple(
+            f"/{name}/links", tube.vertices, tube.faces, wxyz, positions, batched_scales=scales,
+            **common,
+        )  # fmt: skip
+        n = len(drawing.ball_radii)
+        self._balls = scene.add_batched_meshes_simple(
+            f"/{name}/joints", ball.vertices, ball.faces, np.tile([1.0, 0, 0, 0], (n, 1)),
+            drawing.balls[0], batched_scales=drawing.ball_radii * self._thickness, **common,
+        )  # fmt: skip
+        self.tool = drawing.balls[0, -1]
+
+    def place(self, positions: Array, wxyz: Array, scales: Array, balls: Array) -> None:
+        """Move it to where `Drawing.cylinders` and `Drawing.balls` are."""
+        self._tubes.batched_positions = positions.astype(np.float32)
+        self._tubes.batched_wxyzs = wxyz.astype(np.float32)
+        thick = np.array([self._thickness, self._thickness, 1.0])
+        self._tubes.batched_scales = (scales * thick).astype(np.float32)
+        self._balls.batched_positions = balls.astype(np.float32)
+        self.tool = balls[-1]
+
+    def show(self, visible: bool, is_fresh: bool) -> None:
+        """Show it or not, grey where it is not of now."""
+        colour = self._colour if is_fresh else _rgb(view.COLOURS["stale"])
+        for part in (self._tubes, self._balls):
+            if part.visible != visible:
+                part.visible = visible
+            if tuple(part.batched_colors) != colour:
+                part.batched_colors = np.array(colour, dtype=np.uint8)
+
+
+def _series(plot: view.Plot) -> tuple[dict[str, Any], ...]:
+    """Describe the curves as uPlot does, the time first."""
+    series: list[dict[str, Any]] = [{"label": "t"}]
+    for curve in plot.curves:
+        named = {"label": curve.label, "width": 2.0}
+        unnamed = {"label": "", "class": "unnamed", "width": 1.0}
+        line = {"stroke": curve.colour, "points": {"show": False}}
+        series.append(line | (named if curve.label else unnamed))
+    return tuple(series)
+
+
+def _rgb(colour: str) -> tuple[int, ...]:
+    return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
+
+
+def _listening(host: str, port: int) -> Any:
+    """Give a server of viser's that talks to this computer's own pages, and to nobody outside."""
+    viser = require("viser", "monitor", "the monitor")
+    try:  # viser would look for another port, or forever
+        with socket.create_server((host, port)):
+            pass
+    except (OSError, OverflowError) as error:
+        why = (getattr(error, "strerror", None) or str(error)).partition(" (while ")[0]
+        raise TruejointError(
+            f"{host}, port {port}: cannot listen there: {why}; give another --port"
+        ) from None
+    with _silent():
+        server = viser.ViserServer(host=host, port=port, verbose=False)
+    if port and server.get_port() != port:
+        with _silent():
+            server.stop()
+        raise TruejointError(f"{host}, port {port}: taken; give another --port")
+    server.request_share_url = lambda **_: None  # whoever asks: nothing leaves this computer
+    sockets = server._websock_server  # viser looks at no origin itself
+
+    async def refuse_strangers(client: Any) -> None:
+        connection = sockets._live_connections[client.client_id]
+        if not is_own_page(connection.request.headers, host):
+            await connection.close(1008, "a page of another origin")
+
+    sockets.on_client_connect(refuse_strangers)
+    return server
+
+
+def is_own_page(headers: Any, host: str) -> bool:
+    """Whether a browser that wants to connect shows the monitor's own page.
+
+    Any page that is open in the same browser could connect and press the buttons. A browser says
+    of which origin the page is; programs, which need no browser to do so, say nothing.
+
+    Examples
+    --------
+    >>> is_own_page({"Origin": "http://evil.example", "Host": "127.0.0.1:8080"}, "127.0.0.1")
+    False
+    """
+    origin = headers.get("Origin")
+    if origin is None:
+        return True
+    asked = urlsplit(origin)
+    if asked.netloc != headers.get("Host"):
+        return False
+    return host not in _LOOPBACK_NAMES or asked.hostname in _LOOPBACK_NAMES
+
+
+@contextlib.contextmanager
+def _silent() -> Any:
+    """Keep what viser prints when it starts and stops from the person's terminal."""
+    with contextlib.redirect_stdout(io.StringIO()):
+        yield

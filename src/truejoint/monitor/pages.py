@@ -1,0 +1,262 @@
+"""Pages of an arm that works, and of a recording."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections import deque
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, Final, Self
+
+import numpy as np
+
+from truejoint.calibration import Calibration
+from truejoint.crtk.arm import Arm
+from truejoint.errors import TruejointError
+from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
+from truejoint.monitor.samples import LiveSamples, Samples
+from truejoint.monitor.view import Condition
+from truejoint.recordings.recording import Recording, as_recording
+from truejoint.robots.blocks import StateBlock, TruthBlock
+
+_PLOT_EVERY: Final = 3  # pictures
+_MOST_POINTS: Final = 600  # of a curve
+# A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s].
+_SWITCH_INTERVAL: Final = 5e-4
+_SPEEDS: Final = ("0.25", "1", "2", "5", "20")
+
+
+class _Closing:
+    """Is taken down when its `with` block is left."""
+
+    _page: Page
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Take the page down."""
+        self._page.close()
+
+
+class ArmPage(_Closing):
+    """A page in the browser that shows an arm while it works.
+
+    It takes what the arm reports from a subscription that only keeps it, corrects every sample in a
+    thread of its own and shows 25 pictures a second: reported, corrected and true pose, positions,
+    corrections with their interval, efforts, and how evenly messages come. Its buttons pause and
+    resume the arm. It listens on this computer alone, and loads nothing from elsewhere.
+
+    Parameters
+    ----------
+    arm : Arm
+        Any; it may be used and moved meanwhile as ever.
+    calibration : Calibration, optional
+        Of this arm.
+    host : str
+        Other computers reach the page, and its buttons, only where this says so.
+    port : int
+        0 for any that is free.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is of another arm.
+    TruejointError
+        If viser is not installed or the port is taken.
+
+    Notes
+    -----
+    While the page is open, threads of this process take turns after 0.5 ms rather than Python's 5
+    (`sys.setswitchinterval`), so that drawing holds up no loop that runs beside it.
+
+    Examples
+    --------
+    >>> with ArmPage(arm, port=0) as page:
+    ...     page.url[:17]
+    'http://127.0.0.1:'
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        calibration: Calibration | None = None,
+        *,
+        host: str = LOOPBACK,
+        port: int = PORT,
+    ) -> None:
+        self._arm = arm
+        self._live = LiveSamples(arm.robot, calibration)
+        self._inbox: deque[tuple[float, StateBlock | TruthBlock]] = deque()
+        self._last_arrival = math.nan
+        self._shown: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
+        self._count = 0
+        self._refusal = ""
+        self._page = Page(arm.robot, arm.robot.joint_names, self._add_buttons, host=host, port=port)
+        self.url: Final = self._page.url
+        self._switched = sys.getswitchinterval()
+        sys.setswitchinterval(min(self._switched, _SWITCH_INTERVAL))
+        arm.subscribe(self._receive)
+        self._page.run(self._frame)
+
+    def close(self) -> None:
+        """Take the page down; the arm goes on."""
+        self._arm.unsubscribe(self._receive)
+        super().close()
+        sys.setswitchinterval(self._switched)
+
+    def _receive(self, block: StateBlock | TruthBlock) -> None:
+        """Keep a block; in the arm's own thread, so no more than that."""
+        self._inbox.append((time.perf_counter(), block))
+
+    def _add_buttons(self, gui: Any) -> None:
+        pause = gui.add_button("Pause the arm", color="red")
+        pause.on_click(lambda _: self._command("pause"))
+        self._resume = gui.add_button("Resume", visible=False)
+        self._resume.on_click(lambda _: self._command("resume"))
+
+    def _command(self, name: str) -> None:
+        try:
+            self._arm.state_command(name)
+        except Exception as error:  # noqa: BLE001  # whatever a back end raises, who asked hears it
+            self._page.say(error)
+
+    def _frame(self) -> None:
+        condition = Condition.of(self._arm)
+        paused = condition.state.startswith("PAUSED")
+        if self._resume.visible != paused:
+            self._resume.visible = paused
+        row = self._row(condition)
+        if row is not None:
+            self._shown.append(row)
+        self._count += 1
+        if self._refusal:
+            reasons = filter(None, (condition.reason, self._refusal))
+            condition = replace(condition, reason="; ".join(reasons))
+        replot = row is not None and self._count % _PLOT_EVERY == 0
+        samples = Samples.joined(self._shown) if self._shown else None
+        self._page.show(samples, condition, replot=replot)
+
+    def _row(self, condition: Condition) -> Samples | None:
+        """Make a row of what came since the last picture."""
+        states, truths, longest = [], [], math.nan
+        for _ in range(len(self._inbox)):
+            arrived, block = self._inbox.popleft()
+            if isinstance(block, TruthBlock):
+                truths.append(block)
+            elif len(block.t):
+                states.append(block)
+                longest = np.fmax(longest, arrived - self._last_arrival)
+                self._last_arrival = arrived
+        if not condition.is_fresh:
+            self._last_arrival = math.nan  # it stands: no interval of its loop
+        if not states:
+            return None
+        with suppress(Exception):  # no answer now: homed as it last said
+            self._live.set_homing(self._arm.operating_state().is_homed, self._arm.homing_id)
+        try:
+            return self._live.row(states, truths, float(longest))
+        except TruejointError as error:
+            self._refusal = str(error)
+            self._live = LiveSamples(self._arm.robot)
+            return None
+
+
+class RecordingPage(_Closing):
+    """A page in the browser that shows a recording, to be played and scrubbed through.
+
+    Parameters
+    ----------
+    recording : Recording
+    calibration : Calibration, optional
+        Of the arm that was recorded.
+    host, port
+        As those of `ArmPage`.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is.
+
+    Raises
+    ------
+    RecordingError
+        If no measured position is in it.
+    CalibrationError
+        If the calibration is not for it.
+    TruejointError
+        If viser is not installed or the port is taken.
+
+    Examples
+    --------
+    >>> with RecordingPage(test, model, port=0) as page:
+    ...     page.url[:17]
+    'http://127.0.0.1:'
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        calibration: Calibration | None = None,
+        *,
+        host: str = LOOPBACK,
+        port: int = PORT,
+    ) -> None:
+        self._samples = Samples.of_recording(as_recording(recording), calibration)
+        t = self._samples.t
+        self._t, self._end = round(float(t[0]), 2), round(float(t[-1]), 2)  # as they are shown
+        self._drawn = math.nan
+        self._count = 0
+        self._last = time.monotonic()
+        self._page = Page(
+            recording.robot, self._samples.joints, self._add_controls, host=host, port=port
+        )
+        self.url: Final = self._page.url
+        self._page.run(self._frame)
+
+    def _add_controls(self, gui: Any) -> None:
+        self._slider = gui.add_slider("Time [s]", self._t, self._end, 0.01, self._t)
+        self._slider.on_update(self._scrub)
+        self._play = gui.add_checkbox("Play", initial_value=False)
+        self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
+
+    def _scrub(self, event: Any) -> None:
+        if event.client is not None:  # moved by a person, not by `_frame`
+            self._t = float(self._slider.value)
+
+    def _frame(self) -> None:
+        now = time.monotonic()
+        passed, self._last = now - self._last, now
+        if self._play.value:
+            self._t = min(self._t + passed * float(self._speed.value), self._end)
+            self._slider.value = self._t
+            if self._t >= self._end:
+                self._play.value = False
+        if self._t == self._drawn:
+            return
+        self._drawn = self._t
+        self._count += 1
+        replot = not self._play.value or self._count % _PLOT_EVERY == 0
+        window = self.window(self._t)
+        condition = Condition("recording", t=float(window.t[-1]))
+        self._page.show(window, condition, replot=replot)
+
+    def window(self, t: float) -> Samples:
+        """Rows that the plots show at `t` [s]: the 10 s before it, thinned out to what is seen."""
+        last = int(np.searchsorted(self._samples.t, t, side="right"))
+        first = int(np.searchsorted(self._samples.t, t - WINDOW))
+        last = max(last, 1)
+        first = min(first, last - 1)
+        step = max((last - first) // _MOST_POINTS, 1)
+        first += (last - 1 - first) % step  # the latest row is among them
+        return self._samples.rows(slice(first, last, step))

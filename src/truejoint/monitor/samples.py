@@ -1,0 +1,270 @@
+"""What is shown of an arm: reported, corrected and true positions, and what goes with them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.calibration import Calibration
+from truejoint.errors import CalibrationError, RecordingError
+from truejoint.recordings.recording import Recording, default_unit
+from truejoint.robots import Robot
+from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.runtime.corrector import Corrector, corrector_for
+from truejoint.runtime.status import Status
+
+MOST_ROWS: Final = 5000
+"""State messages that are corrected for one picture; of more, as an arm faster than real time
+sends them, the latest count."""
+_TRUTH_AGE: Final = 0.15  # of the latest reading of the joint encoders [s], to count as the truth
+_STAMP_ERROR: Final = 1e-4  # [s]
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Instants of an arm, a row each; NaN where something is not known.
+
+    Attributes
+    ----------
+    joints : tuple of str
+    t : ndarray, shape (n,)
+        Time stamps on the robot's clock [s].
+    reported, corrected, half_width, truth, setpoint : ndarray, shape (n, n_joints)
+        [rad or m]; `corrected` only where the corrector vouches for it, `half_width` of its
+        interval.
+    effort : ndarray, shape (n, n_joints)
+        As the robot reports it [Nm or N].
+    status : ndarray, shape (n,)
+        Bits of the corrector's `Status`.
+    interval : ndarray, shape (n,)
+        Longest time between two state messages since the row before [s].
+    effort_units : tuple of str
+        Of each joint.
+
+    Examples
+    --------
+    >>> Samples.of_recording(test, model).corrected.shape
+    (400, 1)
+    """
+
+    joints: tuple[str, ...]
+    t: Array
+    reported: Array
+    corrected: Array
+    half_width: Array
+    truth: Array
+    setpoint: Array
+    effort: Array
+    status: Integers
+    interval: Array
+    effort_units: tuple[str, ...]
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    @staticmethod
+    def joined(parts: Sequence[Samples]) -> Samples:
+        """Put samples of the same joints, one row or more, one after the other."""
+        rows: dict[str, Any] = {
+            name: np.concatenate([getattr(part, name) for part in parts]) for name in _ARRAYS
+        }
+        return replace(parts[0], **rows)
+
+    def rows(self, selection: slice) -> Samples:
+        """Keep some rows."""
+        return replace(self, **{name: getattr(self, name)[selection] for name in _ARRAYS})
+
+    @classmethod
+    def of_recording(cls, recording: Recording, calibration: Calibration | None = None) -> Samples:
+        """Every row of a recording, corrected as the robot's loop would.
+
+        Raises RecordingError without a measured position, CalibrationError if the calibration is
+        not for it or does not run in a loop.
+        """
+        robot = recording.robot
+        joints = tuple(j for j in recording.joints_of("measured") if j in robot.joint_names)
+        if not joints:
+            raise RecordingError(
+                f"{recording.provenance.source or 'recording'} has no measured position of a joint "
+                f"of {robot.title}: nothing to show"
+            )
+        n, t = len(recording), recording.t
+        corrected, half_width = np.full((2, n, len(joints)), np.nan)
+        status = np.zeros(n, dtype=np.int64)
+        if calibration is not None:
+            calibration.check_recording(recording)
+            corrector = corrector_for(calibration, [recording])
+            corrector.set_homing(True, recording.provenance.homing_id or None)
+            trace = corrector.run(recording)
+            vouched = _vouched(trace.position, trace.half_width, trace.status)
+            status = trace.status
+            for k, joint in enumerate(corrector.joints):
+                column = joints.index(joint)
+                corrected[:, column], half_width[:, column] = vouched[0][:, k], vouched[1][:, k]
+
+        def of(quantity: str) -> Array:
+            known = recording.joints_of(quantity)
+            none = np.full(n, np.nan)
+            return np.column_stack(
+                [recording.column(f"{quantity}/{j}") if j in known else none for j in joints]
+            )
+
+        return cls(
+            joints, t, of("measured"), corrected, half_width, of("truth"), of("setpoint"),
+            of("effort"), status, np.diff(t, prepend=np.nan),
+            tuple(recording.units.get(f"effort/{j}", "") for j in joints),
+        )  # fmt: skip
+
+
+_ARRAYS: Final = [f.name for f in fields(Samples) if not f.type.startswith("tuple")]
+
+
+class LiveSamples:
+    """Makes a row of what an arm reports, however much that is, and corrects all of it.
+
+    Parameters
+    ----------
+    robot : Robot
+    calibration : Calibration, optional
+        Of this arm.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration is of another arm, or does not run in a loop.
+
+    Examples
+    --------
+    >>> LiveSamples(truejoint.get_robot("davinci_grasper"), model).corrector.joints
+    ('jaw',)
+    """
+
+    def __init__(self, robot: Robot, calibration: Calibration | None = None) -> None:
+        if calibration is not None and (calibration.robot, calibration.arm) != (
+            robot.name,
+            robot.arm,
+        ):
+            raise CalibrationError(
+                f"the calibration of {calibration.title} is not for {robot.title}; give one that "
+                "was made on recordings of this arm"
+            )
+        self.robot: Final = robot
+        self.corrector: Final = None if calibration is None else Corrector(calibration)
+        self._channels = [robot.channels.index(name) for name in robot.joint_names]
+        names = robot.joint_names
+        self._effort_units = tuple(default_unit(f"effort/{name}", robot) for name in names)
+        self._period = 0.0 if calibration is None else _sample_period(calibration)
+        self._due = -math.inf  # stamp of the next sample [s]
+        self._truth: TruthBlock | None = None  # latest readings
+
+    def set_homing(self, is_homed: bool, homing_id: str) -> None:
+        """Tell the corrector whether the arm is homed, and which homing it is."""
+        if self.corrector is not None:
+            self.corrector.set_homing(is_homed, homing_id or None)
+
+    def row(
+        self, states: Sequence[StateBlock], truths: Sequence[TruthBlock], interval: float = math.nan
+    ) -> Samples | None:
+        """Correct consecutive state messages, one or more, and show one that has a truth.
+
+        That is the latest one that a reading of the joint encoders follows, which are taken
+        between the readings; without encoders the latest of all. None where the next reading is
+        still to come, or no message is due yet for a model that counts samples.
+        """
+        state = StateBlock.joined(states)
+        state = state.rows(slice(max(len(state.t) - MOST_ROWS, 0), None))
+        used = self._due_rows(state.t)
+        if not len(used):
+            return None
+        known = self._readings(truths)
+        if known is not None and state.t[used[-1]] - known.t[-1] > _TRUTH_AGE:
+            known = None
+        before = used if known is None else used[state.t[used] <= known.t[-1]]
+        shown = int(before[-1]) if len(before) else -1
+        corrected, half_width, status = self._correct(state, used, shown)
+        if shown < 0:
+            return None
+        truth = np.full(len(self.robot.joints), np.nan)
+        if known is not None:
+            for name, positions in zip(known.name, known.position.T, strict=True):
+                at = np.interp(state.t[shown], known.t, positions)
+                truth[self.robot.joint_names.index(name)] = at
+        effort = np.full(len(truth), np.nan)
+        if state.effort.shape[1]:
+            effort = state.effort[shown, self._channels]
+        return Samples(
+            joints=self.robot.joint_names,
+            t=state.t[[shown]],
+            reported=state.measured[[shown]][:, self._channels],
+            corrected=corrected[None],
+            half_width=half_width[None],
+            truth=truth[None],
+            setpoint=state.setpoint[[shown]][:, self._channels],
+            effort=effort[None],
+            status=np.array([int(status)]),
+            interval=np.array([interval]),
+            effort_units=self._effort_units,
+        )
+
+    def _due_rows(self, t: Array) -> Integers:
+        """Rows to step through: all, or for a model that counts samples those at its period."""
+        if not self._period:
+            return np.arange(len(t))
+        rows = []
+        for i, stamp in enumerate(t.tolist()):
+            if stamp >= self._due or stamp < self._due - 2 * self._period:
+                rows.append(i)
+                self._due = stamp + self._period - _STAMP_ERROR
+        return np.array(rows, dtype=np.int64)
+
+    def _readings(self, truths: Sequence[TruthBlock]) -> TruthBlock | None:
+        """Latest readings of the joint encoders, one from before among them."""
+        new = [block for block in truths if len(block.t)]
+        if new:
+            old = [] if self._truth is None else [self._truth]
+            both = TruthBlock.joined([*old, *new])
+            first = max(len(both.t) - sum(len(block.t) for block in new) - 1, 0)
+            self._truth = TruthBlock(both.t[first:], both.name, both.position[first:])
+        return self._truth
+
+    def _correct(
+        self, state: StateBlock, used: Integers, shown: int
+    ) -> tuple[Array, Array, Status]:
+        """Step through rows; position and half-width (n_joints,) and status of the one shown."""
+        position, half_width = np.full((2, len(self.robot.joints)), np.nan)
+        if self.corrector is None:
+            return position, half_width, Status.OK
+        columns, title = state.columns(), self.robot.title
+        missing = [name for name in self.corrector.signals if name not in columns]
+        if missing:
+            raise CalibrationError(
+                f"{title} does not report {', '.join(missing)}, which the model needs"
+            )
+        rows = np.column_stack([columns[name] for name in self.corrector.signals])
+        joints, kept = self.robot.index(self.corrector.joints), Status.OK
+        for i in used.tolist():
+            status = self.corrector.step(float(state.t[i]), rows[i])
+            if i == shown:
+                kept = status
+                position[joints], half_width[joints] = _vouched(
+                    self.corrector.position, self.corrector.half_width, np.array(int(status))
+                )
+        return position, half_width, kept
+
+
+def _sample_period(calibration: Calibration) -> float:
+    """Period of the samples [s] that a model counts; 0 where it goes by their stamps."""
+    counts = calibration.feature_set.counts_samples or calibration.model.family.counts_samples
+    return float(calibration.metadata["sample_dt"]) if counts else 0.0
+
+
+def _vouched(position: Array, half_width: Array, status: Integers) -> tuple[Array, Array]:
+    """Corrected positions and half-widths, NaN where not corrected, or not known."""
+    good = (status == Status.OK)[..., None]
+    known = good & np.isfinite(half_width)
+    return np.where(good, position, np.nan), np.where(known, half_width, np.nan)

@@ -1,0 +1,307 @@
+"""A corrector as a node: measured joints come in on a ROS topic, corrected ones go out."""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED, profile_of
+from truejoint.crtk.ros import Publisher, StateStream, Transport
+from truejoint.crtk.ros.transport import header_of
+from truejoint.errors import RosError
+from truejoint.robots import Robot
+from truejoint.runtime.corrector import Corrector
+from truejoint.runtime.status import Status
+
+DIAGNOSTICS: Final = "diagnostic_msgs/DiagnosticArray"
+SILENCE: Final = 1.0
+"""Time without a message [s] after which a topic counts as silent."""
+_OK, _WARN, _ERROR, _STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
+_ADVICE: Final = {
+    Status.NOT_HOMED: "home the robot, or start the node that publishes operating_state",
+    Status.HOMED_AGAIN: "re-zero the model after this homing (truejoint check --rezero), or state "
+    "--homing-id if its positions refer to the same one",
+    Status.ZERO_SUSPECT: "a measured position has jumped: home the robot again",
+}
+
+
+@dataclass
+class _Tally:
+    """What has happened since the last report."""
+
+    messages: int = 0
+    bits: int = 0
+
+
+class CorrectorNode:
+    """Corrects the joint states of an arm as they come, from entering to leaving.
+
+    Beside the arm's own topics, in ``<namespace>/corrected``: ``measured_js``, the input with the
+    calibrated joints corrected and the stamp as it came; ``half_width``, a JointState of these
+    joints whose position is how far off they may be, infinite where that is not known; ``status``,
+    a StringStamped of the stamp from which on it holds, sent when it changes. Once a second
+    ``/diagnostics`` says how all that goes.
+
+    Parameters
+    ----------
+    transport : Transport
+    correctors : sequence of Corrector
+        The first whose signals the arm's topics have is used: one that also checks redundant
+        signals, then one without.
+    robot : Robot
+        What they are for.
+    profile : str
+        How its messages differ from CRTK, by name (`truejoint.crtk.messages.PROFILES`).
+    namespace : str
+        Of the arm's topics; by default what the profile says.
+    homing_id : str, optional
+        Homing that the positions refer to, until the robot is homed again.
+    say : callable
+        Told in a line what is waited for, and what has changed.
+
+    Attributes
+    ----------
+    topic : str
+        What comes in.
+    received, corrected : int
+        Messages so far.
+
+    Raises
+    ------
+    RobotError
+        If there is no such profile.
+    RosError
+        Where message types are not installed.
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        correctors: Sequence[Corrector],
+        robot: Robot,
+        profile: str = "",
+        *,
+        namespace: str = "",
+        homing_id: str | None = None,
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._transport, self._robot, self._say = transport, robot, say
+        self._profile = profile_of(robot, profile)
+        self._choices = tuple(correctors)
+        self._homing_id = homing_id
+        self._stream = StateStream(transport, robot, self._profile, self._correct, namespace)
+        self.topic = self._stream.topic
+        self.received = self.corrected = 0
+        self._corrector: Corrector | None = None
+        self._sample = np.empty(0)
+        self._is_homed: bool | None = None  # as the robot said last
+        self._was_lost = False  # its homing, since the last sample
+        self._told: bool | None = None  # as the corrector was told
+        self._status: Status | None = None
+        self._heard = -math.inf
+        self._tally = _Tally()
+        self._said = ""
+        self._over = threading.Event()
+        self._endings: list[Callable[[], None]] = []
+
+    def __enter__(self) -> Self:
+        space = self._stream.name("corrected")
+        try:
+            self._out = self._made(f"{space}/measured_js", JOINT_STATE)
+            self._half_width = self._made(f"{space}/half_width", JOINT_STATE)
+            self._status_out = self._made(f"{space}/status", STRING_STAMPED, latched=True)
+            self._diagnostics = self._made("/diagnostics", DIAGNOSTICS)
+            topic = self._stream.name("operating_state")
+            self._endings.append(
+                self._transport.subscribe(topic, OPERATING_STATE, self._on_operating_state)
+            )
+            self._stream.start()
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def _made(self, topic: str, kind: str, *, latched: bool = False) -> Publisher:
+        """Begin to write a topic, until leaving."""
+        made = self._transport.publisher(topic, kind, latched=latched)
+        self._endings.append(made.close)
+        return made
+
+    def __exit__(self, *_: object) -> None:
+        self._over.set()
+        self._stream.close()
+        while self._endings:
+            self._endings.pop()()
+
+    def run(self, duration: float = math.inf) -> None:
+        """Report once a second until `stop`, for `duration` [s] or until the node is shut down."""
+        end = time.monotonic() + duration
+        while not (self._over.is_set() or self._transport.is_over):
+            left = end - time.monotonic()
+            if left <= 0.0:
+                return
+            self._report()
+            self._over.wait(min(SILENCE, left))
+
+    def stop(self) -> None:
+        """End `run`, from any thread."""
+        self._over.set()
+
+    def _on_operating_state(self, message: Any) -> None:
+        self._is_homed = bool(message.is_homed)
+        self._was_lost |= not message.is_homed
+
+    def _correct(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
+        self._heard = time.monotonic()
+        self.received += 1
+        self._tally.messages += 1
+        corrector = self._corrector or self._choose(columns)
+        if corrector is None:
+            return
+        if not columns.keys() >= set(corrector.signals):  # once it had them
+            self._refuse(corrector, columns)
+            return
+        if self._was_lost or self._is_homed is not self._told:
+            self._tell_homing(corrector)
+        sample = self._sample
+        for k, signal in enumerate(corrector.signals):
+            sample[k] = columns[signal][0]
+        status = corrector.step(t, sample)
+        self._tally.bits |= status
+        position, half_width = corrector.position, corrector.half_width
+        if status & Status.OTHER_THREAD:  # those are of another sample
+            position = np.array([columns[f"measured/{joint}"][0] for joint in corrector.joints])
+            half_width = np.full_like(position, np.inf)
+        self._publish(message, columns, corrector.joints, position, half_width)
+        if status is not self._status:
+            self._status = status
+            text = self._transport.message(STRING_STAMPED)
+            text.header.stamp, text.string = _stamp(message), status.name
+            self._status_out.publish(text)
+        if status == 0:
+            self.corrected += 1
+
+    def _choose(self, columns: Mapping[str, Array]) -> Corrector | None:
+        for corrector in self._choices:
+            if all(signal in columns for signal in corrector.signals):
+                self._sample = np.empty(len(corrector.signals))
+                self._corrector = corrector
+                return corrector
+        self._refuse(self._choices[-1], columns)
+        return None
+
+    def _refuse(self, corrector: Corrector, columns: Mapping[str, Array]) -> None:
+        lacking = [signal for signal in corrector.signals if signal not in columns]
+        self._stream.refusal = (
+            f"{self.topic} has no {', '.join(lacking)}, which the model needs: give the profile or "
+            "topics that have them, or calibrate with --features that do without"
+        )
+
+    def _tell_homing(self, corrector: Corrector) -> None:
+        if self._was_lost:
+            self._was_lost, self._homing_id = False, None  # the next homing is another
+            corrector.set_homing(False)
+        self._told = self._is_homed
+        if self._told:
+            corrector.set_homing(True, self._homing_id)
+
+    def _publish(
+        self,
+        message: Any,
+        columns: Mapping[str, Array],
+        corrected: Sequence[str],
+        position: Array,
+        half_width: Array,
+    ) -> None:
+        out = self._transport.message(JOINT_STATE)
+        out.header.stamp = _stamp(message)
+        if self._stream.reads_raven:
+            joints: Sequence[str] = self._robot.joint_names
+            out.name = list(joints)
+            out.position = [float(columns[f"measured/{joint}"][0]) for joint in joints]
+            out.velocity = [float(columns[f"velocity/{joint}"][0]) for joint in joints]
+            out.effort = [float(columns[f"effort/{joint}"][0]) for joint in joints]
+        else:
+            joints = [name.partition("/")[2] for name in columns if name.startswith("measured/")]
+            out.header.frame_id = message.header.frame_id
+            out.name, out.position = message.name, list(message.position)
+            out.velocity, out.effort = message.velocity, message.effort
+        for joint, value in zip(corrected, position.tolist(), strict=True):
+            out.position[joints.index(joint)] = value
+        self._out.publish(out)
+        if self._half_width.readers:
+            width = self._transport.message(JOINT_STATE)
+            width.header.stamp = _stamp(message)
+            width.name = list(corrected)
+            width.position = half_width.tolist()
+            self._half_width.publish(width)
+
+    def _report(self) -> None:
+        """Say how it goes: to a person what has changed, to ``/diagnostics`` all."""
+        tally, self._tally = self._tally, _Tally()
+        level, message = self._judge(tally)
+        if message != self._said:
+            self._said = message
+            self._say(message)
+        array = self._transport.stamped(DIAGNOSTICS, self._transport.now())
+        status = self._transport.message("diagnostic_msgs/DiagnosticStatus")
+        status.level = bytes([level]) if isinstance(status.level, bytes) else level  # in ROS 2
+        status.name, status.message = f"truejoint: {self._robot.title}", message
+        status.hardware_id = self._robot.title
+        facts = {
+            "input": self.topic,
+            "messages received": self.received,
+            "messages corrected": self.corrected,
+            "messages with an invalid stamp": self._stream.invalid,
+            "messages in the last second": tally.messages,
+            "status": Status(tally.bits).name if tally.messages else "none",
+        }
+        if self._corrector is not None:
+            width = self._corrector.half_width
+            facts |= dict(
+                zip((f"half-width of {j}" for j in self._corrector.joints), width, strict=True)
+            )
+        for key, value in facts.items():
+            pair = self._transport.message("diagnostic_msgs/KeyValue")
+            pair.key, pair.value = key, str(value)
+            status.values.append(pair)
+        array.status.append(status)
+        self._diagnostics.publish(array)
+
+    def _judge(self, tally: _Tally) -> tuple[int, str]:
+        """Level of diagnostic_msgs and a line on how the last second went."""
+        if self._stream.refusal:
+            return _ERROR, self._stream.refusal
+        if not self.received:
+            stamps = ": its stamps are invalid; is the robot homed?"
+            why = stamps if self._stream.invalid else self._writers()
+            return _STALE, f"waiting for {self.topic}{why}"
+        silent = time.monotonic() - self._heard
+        if silent > SILENCE:
+            return _STALE, f"{self.topic} is silent: does the robot still run? Waiting for it"
+        if not tally.bits:
+            return _OK, f"correcting {self.topic}"
+        bits = Status(tally.bits)
+        if self._is_homed is None:
+            name = self._stream.name("operating_state")
+            return _WARN, f"waiting for {name}, which says whether the robot is homed"
+        advice = "; ".join(text for bit, text in _ADVICE.items() if bits & bit)
+        return _WARN, f"passing through: {bits.name}: {advice or bits.words}"
+
+    def _writers(self) -> str:
+        try:
+            is_written = self.topic in self._transport.topics()
+        except RosError as error:
+            return f": {error}"
+        return "" if is_written else ", which nobody writes: start the robot's node"
+
+
+def _stamp(message: Any) -> Any:
+    return header_of(message).stamp

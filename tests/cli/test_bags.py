@@ -1,0 +1,80 @@
+"""`truejoint extract`, `bag` and `doctor`, as a person calls them."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.cli.conftest import Call
+
+from truejoint import read_recording
+
+pytest.importorskip("rosbags", reason="rosbags is not installed (truejoint[ros])")
+
+
+@pytest.fixture(scope="module")
+def bag(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("bags") / "random.bag"
+
+
+def test_a_session_goes_to_a_bag_and_back(call: Call, session: Path, bag: Path, tmp_path: Path):
+    made = call("bag", session / "random.parquet", "-o", bag)
+    assert made.code == 0, made.err
+    assert "/ravenstate" in made.out
+    listed = call("extract", bag)
+    assert "/ext_jpos  sensor_msgs/JointState" in listed.out
+    output = tmp_path / "again.parquet"
+    told = call("extract", bag, "-o", output, "--load-grams", "200", "--homing-id", "x", "--json")
+    assert told.code == 0, told.err
+    assert json.loads(told.out)["homing_id"] == "x"
+    again, before = read_recording(output), read_recording(session / "random.parquet")
+    assert again.provenance.load == 0.2
+    assert again.provenance.command.startswith("truejoint extract")
+    np.testing.assert_allclose(
+        again.column("measured/elbow"), before.column("measured/elbow"), rtol=1e-6
+    )
+    assert call("extract", bag, "-o", output).code == 2
+
+    # The joint sensors from a file, beside the bag of the robot.
+    truth = before.table[["t", *(c for c in before.table if str(c).startswith("truth/"))]]
+    truth.dropna().to_csv(tmp_path / "encoders.csv", index=False)
+    joined = tmp_path / "joined.parquet"
+    sensors = ("--truth", tmp_path / "encoders.csv", "--offset-s", before.provenance.start)
+    assert call("extract", bag, *map(str, sensors), "-o", joined).code == 0
+    assert np.isfinite(read_recording(joined).column("truth/elbow")).mean() > 0.9
+
+
+def test_the_doctor_says_a_line_for_each_verdict(call: Call, session: Path, bag: Path):
+    assert bag.exists()
+    for target in (session / "random.parquet", bag):
+        told = call("doctor", target)
+        assert told.code == 0, told.out
+        assert len(told.out.splitlines()) == 14
+        assert "effort sign: net work of the efforts" in told.out
+    swapped = call("doctor", bag, "--arm", "right", "--json")
+    assert swapped.code == 1
+    levels = {v["name"]: v["level"] for v in json.loads(swapped.out)["verdicts"]}
+    assert levels["arm"] == "fail"
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("extract", "none.bag"), "no such file"),
+        (("extract", "none.bag", "--robot", "raven2"), "no --out"),
+        (("extract", "none.bag", "--offset-s", "0"), "no --out"),
+        (("extract", "{csv}", "-o", "a.parquet"), "is no bag"),
+        (
+            ("doctor", "{parquet}", "--truth", "/x"),
+            "is no bag, so it has neither profile nor topics",
+        ),
+        (("bag", "{parquet}", "-o", "a.zip"), "call it .bag for ROS 1 or .mcap for ROS 2"),
+    ],
+)
+def test_mistakes_are_one_line(call: Call, session: Path, words: tuple[str, ...], said: str):
+    named = {"csv": session / "random.csv", "parquet": session / "random.parquet"}
+    result = call(*(word.format(**named) for word in words))
+    assert result.code == 2
+    assert said in result.err.strip().splitlines()[-1]

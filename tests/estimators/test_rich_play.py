@@ -1,0 +1,130 @@
+"""Rich plays: what the model sees, the penalties of the ridge, and what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.streams import SIGNALS, recording
+
+from truejoint.calibration import calibrate
+from truejoint.errors import CalibrationError
+from truejoint.estimators import LinearRegressor, RichPlay
+from truejoint.estimators.rich_play import PENALTIES, Ridge
+from truejoint.models import play_bank
+from truejoint.models.features import FeatureSet, time_steps
+from truejoint.models.play_bank import expand_rows
+
+T = np.arange(0.0, 40.0, 0.02)
+
+
+def slack(seed: int = 0, n: int = 2000) -> tuple[np.ndarray, np.ndarray]:
+    """Positions and load (n, 2), and an error that is a loop whose width grows with the load."""
+    rng = np.random.default_rng(seed)
+    phase = np.cumsum(rng.uniform(0.2, 1.8, n)) * 0.02
+    X = np.column_stack([np.sin(phase), np.cos(0.37 * phase + seed)])
+    return X, 0.05 * np.sign(np.gradient(X[:, 0])) * (1.5 + X[:, 1])
+
+
+def test_the_model_sees_scaled_features_plays_and_low_passes():
+    signals = ("measured/shoulder", "effort/shoulder")
+    run = recording(T[:300])
+    run = run.rows(np.r_[0:150, 200:300])
+    X = FeatureSet.parse(signals).compute(run)
+    dt = time_steps(run.t, 0.2)
+    low, high = X.min(axis=0), X.max(axis=0)
+    arrays = {"centre": (low + high) / 2, "inverse_half_range": 2 / (high - low)}
+    params = {"plays": (0.1, 0.4), "time_constants": (0.3,)}
+    kept = np.arange(len(X)) % 3 == 1
+    seen = expand_rows(params, arrays, X, dt, kept)
+    half = (high - low) / 2
+    widths = [(s, float(w * h)) for s, h in zip(signals, half, strict=True) for w in (0.1, 0.4)]
+    names = [f"play({s}, {width!r})" for s, width in widths]
+    names += [f"lowpass({s}, 0.3)" for s in signals]
+    history = FeatureSet.parse(names).compute(run, 0.2)
+    scaled = (X - arrays["centre"]) / half
+    of = [0, 0, 1, 1, 0, 1]
+    size = np.array([0.1, 0.4, 0.1, 0.4, 1.0, 1.0]) * half[of]
+    expected = np.column_stack([scaled, (history - X[:, of]) / size])
+    np.testing.assert_allclose(seen, expected[kept], atol=1e-9)
+    assert np.abs(scaled).max() == pytest.approx(1.0)
+    assert seen.shape == (int(kept.sum()), play_bank.n_seen(params, 2))
+
+
+def test_it_knows_a_loop_whose_width_grows_with_the_load():
+    (X, y), (X_new, y_new) = slack(0), slack(1)
+    linear = LinearRegressor().fit(X, y)
+    rich = RichPlay().fit(X, y)
+    left, before = (np.std(y_new - m.predict(X_new)) for m in (rich, linear))
+    assert left < 0.5 * before
+
+
+def test_without_penalty_ridge_is_least_squares_and_noise_makes_it_larger():
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(400, 30))
+    noise = rng.normal(size=400)
+    y = np.column_stack([X[:, 0] * X[:, 1] + 2.0 * X[:, 3], noise])
+    model = Ridge(first=2, crossed=2).fit(X, y)
+    assert model.penalties_.tolist() == [PENALTIES[0], PENALTIES[-1]]
+    assert model.shares_[0] == 1.0
+    np.testing.assert_allclose(model.predict(X)[:, 0], y[:, 0], atol=1e-5)
+    assert np.std(model.predict(X)[:, 1]) < 0.1 * np.std(noise)
+
+
+def test_progress_goes_on_to_the_end():
+    told: list[float] = []
+    X, y = slack()
+    Ridge(first=2, crossed=2).fit(X, y, told.append)
+    assert told == sorted(told)
+    assert told[-1] == 1.0
+
+
+def test_what_never_changes_is_not_learnt_of():
+    X, y = slack()
+    constant = np.column_stack([X, np.full(len(X), 3.0)])
+    model = RichPlay().fit(constant, y)
+    moved = constant + np.array([0.0, 0.0, 5.0])
+    np.testing.assert_array_equal(model.predict(moved), model.predict(constant))
+
+
+def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
+    X, y = slack()
+    few = RichPlay(rows=500).fit(X, y)
+    known = np.where(np.arange(len(y)) % 4 == 0, y, np.nan)
+    low_high = known.copy()
+    low_high[[X[:, 0].argmin(), X[:, 0].argmax()]] = np.nan
+    again = RichPlay().fit(X, known)
+    np.testing.assert_allclose(few.predict(X), again.predict(X), atol=0.02)
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"learner": "forest"}, "learner is 'forest'; it must be one of ridge, trees"),
+        ({"plays": (0.0,)}, "plays is .*; it must be 1 to 32 half-widths"),
+        ({"time_constants": ()}, "time_constants is .*; it must be 1 to 8 times"),
+        ({"rows": 0}, "rows is 0; it must be an integer from 1"),
+    ],
+)
+def test_a_wrong_parameter_is_refused(how, said):
+    with pytest.raises(CalibrationError, match=said):
+        RichPlay(**how).fit(*slack())
+
+
+def test_too_few_rows_are_refused():
+    with pytest.raises(CalibrationError, match="rows with truth; rich_play with 4 features needs"):
+        calibrate(recording(T[:200]), "rich_play", features=SIGNALS)
+
+
+def test_a_model_with_a_memory_of_its_own_is_refused():
+    model = RichPlay().fit(*slack(n=600))
+    params = dict(model.model_params())
+    params["members"] = (("play_bank", dict(RichPlay().model_params()), ()),)
+    with pytest.raises(CalibrationError, match="it must be one without a memory"):
+        play_bank.FAMILY.shapes(params, 2, 1)
+
+
+def test_a_model_for_some_outputs_alone_is_refused():
+    params = dict(RichPlay().fit(*slack(n=600)).model_params())
+    params["members"] = tuple((*member[:2], (0,)) for member in params["members"])
+    with pytest.raises(CalibrationError, match="its parameters and no outputs"):
+        play_bank.FAMILY.check_params(params)

@@ -1,0 +1,37 @@
+"""Tests of truejoint.export.export_ros; tests/test_lab_day.py builds and runs a package."""
+
+import re
+
+import pytest
+from tests.synthetic import build_recording
+
+import truejoint
+from truejoint.errors import ExportError
+from truejoint.export import export_ros
+
+
+def test_each_signal_is_taken_from_its_place_in_a_joint_state(tmp_path):
+    features = ["measured/elbow", "effort/jaw2", "measured/unused"]
+    model = truejoint.calibrate(build_recording(400), "linear", features=features)
+    paths = export_ros(model, tmp_path, prefix="left")
+    assert {path.name for path in paths} >= {"package.xml", "CMakeLists.txt", "left_ros1.cpp"}
+    text = (tmp_path / "left_joints.hpp").read_text()
+    taken = re.findall(r"static_cast<double>\((.*)\),  // (\S+)", text)
+    wanted = {"measured/elbow": "in.position[1]", "effort/jaw2": "motor[6]",
+              "measured/unused": "0.0"}  # fmt: skip
+    assert {name: value for value, name in taken if name in wanted} == wanted
+    assert "setpoint_js" not in (tmp_path / "left_ros1.cpp").read_text()
+    with pytest.raises(ExportError, match="exists"):
+        export_ros(model, tmp_path, prefix="left")
+
+
+def test_a_model_of_what_no_joint_state_has_is_refused(tmp_path):
+    recording = build_recording(400)
+    columns = {"motor/elbow": recording.column("measured/elbow") * 121.0}
+    with_motor = truejoint.Recording.from_columns(
+        {**dict(recording.table), **columns}, recording.provenance,
+        {**recording.units, "motor/elbow": "rad"},
+    )  # fmt: skip
+    model = truejoint.calibrate(with_motor, "linear", features=["motor/elbow"])
+    with pytest.raises(ExportError, match="no joint state has motor/elbow"):
+        export_ros(model, tmp_path)

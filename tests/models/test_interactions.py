@@ -1,0 +1,34 @@
+"""Interaction terms: which there are, and what they give."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.errors import CalibrationError
+from truejoint.models.family import EstimatorData, evaluate
+from truejoint.models.interactions import FAMILY, interaction_factors
+
+
+def test_each_product_of_crossed_and_first_features_is_there_once():
+    factors = interaction_factors(4, 2, 3).tolist()
+    assert factors == [[0, 4], [1, 4], [2, 4], [3, 4], [0, 0], [1, 0], [2, 0], [1, 1], [2, 1]]
+    assert interaction_factors(2, 0, 0).tolist() == [[0, 2], [1, 2]]
+
+
+def test_a_row_is_linear_in_the_scaled_features_and_their_products():
+    rng = np.random.default_rng(0)
+    shapes = FAMILY.shapes({"first": 1, "crossed": 2}, 3, 2)
+    arrays = {name: rng.normal(size=shape) for name, shape in shapes.items()}
+    X = rng.normal(size=(20, 3))
+    data = EstimatorData("interactions", {"first": 1, "crossed": 2}, arrays)
+    found = evaluate(FAMILY, FAMILY.memory(data, 3, 2), X, np.zeros(20), 2)
+    a, b, c = ((X - arrays["mean"]) * arrays["inverse_scale"]).T
+    terms = np.column_stack([a, b, c, a * a, a * b])
+    np.testing.assert_allclose(found, terms @ arrays["coef"] + arrays["intercept"], rtol=1e-12)
+
+
+@pytest.mark.parametrize(("first", "crossed"), [(2, 1), (1, 4), (4000, 4000)])
+def test_more_than_there_are_is_refused(first, crossed):
+    with pytest.raises(CalibrationError, match=f"first {crossed} features with {first}"):
+        FAMILY.shapes({"first": first, "crossed": crossed}, 3, 1)

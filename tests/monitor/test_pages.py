@@ -1,0 +1,269 @@
+"""Tests of truejoint.monitor.pages and page: as a browser would see it, and in one."""
+
+import socket
+import sys
+
+import numpy as np
+import pytest
+import viser
+from benchmarks import chromium
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import connect
+from websockets.typing import Subprotocol
+
+from truejoint.crtk import Arm, Fault, FaultyBackend
+from truejoint.errors import CalibrationError, RecordingError, TruejointError
+from truejoint.monitor import ArmPage, RecordingPage
+from truejoint.monitor.page import Page, is_own_page
+from truejoint.recordings import Recording
+
+SPOKEN = [Subprotocol(f"viser-v{viser.__version__}")]
+
+
+@pytest.fixture
+def by_hand(monkeypatch):
+    """Pictures are made when a test asks for them."""
+    monkeypatch.setattr(Page, "run", lambda page, frame: None)
+
+
+@pytest.fixture
+def page(by_hand, lagging_arm):
+    with ArmPage(lagging_arm, port=0) as page:
+        yield page
+
+
+def _move(arm):
+    arm.move_jp(arm.robot.home + 0.05 * np.eye(7)[0]).wait()
+
+
+def test_numbers_follow_the_arm(page, lagging_arm):
+    for way in (0.05, -0.03):
+        lagging_arm.move_jp(lagging_arm.robot.home + way * np.eye(7)[0]).wait()
+        page._frame()
+        now = lagging_arm.measured_js()
+        assert "ENABLED" in page._page._status.content
+        # The row that is shown is the latest that a reading of the encoders follows.
+        shown = page._shown[-1]
+        assert now.t - 0.01 <= shown.t[0] <= now.t
+        assert f"{np.degrees(shown.reported[0, 0]):.2f}" in page._page._table.content
+        assert f'data-t="{shown.t[0]:.4f}"' in page._page._status.content
+    tool = lagging_arm.robot.kinematics.forward(page._shown[-1].reported[0])[:3, 3]
+    turned = lagging_arm.robot.kinematics.crtk_from_base[:3, :3] @ tool
+    assert page._page._bodies["reported"].tool == pytest.approx(turned, abs=1e-9)
+    assert sorted(page._page._bodies) == ["reported", "truth"]
+    for _ in range(3):
+        page._frame()
+    assert len(page._shown) == 2  # nothing new was reported
+
+
+def test_the_buttons_pause_and_resume_the_arm(page, lagging_arm):
+    _move(lagging_arm)
+    page._command("pause")
+    assert lagging_arm.operating_state().state == "PAUSED"
+    page._frame()
+    assert page._resume.visible
+    page._command("resume")
+    page._frame()
+    assert lagging_arm.operating_state().state == "ENABLED"
+    assert not page._resume.visible
+    lagging_arm.disable()
+    page._command("resume")  # refused: told to who looks, never raised
+    assert lagging_arm.operating_state().state == "DISABLED"
+
+
+def test_an_arm_that_stops_reporting_turns_grey(page, lagging_arm, lagging_backend):
+    _move(lagging_arm)
+    page._frame()
+    tubes = page._page._bodies["reported"]._tubes
+    coloured, table = tubes.batched_colors.tolist(), page._page._table.content
+    lagging_backend.time += 4.0
+    page._frame()
+    assert "4.0 s ago" in page._page._status.content
+    assert "the newest state message is 4 s old" in page._page._status.content
+    assert 'class="stale"' in page._page._table.content
+    assert page._page._table.content == table.replace('id="joints"', 'id="joints" class="stale"')
+    assert tubes.batched_colors.tolist() != coloured
+    _move(lagging_arm)
+    page._frame()
+    assert tubes.batched_colors.tolist() == coloured
+
+
+def test_a_fault_is_told(by_hand, lagging_backend):
+    arm = Arm(FaultyBackend(lagging_backend, [Fault("fault", 3.0)]))
+    arm.enable()
+    arm.home()
+    with ArmPage(arm, port=0) as page:
+        page._frame()
+        assert "no state message yet" in page._page._status.content
+        lagging_backend.time = 3.0
+        page._frame()
+        assert "FAULT" in page._page._status.content
+        assert "clear the fault on the robot" in page._page._status.content
+
+
+def test_a_model_that_the_arm_cannot_serve_is_named_and_the_arm_still_shown(
+    page, lagging_arm, monkeypatch
+):
+    def refuse(*_):
+        raise CalibrationError("does not report x")
+
+    monkeypatch.setattr(page._live, "row", refuse)
+    _move(lagging_arm)
+    page._frame()
+    assert "does not report x" in page._page._status.content
+    _move(lagging_arm)
+    page._frame()
+    assert "does not report x" in page._page._status.content
+    assert "shoulder" in page._page._table.content
+
+
+def test_an_arm_that_once_gives_no_answer_is_corrected_on(page, lagging_arm, monkeypatch):
+    _move(lagging_arm)
+    live, answers = page._live, [lagging_arm.operating_state()]  # of two questions a picture
+    with monkeypatch.context() as patch:
+        patch.setattr(lagging_arm, "operating_state", answers.pop)
+        page._frame()
+    assert not page._refusal
+    assert page._live is live
+    assert len(page._shown) == 1
+
+
+def test_a_robot_without_kinematics_has_plots_alone(by_hand, jaw_recording, jaw_model):
+    with RecordingPage(jaw_recording, jaw_model, port=0) as page:
+        page._t = 1.0
+        page._frame()
+        assert page._page._bodies == {}
+        assert sorted(page._page._plots) == ["correction", "effort", "messages", "position"]
+        data = page._page._plots["position"].data
+        assert data[0][-1] == 1.0
+
+
+def test_a_recording_is_scrubbed_and_played_to_its_end(by_hand, jaw_recording):
+    with RecordingPage(jaw_recording, port=0) as page:
+        page._t = 2.0
+        page._frame()
+        assert "t = 2.00 s" in page._page._status.content
+        page._play.value, page._speed.value = True, "20"
+        page._last -= 1.0  # a second ago
+        page._frame()
+        assert page._t == pytest.approx(jaw_recording.t[-1])
+        assert page._slider.value == pytest.approx(jaw_recording.t[-1])
+        assert not page._play.value
+
+
+def test_the_plots_of_a_recording_end_where_it_is(by_hand):
+    t = np.arange(30_000) / 1e3
+    columns = {"t": t, "measured/jaw": np.sin(t)}
+    with RecordingPage(Recording.from_columns(columns, "davinci_grasper"), port=0) as page:
+        for at in (0.0, 5.0, 17.3, 29.999):
+            window = page.window(at)
+            assert window.t[-1] == pytest.approx(at)
+            assert window.t[0] >= at - 10.001
+            assert len(window) <= 650
+
+
+def test_only_its_own_page_may_connect(page):
+    address = page.url.replace("http", "ws")
+    with connect(address, subprotocols=SPOKEN, origin="http://evil.example") as stranger:
+        with pytest.raises(ConnectionClosed):
+            stranger.recv(timeout=20)
+        assert stranger.protocol.close_rcvd.code == 1008
+    with connect(address, subprotocols=SPOKEN, origin=page.url) as own:
+        assert own.recv(timeout=20)
+
+
+@pytest.mark.parametrize(
+    ("origin", "asked", "host", "own"),
+    [
+        ("http://127.0.0.1:8080", "127.0.0.1:8080", "127.0.0.1", True),
+        ("http://localhost:8080", "localhost:8080", "127.0.0.1", True),
+        (None, "127.0.0.1:8080", "127.0.0.1", True),
+        ("http://127.0.0.1:9000", "127.0.0.1:8080", "127.0.0.1", False),
+        ("null", "127.0.0.1:8080", "127.0.0.1", False),
+        ("http://rebound.example:8080", "rebound.example:8080", "127.0.0.1", False),
+        ("http://robot.lab:8080", "robot.lab:8080", "192.0.2.7", True),
+        ("http://evil.example", "robot.lab:8080", "192.0.2.7", False),
+    ],
+)
+def test_whose_page_it_is(origin, asked, host, own):
+    headers = {"Host": asked} | ({} if origin is None else {"Origin": origin})
+    assert is_own_page(headers, host) is own
+
+
+def test_nothing_is_shared_with_the_outside(page):
+    assert page._page._server.request_share_url(verbose=False) is None
+    assert page._page._server._share_tunnel is None
+
+
+def test_a_port_that_is_taken_is_refused(lagging_arm):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        port = other.getsockname()[1]
+        with pytest.raises(TruejointError, match=f"port {port}: cannot listen there: .*--port"):
+            ArmPage(lagging_arm, port=port)
+    with pytest.raises(TruejointError, match=r"203\.0\.113\.9, port 0: cannot listen"):
+        ArmPage(lagging_arm, host="203.0.113.9", port=0)
+    lagging_arm.move_jp(lagging_arm.robot.home).wait()  # nothing was left behind
+
+
+def test_a_closed_page_lets_the_arm_and_the_port_go(by_hand, lagging_arm, capsys):
+    before = sys.getswitchinterval()
+    with ArmPage(lagging_arm, port=0) as page:
+        port = int(page.url.rpartition(":")[2])
+        assert sys.getswitchinterval() <= 5e-4 + 1e-9
+    assert sys.getswitchinterval() == before
+    _move(lagging_arm)
+    assert not page._inbox
+    with socket.create_server(("127.0.0.1", port)):
+        pass
+    assert capsys.readouterr().out == ""
+
+
+def test_a_page_that_fails_says_so(page, monkeypatch):
+    def fail():
+        raise ZeroDivisionError("by mistake")
+
+    with pytest.raises(ZeroDivisionError):
+        page._page._loop(fail)
+    assert "the page has stopped</b> by mistake" in page._page._status.content
+
+
+def test_another_joint_can_be_looked_at_while_the_arm_stands(page, lagging_arm):
+    for _ in range(6):
+        _move(lagging_arm)
+        page._frame()
+    page._frame()  # nothing new
+    page._page._joint.value = "elbow"
+    page._page._replot()
+    plot = page._page._plots["position"]
+    assert plot.title == "elbow [deg]"
+    assert len(plot.data[0]) == 6
+
+
+def test_what_is_no_recording_is_refused():
+    with pytest.raises(RecordingError, match="not a Recording"):
+        RecordingPage("run.csv")
+
+
+@pytest.mark.skipif(chromium.FOUND is None, reason="chromium is not installed")
+def test_in_a_browser_the_numbers_follow_and_the_button_pauses(lagging_arm, tmp_path):
+    with ArmPage(lagging_arm, port=0) as page, chromium.Chromium(tmp_path) as browser:
+        _move(lagging_arm)
+        browser.open(page.url)
+        browser.until("document.querySelectorAll('#joints tbody tr').length === 7")
+        for way in (0.02, 0.04):
+            lagging_arm.move_jp(lagging_arm.robot.home + way * np.eye(7)[0]).wait()
+            reported = np.degrees(lagging_arm.measured_js().position[0])
+            cell = "document.querySelector('#joints tbody td:nth-child(2)').innerText"
+            browser.until(f"Math.abs({cell} - {reported}) < 0.02")
+        browser.until("Object.keys(window.__viserTestpoints?.uplots ?? {}).length >= 2")
+        browser.evaluate(
+            "[...document.querySelectorAll('button')]"
+            ".find(b => b.innerText.trim() === 'Pause the arm').click()"
+        )
+        browser.until("document.querySelector('#status').innerText.startsWith('PAUSED')")
+        assert lagging_arm.operating_state().state == "PAUSED"
+        assert browser.errors == []
+        outside = [u for u in browser.requested if not u.startswith(("data:", "blob:"))]
+        assert {u.partition("://")[2].partition("/")[0] for u in outside} == {
+            page.url.partition("://")[2]
+        }

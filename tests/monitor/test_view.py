@@ -1,0 +1,159 @@
+"""Tests of truejoint.monitor.view."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import Fault, FaultyBackend
+from truejoint.crtk.arm import Arm
+from truejoint.monitor import view
+from truejoint.monitor.samples import Samples
+from truejoint.monitor.view import Condition, plots, poses, status_html, table_html
+from truejoint.robots import get_robot
+from truejoint.runtime import Status
+
+ROBOT = get_robot("davinci_grasper")
+
+
+@pytest.fixture
+def samples(jaw_recording, jaw_model):
+    return Samples.of_recording(jaw_recording, jaw_model).rows(slice(100, 300))
+
+
+def _raven(**known):
+    """Two rows of a RAVEN-II at home, of which only three joints have sensors."""
+    robot = get_robot("raven2")
+    n = len(robot.joints)
+    some = np.full((2, n), np.nan)
+    some[:, :3] = robot.home[:3] + 0.1
+    arrays = {"reported": np.tile(robot.home, (2, 1)), "truth": some}
+    none = np.full((2, n), np.nan)
+    rest = dict.fromkeys(("corrected", "half_width", "setpoint", "effort"), none)
+    return robot, Samples(
+        robot.joint_names, np.arange(2.0), **{**rest, **arrays, **known},
+        status=np.zeros(2, dtype=int), interval=np.full(2, np.nan), effort_units=("Nm",) * n,
+    )  # fmt: skip
+
+
+def test_a_pose_takes_reported_joints_where_no_sensor_is():
+    robot, samples = _raven()
+    found = poses(samples, robot)
+    assert list(found) == ["reported", "truth"]
+    assert found["truth"][:3] == pytest.approx(robot.home[:3] + 0.1)
+    assert found["truth"][3:] == pytest.approx(robot.home[3:])
+
+
+def test_no_pose_without_every_joint():
+    robot, samples = _raven()
+    assert poses(replace(samples, joints=samples.joints[:3]), robot) == {}
+
+
+def test_plots_are_in_the_units_of_a_reader(samples):
+    found = plots(samples, ROBOT, "jaw")
+    assert list(found) == ["position", "correction", "effort", "messages"]
+    position = {curve.label: curve.values for curve in found["position"].curves}
+    assert list(position) == ["reported", "corrected", "true"]  # no set-point was recorded
+    assert position["reported"] == pytest.approx(np.degrees(samples.reported[:, 0]))
+    assert found["position"].title == "jaw [deg]"
+    correction = found["correction"]
+    assert correction.has_band
+    upper, lower, correct, true = (curve.values for curve in correction.curves)
+    width = np.degrees(samples.half_width[:, 0])
+    assert upper - correct == pytest.approx(width)
+    assert correct - lower == pytest.approx(width)
+    assert true == pytest.approx(np.degrees(samples.truth - samples.reported)[:, 0])
+    assert found["messages"].curves[0].values == pytest.approx(np.full(200, 10.0))
+
+
+def test_a_plot_has_no_gap(samples):
+    corrected = samples.corrected.copy()
+    corrected[50:60] = np.nan
+    plot = plots(replace(samples, corrected=corrected), ROBOT, "jaw")["position"]
+    assert len(plot.t) == 190
+    assert all(np.isfinite(curve.values).all() for curve in plot.curves)
+
+
+def test_what_is_lost_leaves_the_plot_and_the_rest_goes_on(samples):
+    corrected = samples.corrected.copy()
+    corrected[90:] = np.nan
+    found = plots(replace(samples, corrected=corrected), ROBOT, "jaw")
+    assert [curve.label for curve in found["position"].curves] == ["reported", "true"]
+    assert len(found["position"].t) == 200
+    assert not found["correction"].has_band
+
+
+def test_without_a_model_and_truth_there_is_no_correction(samples):
+    none = np.full_like(samples.truth, np.nan)
+    bare = replace(samples, truth=none, corrected=none, half_width=none, effort=none)
+    found = plots(bare, ROBOT, "jaw")
+    assert list(found) == ["position", "messages"]
+    table = table_html(bare, ROBOT, is_fresh=True)
+    assert "corrected" not in table
+    assert "effort" not in table
+
+
+def test_the_table_holds_the_numbers(samples):
+    table = table_html(samples, ROBOT, is_fresh=True)
+    for name in ("reported", "corrected", "truth"):
+        assert f"{np.degrees(getattr(samples, name)[-1, 0]):.2f}" in table
+    assert f"&plusmn; {np.degrees(samples.half_width[-1, 0]):.2f}" in table
+    assert "stale" not in table
+    assert 'class="stale"' in table_html(samples, ROBOT, is_fresh=False)
+
+
+def test_hostile_names_stay_text(samples):
+    state = Condition("<script>", "<img src=x>", False, 5.0)
+    text = status_html(state, replace(samples, effort_units=("<b>",)))
+    assert "<script>" not in text
+    assert "<img" not in text
+
+
+def test_words_say_what_the_corrector_says(samples):
+    flagged = replace(samples, status=np.full(200, int(Status.SPIKE | Status.STALE)))
+    said = status_html(Condition("ENABLED"), flagged)
+    assert "not corrected" in said
+    assert Status.SPIKE.words in said
+    assert Status.STALE.words in said
+    assert "not corrected" not in status_html(Condition("ENABLED"), samples)
+    assert "no state message yet" in status_html(Condition("ENABLED"), None)
+
+
+def test_the_clock_tells_how_old_the_latest_message_is(samples):
+    t = samples.t[-1]
+    assert "ago" not in status_html(Condition("ENABLED", t=t + 0.01), samples)
+    old = Condition("ENABLED", "silent", is_fresh=False, t=t + 7.25)
+    assert "7.2 s ago" in status_html(old, samples)
+    assert "3 min ago" in status_html(replace(old, t=t + 180.0), samples)
+
+
+def test_an_arm_is_asked_how_it_stands(lagging_arm, lagging_backend):
+    assert Condition.of(lagging_arm) == Condition("ENABLED", "", True, lagging_backend.time)
+    lagging_backend.time += 3.0
+    silent = Condition.of(lagging_arm)
+    assert not silent.is_fresh
+    assert silent.reason.startswith("the newest state message is 3 s old")
+    lagging_arm.pause()
+    assert Condition.of(lagging_arm).reason == "send 'resume' first"
+    assert Condition.of(lagging_arm).state == "PAUSED"
+
+
+def test_faults_and_silence_have_words(lagging_backend):
+    arm = Arm(FaultyBackend(lagging_backend, [Fault("fault", 1.0)]))
+    assert "send 'enable' first" in Condition.of(arm).reason
+    arm.enable()
+    assert "send 'home' first" in Condition.of(arm).reason
+    arm.home()
+    lagging_backend.time = 2.0
+    failed = Condition.of(arm)
+    assert failed.state == "FAULT"
+    assert failed.reason.startswith("clear the fault on the robot")
+    assert not failed.is_fresh
+    arm._backend.operating_state = lambda: 1 / 0
+    assert Condition.of(arm) == Condition("no answer", "division by zero", False, Condition("").t)
+
+
+@pytest.mark.parametrize("name", view.POSES)
+def test_colours_have_names(name):
+    assert view.TITLES[name] in view.legend_html([name])
+    assert view.COLOURS[name] in view.legend_html([name])
