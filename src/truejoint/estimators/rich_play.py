@@ -43,10 +43,11 @@ class Ridge(JointRegressor):
 
     Parameters
     ----------
-    first : int
-        Of the features, by which each of the first `crossed` is multiplied.
-    crossed : int
-        Features that are multiplied, `first` or more.
+    first : int, optional
+        Of the features, by which each of the first `crossed` is multiplied; by default all, or
+        none where that makes more than 600 products.
+    crossed : int, optional
+        Features that are multiplied, `first` or more; by default as many as `first`.
 
     Attributes
     ----------
@@ -58,20 +59,27 @@ class Ridge(JointRegressor):
     Examples
     --------
     >>> X = np.random.default_rng(0).normal(size=(500, 2))
-    >>> Ridge(first=1, crossed=2).fit(X, X[:, 0] * X[:, 1]).predict([[2.0, 0.5]]).round(2)
+    >>> Ridge().fit(X, X[:, 0] * X[:, 1]).predict([[2.0, 0.5]]).round(2)
     array([1.])
     """
 
     family: ClassVar[Family] = interactions.FAMILY
-    first: int = 0
-    crossed: int = 0
+    first: int | None = None
+    crossed: int | None = None
+
+    def model_params(self) -> Params:
+        """Parameters of the family: by default, the numbers for what it is fitted to."""
+        k = int(vars(self).get("n_features_in_", 0))
+        usual = k if k * (k + 1) // 2 <= _PRODUCTS else 0
+        first = usual if self.first is None else self.first
+        return {"first": first, "crossed": first if self.crossed is None else self.crossed}
 
     def minimum_rows(self, n_features: int) -> int:
         """Two rows for each input, which the penalty makes enough."""
         return max(100, 2 * n_features)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        factors = interactions.interaction_factors(X.shape[1], int(self.first), int(self.crossed))
+        factors = interactions.interaction_factors(X.shape[1], **self.model_params())
         scales = scaling(X, y)
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
