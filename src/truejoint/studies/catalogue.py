@@ -126,7 +126,8 @@ _RAVEN: Final = (
         "ablation", "Which of the state's features matter, left out or with noise on them?",
         "peng2024, II-C; arXiv 2302.04999", "truejoint.studies.raven2.ablation",
         (
-            _RAVENS, _LONGEST, _SESSIONS, _MINUTES,
+            _RAVENS, Option("training", "4+5+6", _LONGEST.meaning, small="4+5"),
+            _SESSIONS, _MINUTES,
             Option("noise", 0.3, "share of each feature's standard deviation"),
         ),
     ),
