@@ -45,9 +45,9 @@ def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
     assert set(parts) == {"zigzag", "random", "designed"}
     for part in parts.values():
         assert part.arrays["rmse"].shape == (2, 3)
-    for motion in ("random", "designed"):  # of a minute, which is the longest asked for
-        part = parts[motion]
-        np.testing.assert_allclose(part.arrays["rmse"][-1], part.numbers["whole"], rtol=0.1)
+        assert (part.arrays["rmse"] > 0.0).all()
+    at_end = parts["designed"].arrays["rmse"][-1]  # of a minute: a degree, a millimetre
+    assert (at_end < [np.radians(1.0), np.radians(1.0), 1e-3]).all()
     assert parts["designed"].numbers["stopped"] in {30.0, pytest.approx(60.0, abs=0.5)}
     assert len(result.summary.claims) == 3
     assert len(result.summary.tables[0].rows) == 5
