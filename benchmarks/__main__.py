@@ -29,6 +29,8 @@ BENCHMARKS = (
     "histories",
     "grasper",
     "moved_zeros",
+    "told_mechanism",
+    "play_widths",
     "data_check",
     "training_outliers",
     "staleness",
