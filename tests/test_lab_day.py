@@ -111,6 +111,12 @@ class Package(NamedTuple):
     folder: Path
     build: subprocess.Popen[str]
 
+    def built(self) -> Path:
+        """Its program, once that is built."""
+        told, _ = self.build.communicate(timeout=120)
+        assert self.build.returncode == 0, told
+        return next(path for path in self.folder.rglob("correct") if path.is_file())
+
 
 @pytest.fixture(scope="module")
 def package(tmp_path_factory) -> Iterator[Package]:
@@ -145,7 +151,7 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     bag, recording = tmp_path / "day.bag", tmp_path / "day.parquet"
     path = tmp_path / "model.safetensors"
     topics = [f"/arm1/{name}" for name in TOPICS] + [TRUTH_TOPIC]
-    live = ("doctor", "live", "--seconds", "3", "--profile", PROFILE, "--json")
+    live = ("doctor", "live", "--seconds", "2", "--profile", PROFILE, "--json")
     with program("rosbag", "record", "-O", bag, *topics), program(*module(*live)) as doctor:
         wait_for_readers(topics)
         wait_for_readers(["/arm1/measured_js"], "doctor")
@@ -159,10 +165,6 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     assert levels(said).keys() == CHECKS.keys()
     promised = promised_factors(recording, path)
 
-    told, _ = package.build.communicate(timeout=120)
-    assert package.build.returncode == 0, told
-    correct = next(path for path in package.folder.rglob("correct") if path.is_file())
-
     heard: dict[str, list[tuple[float, ...]]] = {}
     ends = [
         ros.subscribe(topic, JOINT_STATE, keeper(ros, heard.setdefault(topic, [])))
@@ -173,8 +175,11 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
         ros, ROBOT, PROFILES[PROFILE], lambda _, t, columns: states.append((t, columns))
     )
     stream.start()
-    in_c = (correct, "__ns:=/arm1", "_homed:=true", "corrected/measured_js:=c", "__name:=in_c")
-    with program(*module("node", "correct", path, "--profile", PROFILE)), program(*in_c):
+    in_c = ("__ns:=/arm1", "_homed:=true", "corrected/measured_js:=c", "__name:=in_c")
+    with (
+        program(*module("node", "correct", path, "--profile", PROFILE)),
+        program(package.built(), *in_c),
+    ):
         for who in ("truejoint_correct", "in_c"):
             wait_for_readers(["/arm1/measured_js"], who)
         waves = np.sin(np.arange(0.0, 3.0, 0.1)[:, None] * [1.6, 2.1, 2.6])
