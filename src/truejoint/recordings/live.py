@@ -63,6 +63,14 @@ class LiveLink:
         If there is no such robot or profile.
     RosError
         If no master answers.
+
+    Examples
+    --------
+    >>> link = LiveLink(truejoint.crtk.open_transport(1), "raven2")  # doctest: +SKIP
+    >>> with link:  # doctest: +SKIP
+    ...     time.sleep(10.0)
+    >>> link.diagnose().failed  # doctest: +SKIP
+    False
     """
 
     def __init__(
