@@ -15,7 +15,7 @@ from rosbags import highlevel, rosbag1, rosbag2
 from tests.recordings.bags.conftest import make_session
 
 from truejoint import read_recording
-from truejoint.crtk.messages import RAVEN_FIELDS
+from truejoint.crtk.messages import DEFINITIONS, RAVEN_FIELDS
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import (
     Recording,
@@ -402,6 +402,29 @@ def test_rows_of_homing_are_left_out(session, tmp_path):
     assert len(found) == len(session) - 50
     assert found.provenance.dropped["homing"] == 50
     assert AMID not in found.provenance.dropped
+
+
+def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path):
+    kind, system = "crtk_msgs/msg/operating_state", typesys()  # as RAVEN-II still calls it
+    store = system.get_typestore(system.Stores.ROS1_NOETIC)
+    store.register(system.get_types_from_msg(DEFINITIONS["crtk_msgs/operating_state"], kind))
+    start = session.provenance.start
+    with rosbag1.Writer(tmp_path / "said.bag") as writer:
+        topic = writer.add_connection("/arm1/operating_state", kind, typestore=store)
+        for after, is_homed in ((0.0, True), (1.0, False), (2.0, True)):
+            stamp = round((start + after) * 1e9)
+            time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+            header = store.types["std_msgs/msg/Header"](0, time, "")
+            message = store.types[kind](header, "ENABLED", is_homed, not is_homed)
+            writer.write(topic, stamp, store.serialize_ros1(message, kind))
+    write_bag(session, tmp_path / "a.bag", profile="raven2_mended")
+    found = read_bag(
+        [tmp_path / "a.bag", tmp_path / "said.bag"], "raven2", profile="raven2_mended",
+        state="/arm1/measured_js",
+    )  # fmt: skip
+    amid = (session.t >= 1.0 - 1e-9) & (session.t < 2.0 - 1e-9)
+    assert found.provenance.dropped[AMID] == amid.sum() > 10
+    np.testing.assert_allclose(found.t, session.t[~amid], atol=1e-6)
 
 
 def test_a_real_bag_of_a_dvrk():
