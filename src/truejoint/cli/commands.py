@@ -24,9 +24,12 @@ from truejoint.cli import (
     join,
     monitor,
     node,
+    plate,
+    rezero,
     show,
     study,
     teleop,
+    touch,
     trajectory,
 )
 
@@ -56,6 +59,16 @@ for command, example in (
     (doctor.doctor, "session.bag --robot raven2"),
     (show.show, "left_arm.safetensors"),
     (check.check, "left_arm.safetensors ten_seconds.parquet --rezero today.safetensors"),
+    (plate.plate, "raven2 -o block"),
+    (
+        rezero.bolt,
+        "left_arm.safetensors --touches touches.csv --plate plate.toml -o pose.toml",
+    ),
+    (touch.touch, "left_arm.safetensors --bolted pose.toml -o today.csv"),
+    (
+        rezero.rezero,
+        "left_arm.safetensors --touches touches.csv --bolted pose.toml -o today.safetensors",
+    ),
     (export.export, "left_arm.safetensors --to c --out controller"),
     (teleop.teleop, "--robot raven2 --record session/by_hand.parquet"),
     (monitor.monitor, "session/random.parquet --model left_arm.safetensors"),

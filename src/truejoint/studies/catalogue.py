@@ -284,7 +284,27 @@ _FORCEPS: Final = (
     ),
 )  # fmt: skip
 
-STUDIES: Final = {study.name: study for study in (*_RAVEN, *_REAL, *_FORCEPS)}
+_WRIST: Final = Study(
+    "wrist",
+    "How exactly are pitch and jaws of an instrument known, free and under load?",
+    "",
+    "truejoint.studies.wrist.accuracy",
+    (
+        Option("count", 24, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("instrument", "420172", "model number or name of a tool, as of robot wrist"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("test_s", 60.0, "each test [s]", small=15.0),
+        Option(
+            "methods",
+            ("coupling", "linear_motor", "play_motor", "linear_effort", "play_effort"),
+            "rows of the table, as in studies/wrist/accuracy.py",
+        ),
+    ),
+)
+
+STUDIES: Final = {study.name: study for study in (*_RAVEN, *_REAL, *_FORCEPS, _WRIST)}
 """In the order in which they are listed."""
 
 
