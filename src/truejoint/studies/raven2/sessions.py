@@ -44,8 +44,14 @@ TEST_SEED: Final = 1_000_000
 
 
 def specimens(names: Sequence[str]) -> dict[str, Plain]:
-    """Plain values of shipped specimens, or of TOML files, by a title for each."""
-    return {Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names}
+    """Plain values of shipped specimens, or of TOML files, by a title for each.
+
+    Raises StudyError if two files have one name, TruejointError if one cannot be read.
+    """
+    found = {Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names}
+    if len(found) < len(names):
+        raise StudyError(f"specimens {', '.join(names)}: two have one name; rename a file")
+    return found
 
 
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
