@@ -48,7 +48,9 @@ def specimens(names: Sequence[str]) -> dict[str, Plain]:
 
     Raises StudyError if two files have one name, TruejointError if one cannot be read.
     """
-    found = {Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names}
+    found: dict[str, Plain] = {
+        Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names
+    }
     if len(found) < len(names):
         raise StudyError(f"specimens {', '.join(names)}: two have one name; rename a file")
     return found
