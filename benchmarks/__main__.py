@@ -36,7 +36,6 @@ BENCHMARKS = (
     "staleness",
     "automatic_choice",
     "interval_coverage",
-    "accuracy_twin",
     "faults",
     "disk_faults",
     "effort_monitor",
