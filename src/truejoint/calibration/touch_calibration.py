@@ -35,6 +35,7 @@ WIDTHS: Final = (1e-3, 5e-3, 2e-2)
 SPREAD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
 """Scale of what is expected of the terms, widely: see `_SPREADS`."""
 _SPREADS: Final = {"zero": 5.0, "slope": 2.0, "square": 0.5, "play": 0.3}
+_SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)
 LEFT: Final = 0.03
 """What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
 _FOLDS: Final = 6
@@ -117,7 +118,11 @@ def calibrate_by_touch(
     features = terms.features.compute(recording, default_gap_limit([recording]))
     rows = _rows(robot, terms, features, recording, touches, plate, touch_sd)
     _check_spread(rows, terms, features, resting(recording, touches), touches)
-    prior = _prior(rows, terms, plate)
+    # How bent and how wide the arm's errors are, the touches themselves say (empirical Bayes).
+    priors = [_prior(rows, terms, plate, share) for share in _SHARES]
+    kept = ~fit_tip(rows, priors[0]).left_out
+    likely = [fit_tip(rows.rows(kept), one, gate=np.inf).evidence for one in priors]
+    prior = priors[int(np.argmax(likely))]
     rows = with_estimated_errors(rows, prior)
     found = fit_tip(rows, prior)
     report = _report(rows, prior, found, terms, touch_sd)
@@ -128,7 +133,7 @@ def calibrate_by_touch(
         for name, added in names.items()
     }
     table = {"t": recording.t, **{c: recording.column(c) for c in recording.units}, **stated}
-    whole = Recording.from_columns(table, recording.provenance)
+    whole = Recording.from_columns(table, recording.provenance, recording.units)
     fitted = calibrate([whole], "poly2", features=terms.features, joints=terms.joints, redundant=[])
     arrays = terms.arrays(found.state.coefficients)
     data = EstimatorData("polynomial", {"degree": 2}, arrays)
@@ -198,11 +203,16 @@ class Terms:
             basis[:, k, k * each : (k + 1) * each] = own * self.scale[k]
         return basis
 
-    def spread(self) -> Array:
-        """Give the standard deviations (k,) that coefficients are expected to have."""
+    def spread(self, share: float = 1.0) -> Array:
+        """Give the standard deviations (k,) that coefficients are expected to have.
+
+        Squares and plays have a `share` of theirs.
+        """
         n = len(self.joints)
         counts = {"zero": 1, "slope": n, "square": n * (n + 1) // 2, "play": len(WIDTHS)}
-        return np.tile(np.repeat([_SPREADS[kind] for kind in counts], list(counts.values())), n)
+        shares = {"square": share, "play": share}
+        own = [_SPREADS[kind] * shares.get(kind, 1.0) for kind in counts]
+        return np.tile(np.repeat(own, list(counts.values())), n)
 
     def zeros(self) -> list[int]:
         """Places of the joints' constants among the coefficients."""
@@ -250,10 +260,11 @@ def _rows(
     )
 
 
-def _prior(rows: TipRows, terms: Terms, plate: Plate) -> TipPrior:
+def _prior(rows: TipRows, terms: Terms, plate: Plate, share: float) -> TipPrior:
+    """Prior of the terms, squares and plays with a `share` of what they may be at most."""
     tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
     rotation, translation = align(tip, rows.point * plate.scale)
-    spread = terms.spread()
+    spread = terms.spread(share)
     start = TipState(np.zeros(len(spread)), rotation, translation, scale=plate.scale)
     return TipPrior.of(start, [*spread, *[np.inf] * 6, 0.0, 0.0, 0.0, plate.scale_sd])
 
