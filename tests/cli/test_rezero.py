@@ -139,7 +139,7 @@ def test_a_model_is_made_of_touches_alone(call, tmp_path):
     assert "not seen" in call("show", tmp_path / "m.safetensors").out
     for wrong, said in (
         ([*how[:2]], "give --touches, --plate and the one recording"),
-        ([*how, "-e", "dnn"], "leave out other options"),
+        ([*how, "-e", "linear"], "leave out other options"),
     ):
         refused = call(*arguments, *wrong, "--force")
         assert refused.code == 2

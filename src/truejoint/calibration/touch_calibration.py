@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -301,7 +302,7 @@ def _report(
         other = fit_tip(rows.rows(train), prior, gate=np.inf)
         off = rows.residual(other.state)[kept[fold == number]]
         squares += (off**2).sum(axis=1).tolist()
-    error = float(np.sqrt(max(np.mean(squares) - 3.0 * touch_sd**2, 0.0)))
+    error = math.sqrt(max(float(np.mean(squares)) - 3.0 * touch_sd**2, 0.0))
     zeros, spread = terms.zeros(), terms.spread()
     zero_sd = found.sd[zeros] * terms.scale
     words = []
