@@ -27,6 +27,8 @@ from .plate_shape import PlateShape as PlateShape
 from .plate_shape import design_plate as design_plate
 from .plate_shape import plate_stl as plate_stl
 from .plate_shape import plate_svg as plate_svg
+from .touch_calibration import TouchReport as TouchReport
+from .touch_calibration import calibrate_by_touch as calibrate_by_touch
 from .touches import Touches as Touches
 from .touches import find_block as find_block
 from .touches import read_touches as read_touches

@@ -22,6 +22,7 @@ from truejoint.cli.console import (
 )
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes_files
+from truejoint.cli.rezero import calibrate_touched
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
@@ -129,6 +130,16 @@ def calibrate(
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
+    touches: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Touches of a block (docs/touch.md), in place of truth in the recording.",
+        ),
+    ] = None,
+    plate: Annotated[
+        Path | None, typer.Option(help="With --touches: plate file of the block.")
+    ] = None,
     accept: Accept = None,
     part: options.Part = None,
     split: options.Split = None,
@@ -140,6 +151,13 @@ def calibrate(
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_target(output, force)
+    if touches is not None or plate is not None:
+        chosen = (
+            settings, features, joints, target, redundant, fit_rate_hz, test, interval, accept,
+            part, split, interval_rezero_s, estimator != DEFAULT, zero != "shared",
+        )  # fmt: skip
+        calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
+        return
     accepted = check_names(accept)
     is_cross = interval == [_CROSS]
     dataset = only_dataset(recordings)
@@ -165,8 +183,7 @@ def calibrate(
         raise typer.Exit(CHECK_FAILED)
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
     how["redundant"] = [] if redundant == [_NONE] else redundant
-    if is_cross:
-        how["rezero"] = interval_rezero_s
+    how |= {"rezero": interval_rezero_s} if is_cross else {}
     fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
     went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
     fitted = fitted.with_metadata(accepted=went_on)
