@@ -171,8 +171,8 @@ class Group:
             sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
             worse = (sizes > np.nanmin(sizes, axis=0) + math.log1p(_WORSE)).all(axis=1)
             unwanted = worse & ~self.weights().any(axis=1)
-            for number in np.flatnonzero(unwanted[self._n_simple :]) + self._n_simple:
-                trial = self.trials[number]
+            beyond = range(self._n_simple, len(self.trials))
+            for trial in (self.trials[number] for number in beyond if unwanted[number]):
                 if trial.is_member and not trial.note:
                     trial.note = f"given up after {trial.folds} folds"
 
