@@ -39,6 +39,7 @@ def test_recordings_are_cut_by_the_time_of_all(recording):
 def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
     monkeypatch.setattr(efficiency, "_FINE", (1,))
     monkeypatch.setattr(efficiency, "_FIRST_LOOK", 30.0)
+    monkeypatch.setattr(efficiency, "_LOOK", 60.0)
     options = {"specimens": "nominal", "sessions": 1, "longest": 1, "every_s": 30, "test": 1}
     result = run_study("efficiency", options)
     parts = {key.split("-")[1]: part for key, part in result.parts.items()}
@@ -48,7 +49,7 @@ def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
         assert (part.arrays["rmse"] > 0.0).all()
     at_end = parts["designed"].arrays["rmse"][-1]  # of a minute: a degree, a millimetre
     assert (at_end < [np.radians(1.0), np.radians(1.0), 1e-3]).all()
-    assert parts["designed"].numbers["stopped"] == pytest.approx(45.0, abs=15.5)
+    assert 30.0 <= parts["designed"].numbers["stopped"] < 65.0  # with the way to the start
     assert len(result.summary.claims) == 3
     assert len(result.summary.tables[0].rows) == 5
     page, *others = write_study(result, tmp_path)
