@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.calibration import calibrate
 from truejoint.evaluation.metrics import rmse
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import claims, tables
@@ -74,7 +73,10 @@ def leave_out(raven: s.Plain, seed: int, training: str, seconds: float, noise: f
     for group in ("positions", "torques"):
         left = [n for n in chosen if _quantity(n) not in GROUPS[group]]
         sets[f"selected without {group}"] = left
-    fitted = {name: _fit(own, features, seed) for name, features in sets.items()}
+    fitted = {
+        name: s.fitted(own, 1, seed, features=features, fit_rate=_FIT_RATE)
+        for name, features in sets.items()
+    }
     found = {name: s.judged(models, test) for name, models in fitted.items()}
     for group, quantities in GROUPS.items():
         spoilt = _with_noise(test, quantities, noise, seed)
@@ -87,15 +89,6 @@ def leave_out(raven: s.Plain, seed: int, training: str, seconds: float, noise: f
 
 def _quantity(feature: str) -> str:
     return feature.partition("/")[0]
-
-
-def _fit(training: Sequence[Recording], features: Sequence[str], seed: int) -> s.Models:
-    return {
-        method: [
-            calibrate(training, method, features=features, fit_rate=_FIT_RATE, random_state=seed)
-        ]
-        for method in _METHODS
-    }
 
 
 def _with_noise(test: Recording, quantities: Sequence[str], share: float, seed: int) -> Recording:
