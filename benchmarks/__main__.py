@@ -29,6 +29,7 @@ BENCHMARKS = (
     "accuracy_recordings",
     "histories",
     "grasper",
+    "tracker",
     "moved_zeros",
     "data_check",
     "training_outliers",

@@ -14,6 +14,10 @@ from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
 from .jaw_session import encoder_rezeroed as encoder_rezeroed
 from .jaw_session import weighed as weighed
+from .registration import Registered as Registered
+from .registration import Registration as Registration
+from .registration import read_registration as read_registration
+from .tracking import tracked_truth as tracked_truth
 from .zero import Zero as Zero
 from .zero import find_zero as find_zero
 from .zero import rezeroed as rezeroed
