@@ -26,7 +26,6 @@ BENCHMARKS = (
     "speed_training",
     "beyond_chance",
     "clock_offset",
-    "accuracy_recordings",
     "histories",
     "grasper",
     "tracker",

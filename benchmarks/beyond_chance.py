@@ -14,11 +14,11 @@ import argparse
 
 import numpy as np
 
-from benchmarks.accuracy_recordings import sides
 from truejoint import calibrate, evaluate
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.evaluation import compare
+from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings.datasets import DATASETS
 
 
@@ -47,7 +47,7 @@ def main() -> None:
     for dataset in DATASETS.values():
         for split in dataset.splits:
             try:
-                training, testing = sides(dataset, split)
+                training, testing = recommended_sides(dataset, split)
             except RecordingError as error:
                 print(f"{dataset.name}: {error}")
                 continue

@@ -31,7 +31,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.accuracy_recordings import sides
 from benchmarks.automatic_choice import kept
 from truejoint import calibrate
 from truejoint.calibration import (
@@ -43,6 +42,7 @@ from truejoint.calibration import (
 )
 from truejoint.crtk import Arm, simulated_arm
 from truejoint.estimators import get_estimator
+from truejoint.evaluation.splits import recommended_sides
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, read_dataset
@@ -161,7 +161,7 @@ def drawn(name: str, seed: int) -> dict[str, Any]:
 
 def split_apart(name: str, dataset: Dataset, split: HeldOut) -> dict[str, Any]:
     """Training side of a recommended split, judged on the other."""
-    return crossed(name, dataset, *sides(dataset, split))
+    return crossed(name, dataset, *recommended_sides(dataset, split))
 
 
 def cross_table(names: Sequence[str], draws: int, out: Path) -> None:

@@ -244,7 +244,8 @@ def main() -> None:
     if options.camera:
         camera()
         return
-    accuracy(options.specimens, options.arms, options.estimator, options.out)
+    if options.arms:
+        accuracy(options.specimens, options.arms, options.estimator, options.out)
     for specimen in options.specimens:
         if options.runs:
             coverage(specimen, options.runs, options.kinds, options.out)

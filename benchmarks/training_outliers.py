@@ -16,10 +16,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.accuracy_recordings import sides
 from truejoint import Calibration, calibrate, evaluate
 from truejoint.array_types import Array
 from truejoint.estimators import get_estimator
+from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings import Recording
 from truejoint.recordings.checks.explained import explain
 from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut
@@ -50,7 +50,7 @@ def fitted(dataset: Dataset, training: Sequence[Recording], name: str, seed: int
 
 def rows(dataset: Dataset, split: HeldOut, name: str, seeds: Sequence[int]) -> Iterator[str]:
     """Table rows of one split and estimator, one a joint."""
-    training, testing = sides(dataset, split)
+    training, testing = recommended_sides(dataset, split)
     clean = [fitted(dataset, training, name, seed) for seed in seeds]
     lost = clean[0].metadata["outliers"] / sum(len(r) for r in training)
     dirty = [fitted(dataset, spoiled(training, seed), name, seed) for seed in seeds]

@@ -86,7 +86,7 @@ def test_of_an_unknown_pose_all_but_the_first_zero_comes_out():
     assert found.state.coefficients == pytest.approx(expected, abs=1e-4)
     assert found.sd[0] == pytest.approx(0.1, rel=0.01)
     assert np.abs(found.residual).max() < 1e-6
-    with pytest.raises(CalibrationError, match="leave open .*term 0"):
+    with pytest.raises(CalibrationError, match=r"leave open .*term 0"):
         fit_tip(rows_of(), prior(zero_sd=np.inf))
 
 

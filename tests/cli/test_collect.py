@@ -1,5 +1,7 @@
 """Tests of `truejoint collect` beyond those that all commands share."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -64,6 +66,11 @@ def test_it_goes_on_where_it_was_stopped(call, motion, tmp_path):
     assert "jaw.parquet: recorded already" in resumed.err
     assert (tmp_path / "jaw.parquet").read_bytes() == before
     assert len(read_parquet(tmp_path / "other.parquet")) > 100
+    nothing = call("collect", motion, other, *arguments, "--resume", "--json")
+    assert nothing.code == 0
+    assert json.loads(nothing.out) == {"recordings": []}
+    assert "nothing is left to record" in nothing.err
+    assert "Homing" not in nothing.err
 
 
 def test_a_recording_is_replayed(call, motion, tmp_path):
@@ -97,7 +104,7 @@ def test_the_joint_itself_is_taken_along(call, motion, tmp_path):
     path.write_text(SHORT)
     refused = call("collect", path, "--compensate", model, "-o", tmp_path / "x")
     assert refused.code == 2
-    assert "is of forceps, but the arm is raven2 (left arm)" in refused.err
+    assert "the calibration of forceps is not for raven2 (left arm); give one" in refused.err
 
 
 class FakeEncoders:

@@ -45,10 +45,33 @@ def test_a_designers_own_file_is_taken(call, tmp_path):
     assert "specimen-stiff" in result.out
 
 
+@pytest.fixture
+def two_studies(monkeypatch, tmp_path):
+    """The only studies there are: recordings of a forceps, and one that is refused."""
+    known = {name: STUDIES[name] for name in ("forceps-recordings", "real")}
+    for module in ("truejoint.cli.study", "truejoint.studies.overview"):
+        monkeypatch.setattr(f"{module}.STUDIES", known)
+    monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
+
+
+@pytest.mark.usefixtures("two_studies")
+def test_all_studies_leave_one_page_though_one_is_refused(call, tmp_path):
+    result = call("study", "all", "--preset", "small", "-o", tmp_path, "--jobs", "1", "--json")
+    assert result.code == 2
+    assert list(json.loads(result.out)) == ["forceps-recordings"]
+    assert "truejoint datasets fetch" in " ".join(result.err.split())
+    assert "not done: real" in result.err.splitlines()[-1]
+    page = (tmp_path / "index.html").read_text()
+    assert "1 of 2 studies" in page
+    assert 'href="forceps-recordings/forceps-recordings.html"' in page
+    assert "truejoint study all --preset small" in page
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
         ["nosuch"],
+        ["all", "--set", "networks=1"],
         ["forceps-unloaded", "--set", "specimen=C"],
         ["forceps-unloaded", "--set", "specimen"],
         ["forceps-unloaded", "--set", "specimen=A", "--set", "specimen=B"],

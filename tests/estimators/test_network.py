@@ -11,7 +11,14 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.network import EPSILON, Layers, effective_batch, loss_and_gradient
+from truejoint.estimators.network import (
+    EPSILON,
+    Layers,
+    Penalties,
+    WideNetwork,
+    effective_batch,
+    loss_and_gradient,
+)
 
 SIZES = (4, 6, 5, 3)
 
@@ -58,6 +65,43 @@ def test_gradient_is_the_slope_of_the_loss(n, decay, seed):
             sides.append(keras_loss(layers, X, y, decay))
         layers.flat[i] = start
         assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
+
+
+def test_gradient_of_further_penalties_is_the_slope_of_the_loss():
+    layers, X, y = problem(13)
+    more = Penalties(3e-3, 2e-3, 5e-3)
+
+    def penalised() -> float:
+        sizes = sum(float(np.abs(weight).sum()) for weight in layers.weights)
+        biases = sum(float((bias**2).sum()) for bias in layers.biases)
+        hidden, a = 0.0, X
+        for weight, bias in zip(layers.weights[:-1], layers.biases[:-1], strict=True):
+            a = expit(a @ weight + bias)
+            hidden += float((a**2).sum()) / len(X)  # as Keras: mean over the batch, sum over units
+        penalty = more.weights * sizes + more.biases * biases + more.activities * hidden
+        return keras_loss(layers, X, y, 0.01) + penalty
+
+    gradient = Layers.zeros(SIZES, np.float64)
+    assert loss_and_gradient(layers, X, y, 0.01, gradient, more) == pytest.approx(penalised())
+    for i in range(layers.flat.size):
+        start = layers.flat[i]
+        if abs(start) < 1e-4:  # the size of a weight has no slope at zero
+            continue
+        sides = []
+        for h in (1e-5, -1e-5):
+            layers.flat[i] = start + h
+            sides.append(penalised())
+        layers.flat[i] = start
+        assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
+
+
+def test_a_wide_network_runs_as_any_other():
+    X = np.random.default_rng(0).normal(size=(400, 3))
+    wide = WideNetwork(hidden_layer_sizes=(8, 6), epochs=3).fit(X, X[:, :2])
+    again = NeuralNetwork.from_data(wide.data, 3, 2)
+    assert np.array_equal(again.predict(X), wide.predict(X))
+    plain = NeuralNetwork(hidden_layer_sizes=(8, 6), weight_decay=1e-4, epochs=3).fit(X, X[:, :2])
+    assert not np.array_equal(plain.predict(X), wide.predict(X))
 
 
 def test_an_unknown_target_counts_as_one_that_is_met():

@@ -128,3 +128,27 @@ def test_a_model_for_some_outputs_alone_is_refused():
     params["members"] = tuple((*member[:2], (0,)) for member in params["members"])
     with pytest.raises(CalibrationError, match="its parameters and no outputs"):
         play_bank.FAMILY.check_params(params)
+
+
+def test_products_with_the_first_features_and_their_squares_alone():
+    rng = np.random.default_rng(3)
+    X = np.column_stack([np.sin(np.arange(2000) * r) for r in (0.011, 0.017)])
+    y = X[:, 1] * X[:, 0] ** 2 + 0.1 * rng.normal(size=len(X)) * 0.01
+    plain = RichPlay(leading=1).fit(X, y)
+    cubic = RichPlay(leading=1, squared=1).fit(X, y)
+    assert np.std(y - cubic.predict(X)) < 0.2 * np.std(y - plain.predict(X))
+    assert cubic.arrays_["0/coef"].shape[0] == 24 + 24 + 24  # all seen, by the first, by its square
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"leading": -1}, "leading is -1; it must be an integer from 0 to 600, or None"),
+        ({"squared": 1.5}, "squared is 1.5; it must be an integer from 0 to 600"),
+        ({"leading": 9, "squared": 9}, "make 1944 products of 108 features"),
+    ],
+)
+def test_products_that_cannot_be_are_refused(given, told):
+    X = np.random.default_rng(0).normal(size=(600, 9))
+    with pytest.raises(CalibrationError, match=told):
+        RichPlay(**given).fit(X, X[:, 0])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -92,12 +94,19 @@ def test_events_come_through_the_queue_and_a_pad_that_goes_leaves(monkeypatch):
     with pytest.raises(CommandRefused, match="no gamepad is there"), one:
         pass
     monkeypatch.setattr(pygame.joystick, "get_count", lambda: 1)
-    monkeypatch.setattr(pygame.joystick, "Joystick", lambda number: number)
+    monkeypatch.setattr(
+        pygame.joystick, "Joystick", lambda _: SimpleNamespace(get_instance_id=lambda: 7)
+    )
     with one:
         pygame.event.post(pygame.event.Event(pygame.JOYAXISMOTION, axis=0, value=1.0))
         one.update(0.0)
         assert jog.told == ("tool", [TOOL_SPEED[0], 0.0, 0.0, 0.0, 0.0, 0.0])
-        pygame.event.post(pygame.event.Event(pygame.JOYDEVICEREMOVED, instance_id=0))
+        pygame.event.post(pygame.event.Event(pygame.JOYDEVICEREMOVED, instance_id=3))
+        one.update(0.1)
+        assert not one.operator.is_over  # another one
+        assert not one.is_gone
+        pygame.event.post(pygame.event.Event(pygame.JOYDEVICEREMOVED, instance_id=7))
         one.update(0.1)
     assert jog.told == "stop"
     assert one.operator.is_over
+    assert one.is_gone

@@ -90,7 +90,7 @@ def test_psm_without_a_name_is_not_taken_for_a_named_one() -> None:
 @pytest.mark.parametrize("name", ["", "raven", "os", "robot", "catalogue", "../raven2"])
 def test_unknown_robot_is_refused_with_the_known_ones(name: str) -> None:
     with pytest.raises(
-        RobotError, match=r"raven2, bros, .* kuka_kr300, or the path of a robot file"
+        RobotError, match=r"raven2, wrist, bros, .* kuka_kr300, or the path of a robot file"
     ) as error:
         get_robot(name)
     assert "\n" not in str(error.value)

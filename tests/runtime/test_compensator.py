@@ -12,7 +12,7 @@ import pytest
 from truejoint.calibration import calibrate
 from truejoint.crtk import BLEND, Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
-from truejoint.errors import CommandRefused
+from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.motion import Trajectory, follow
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots import get_robot
@@ -29,7 +29,7 @@ LAG = 0.0191  # of the nominal motor loop [s]
 class Told:
     """A corrector that says what it is told: the joint is `loss` off the measured position."""
 
-    joints, signals = ("jaw",), ("measured/jaw",)
+    made_for, joints, signals = ("forceps", ""), ("jaw",), ("measured/jaw",)
     spike_speed = np.array([10.0])
     offset = position = np.zeros(1)
 
@@ -162,13 +162,18 @@ def test_what_cannot_work_is_refused_in_one_line():
     with pytest.raises(CommandRefused, match="gain is nan"):
         Compensator(Told(), FORCEPS, rate=250.0, lag=LAG, gain=float("nan"))
     checking = SimpleNamespace(signals=("measured/jaw", "setpoint/jaw"), joints=("jaw",))
+    checking.made_for = "forceps", ""
     with pytest.raises(CommandRefused, match="checks setpoint/jaw"):
         Compensator(checking, FORCEPS, rate=250.0, lag=LAG)
+    grasper = get_robot("davinci_grasper")  # whose joint is called jaw too
+    with pytest.raises(CalibrationError, match="of forceps is not for davinci_grasper; give one"):
+        Compensator(Told(), grasper, rate=250.0, lag=LAG)
 
 
 def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging_arm):
     """A RAVEN-II whose insertion is 2 mm further out than its motor says."""
     told = Told(0.002)
+    told.made_for = "raven2", "left"
     told.joints, told.signals = ("insertion",), ("measured/insertion",)
     robot = lagging_arm.robot
     compensator = quick(told, robot, rate=500.0, lag=0.02, gain=0.5)
@@ -214,6 +219,7 @@ def test_before_the_joint_is_known_set_points_go_as_far_as_what_is_wanted():
 def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause(lagging_arm):
     """The insertion is 2 mm further out than its motor says, and its motor 30 ms behind."""
     told = Told(0.002)
+    told.made_for = "raven2", "left"
     told.joints, told.signals = ("insertion",), ("measured/insertion",)
     robot = lagging_arm.robot
     start = robot.home[2]
@@ -241,6 +247,7 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
 
 def test_where_no_set_point_takes_the_joint_the_arm_is_stopped_and_why_is_said(lagging_arm):
     told = Told(-0.02)
+    told.made_for = "raven2", "left"
     told.joints, told.signals = ("insertion",), ("measured/insertion",)
     told.position = lagging_arm.robot.home[2:3] - 0.02
     wanted = np.append(lagging_arm.robot.home[:2], 0.55)
@@ -252,6 +259,7 @@ def test_where_no_set_point_takes_the_joint_the_arm_is_stopped_and_why_is_said(l
 
 def test_an_arm_whose_joints_are_not_known_is_not_taken_along(lagging_arm):
     told = Told(0.002, Status.HOMED_AGAIN)
+    told.made_for = "raven2", "left"
     told.joints, told.signals = ("insertion",), ("measured/insertion",)
     told.position = lagging_arm.robot.home[2:3]
     with pytest.raises(CommandRefused, match="not known where the joints are: HOMED_AGAIN"):
@@ -279,7 +287,7 @@ def test_the_jaw_follows_and_the_motor_does_not():
             with pytest.raises(CommandRefused, match="track refused: jaw is nan"):
                 track(arm, compensator, [[0.0], [np.nan]])
             needy = SimpleNamespace(joints=("jaw",), signals=("measured/jaw", "effort/jaw"))
-            needy.spike_speed = np.ones(1)
+            needy.made_for, needy.spike_speed = ("forceps", ""), np.ones(1)
             with pytest.raises(CommandRefused, match="does not report effort/jaw"):
                 track(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from truejoint.calibration import BlockPose, Plate
 from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
 from truejoint.runtime import ReZero
 from truejoint.runtime.rezero import CORRELATION_MARGIN, DRIFT, PRIOR
 
@@ -18,7 +20,7 @@ SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4
 
 def rezero(noise=NOISE, **settings) -> ReZero:
     baseline = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN)
-    calibration = SimpleNamespace(robot="raven2", joints=("elbow", "insertion"),
+    calibration = SimpleNamespace(robot="raven2", arm="left", joints=("elbow", "insertion"),
                                   effort_baseline=baseline)  # fmt: skip
     return ReZero(calibration, truth_sd=noise, **settings)
 
@@ -176,6 +178,75 @@ def test_senseless_settings_are_refused(settings, said):
 def test_shapes_and_a_missing_baseline_are_refused():
     with pytest.raises(CalibrationError, match="must hold 2 joints"):
         rezero().update(0.0, [0.0], [0.0])
-    bare = SimpleNamespace(robot="raven2", joints=("elbow",), effort_baseline=None)
+    bare = SimpleNamespace(robot="raven2", arm="left", joints=("elbow",), effort_baseline=None)
     with pytest.raises(CalibrationError, match="does not say how large its errors are"):
         ReZero(bare)
+
+
+def touched_block(**change) -> tuple[BlockPose, np.ndarray, SimpleNamespace]:
+    """Block with eight dimples, where all joints of the arm are in each, and a calibration."""
+    robot, rng = get_robot("raven2", "left"), np.random.default_rng(4)
+    joint = np.tile(robot.home, (8, 1))
+    joint[:, :3] = rng.uniform(robot.workspace.lower, robot.workspace.upper, (8, 3))
+    tip = robot.kinematics.forward(joint)[:, :3, 3]
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    points = {str(k): p for k, p in enumerate((tip - tip[0]) @ turn)}
+    plate = Plate("block", "raven2", points, 0.08, 0.08)
+    pose = {
+        "plate": plate, "robot": "raven2", "arm": "left", "rotation": turn, "translation": tip[0],
+        "covariance": np.diag([1e-14] * 6), "scale": 1.0, "scale_sd": 1e-7,
+    }  # fmt: skip
+    baseline = SimpleNamespace(residual=np.array([1e-3, 1e-3, 1e-4]),
+                               correlation=np.full(3, 2.0))  # fmt: skip
+    calibration = SimpleNamespace(robot="raven2", arm="left", effort_baseline=baseline,
+                                  joints=("shoulder", "elbow", "insertion"))  # fmt: skip
+    return BlockPose(**pose | change), joint, calibration
+
+
+def test_touches_of_a_bolted_block_give_the_offset():
+    block, joint, calibration = touched_block()
+    offset, rng = np.array([0.004, -0.006, 3e-4]), np.random.default_rng(7)
+    filter_ = ReZero(calibration)
+    for k in range(8):
+        error = rng.standard_normal(3) * calibration.effort_baseline.residual
+        measured = joint[k].copy()
+        measured[:3] += 0.01  # what the calibration corrects
+        filter_.touch(
+            10.0 * k, joint[k, :3] - offset + error, measured, str(k), block, touch_sd=5e-5
+        )
+    assert (np.abs(filter_.offset - offset) < 4 * filter_.sd).all()
+    assert (filter_.sd < 0.6 * calibration.effort_baseline.residual).all()
+    filter_.touch(90.0, joint[0, :3] - offset, joint[0], "5", block)  # another dimple's number
+    assert (np.abs(filter_.offset - offset) < 4 * filter_.sd).all()
+    assert filter_.rejected.max() == 1.0
+
+
+def test_a_touch_is_as_sure_as_tip_and_pose_are():
+    sure, joint, calibration = touched_block()
+    vague = touched_block(covariance=np.diag([1e-2] * 6))[0]
+    found = []
+    for block, sd in ((sure, 1e-6), (sure, 2e-4), (vague, 2e-4)):
+        filter_ = ReZero(calibration)
+        filter_.touch(0.0, joint[3, :3], joint[3], "3", block, touch_sd=sd)
+        found.append(filter_.sd.copy())
+        assert filter_.offset == pytest.approx(np.zeros(3), abs=1e-9)
+    assert found[0] == pytest.approx(calibration.effort_baseline.residual, rel=0.1)
+    assert (found[1] > found[0]).all()
+    assert (found[2] > 10 * found[1]).all()
+
+
+def test_touches_that_do_not_tell_the_joints_are_refused():
+    block, joint, calibration = touched_block()
+    filter_ = ReZero(calibration)
+    for touch, said in (
+        ((0.0, joint[0, :3], joint[0], "77", block), "has no dimple"),
+        ((0.0, joint[0, :2], joint[0], "1", block), "must hold 3"),
+        ((0.0, joint[0, :3], joint[0], "1", touched_block(arm="right")[0]), "the block is"),
+    ):
+        with pytest.raises(CalibrationError, match=said):
+            filter_.touch(*touch)
+    calibration.joints = ("shoulder", "elbow")
+    calibration.effort_baseline = SimpleNamespace(residual=SIZE, correlation=TIME)
+    with pytest.raises(CalibrationError, match="three joints"):
+        ReZero(calibration).touch(0.0, joint[0, :2], joint[0], "1", block)
+    assert np.isinf(filter_.sd).all()

@@ -63,7 +63,7 @@ def test_wrong_settings_are_refused(arguments, message):
 
 
 def test_an_unknown_study_names_the_known():
-    with pytest.raises(StudyError, match="no study called 'table2'; known: forceps-unloaded"):
+    with pytest.raises(StudyError, match="no study called 'table2'; known: directions"):
         get_study("table2")
 
 

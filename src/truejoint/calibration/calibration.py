@@ -18,7 +18,7 @@ from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, decode, encode
 from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
-from truejoint.calibration.sessions import check_arm, check_columns, check_unit
+from truejoint.calibration.sessions import check_arm, check_columns, check_robot, check_unit
 from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
@@ -253,6 +253,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     def _features(self, recording: Recording) -> Array:
         moved = shift_signals(recording, self.signals, self.signal_shift)
         return self.feature_set.compute(moved, self.gap_limit)
+
+    def check_robot(self, robot: Robot) -> None:
+        """Raise CalibrationError unless a robot's arm is the one that it was made for."""
+        check_robot((self.robot, self.arm), robot)
 
     def check_recording(self, recording: Recording) -> None:
         """Raise CalibrationError unless a recording is one that `correct` can correct."""

@@ -11,17 +11,21 @@ from typing import Any, Final
 import numpy as np
 from scipy.optimize import nnls
 
-from truejoint.array_types import Array, Integers
-from truejoint.calibration.folds import Fold, hidden_rows
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration.folds import FEW, Fold, hidden_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.combination import Combination
+from truejoint.estimators.polynomial import Raw
 from truejoint.estimators.registry import LINEAR
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
+from truejoint.models.family import Target
 from truejoint.models.features import FeatureSet
+from truejoint.models.names import OFFSET
 
-_BETTER: Final = 0.1  # share by which the linear model must be beaten
+_BETTER: Final = 0.1  # share by which the best simple model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
+_FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
 _TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up
@@ -36,12 +40,18 @@ class Automatic:
     sum to 1, are not negative, and make the least mean square of the errors on what the fits did
     not see, each fold relative to the linear model, make a mean of them (Breiman, Stacked
     regressions, Machine Learning 24, 1996). The mean, each fold judged with the weights of the
-    others, or one candidate alone, whichever is best, is used where it beats the linear model: by
-    10 % and by two standard errors of the logarithm's mean over the folds. Elsewhere the linear
-    model stays. The fits that serve the choice see six
-    thousand rows; what is chosen is fitted to all. What was tried stands in the metadata under
-    ``choice``. Where no features are asked for, every measured position, effort and motor current
-    that all recordings have is tried beside the default ones.
+    others, or one candidate alone, whichever is best, is used where it beats the best of three
+    simple models: linear, fixed offset and the raw position; by 10 % and by two standard errors of
+    the logarithm's mean over the folds. Elsewhere that simple model stays. The fits that serve the
+    choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
+    metadata under ``choice``. Where no features are asked for, every measured position, effort and
+    motor current that all recordings have is tried beside the default ones.
+
+    Parts of one or two recordings cannot tell what each of several signals does that always moved
+    together, and a model that sets one against the other fails in the next motion. There each fit
+    is shown the same rows with every signal taken from another time: a candidate whose predictions
+    then spread, about the mean of the targets, twice as widely as the targets is not used for that
+    joint.
 
     Parameters
     ----------
@@ -61,7 +71,7 @@ class Automatic:
     >>> from sklearn.linear_model import Ridge
     >>> chosen = truejoint.calibrate(training, Automatic([Ridge(1e-3)]))
     >>> [trial["estimator"] for trial in chosen.metadata["choice"]["tried"]]
-    ['linear', 'Ridge']
+    ['linear', 'offset', 'raw', 'Ridge']
     """
 
     candidates: Sequence[Regressor] = field(default_factory=candidates)
@@ -77,7 +87,6 @@ class Rows:
     dt: Array  # (n,), time since the row before, 0 where a history starts
     features: Array  # (n, k)
     targets: Array  # (n, n_joints) [rad or m], NaN where they are not fitted to
-    error: Array  # (n, n_joints), truth minus measured
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,26 +113,36 @@ class _Trial:
 class Group:
     """Candidates that see the same features, and what they are fitted to and judged on.
 
-    The linear model goes before them. `recordings` are those of the folds, in their order.
+    The simple models that can predict the target go before them, the linear one first.
+    `recordings` are those of the folds, in their order.
     """
 
     features: FeatureSet
     recordings: Sequence[Rows]
     candidates: Sequence[JointRegressor]
+    target: Target
     products: list[Array] = field(default_factory=list)
     """For each fold, means (n_joints, m, m) of the products of two candidates' errors; NaN where
     one was not tried."""
 
     def __post_init__(self) -> None:
-        others = [one for one in self.candidates if one.name != LINEAR]
-        self.trials = [_Trial(one) for one in (get_estimator(LINEAR), *others)]
-        self._inputs, self._dt, self._targets, self._error = (
+        simple = [one for one in simple_models() if self.target in one.family.targets]
+        names = [one.name for one in simple]
+        others = [one for one in self.candidates if one.name not in names]
+        self.trials = [_Trial(one) for one in (*simple, *others)]
+        self._n_simple = len(simple)
+        self._inputs, self._dt, self._targets = (
             np.concatenate([getattr(rows, name) for rows in self.recordings])
-            for name in ("features", "dt", "targets", "error")
+            for name in ("features", "dt", "targets")
         )
+        moved = [apart(rows.features, self.features) for rows in self.recordings]
+        self._apart = np.concatenate(moved)
+        known = self._targets[np.isfinite(self._targets).all(axis=1)]
+        self._middle, self._deviation = known.mean(axis=0), np.maximum(known.std(axis=0), _TINY)
+        self._spreads = np.zeros((len(self.trials), known.shape[1]))  # largest so far
 
-    def judge(self, fold: Fold, say: Callable[[str, float], None]) -> Array:
-        """Fit what is not given up without a fold; RMSE (n_joints,) of the raw positions there.
+    def judge(self, fold: Fold, say: Callable[[str, float], None]) -> None:
+        """Fit what is not given up without a fold, and judge it there.
 
         `say` is told what is fitted, and the share that is done. Raises CalibrationError if the
         linear model cannot be fitted.
@@ -137,8 +156,9 @@ class Group:
             say(trial.candidate.name, number / m)
             began = time.perf_counter()
             try:
-                predicted = self._predict(trial, seen, unseen)
+                predicted, spread = self._predict(trial, seen, unseen)
                 errors[number] = self._targets[unseen] - predicted
+                self._spreads[number] = np.maximum(self._spreads[number], spread)
                 trial.folds += 1
             except CalibrationError as reason:
                 if number == 0:
@@ -147,10 +167,10 @@ class Group:
             trial.seconds += time.perf_counter() - began
         self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
         if len(self.products) >= _TRIED_ON:
-            for trial, weights in zip(self.trials[1:], self.weights()[1:], strict=True):
+            tried = zip(self.trials, self.weights(), strict=True)
+            for trial, weights in list(tried)[self._n_simple :]:
                 if trial.is_member and not trial.note and not weights.any():
                     trial.note = f"given up after {trial.folds} folds"
-        return np.asarray(np.sqrt(np.mean(self._error[unseen] ** 2, axis=0)))
 
     def _split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit sees, few enough, and rows that are judged."""
@@ -167,8 +187,12 @@ class Group:
             raise CalibrationError(f"no row of {fold.name} has a known truth")
         return seen[:: max(1, -(-len(seen) // _ROWS))], unseen
 
-    def _predict(self, trial: _Trial, seen: Integers, unseen: Integers) -> Array:
-        """Fit to the rows `seen`, settle what that found, and predict the rows `unseen`."""
+    def _predict(self, trial: _Trial, seen: Integers, unseen: Integers) -> tuple[Array, Array]:
+        """Fit to the rows `seen`, settle what that found, and predict the rows `unseen`.
+
+        And how widely (n_joints,) predictions spread where signals come apart, in deviations of
+        the targets; nothing is asked of more than two recordings.
+        """
         model = trial.candidate.settled()
         needed = model.minimum_rows(self._inputs.shape[1])
         if len(seen) < needed:
@@ -186,7 +210,16 @@ class Group:
             predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
         trial.is_member = model.family.row is not None and model.family.inputs is None
         trial.candidate = model.settled()
-        return predicted
+        spread = np.zeros(predicted.shape[1])
+        if len(self.recordings) < FEW:
+            far = (model.evaluate(self._apart, self._dt) - self._middle) / self._deviation
+            spread = np.sqrt(np.mean(far**2, axis=0))
+        return predicted, spread
+
+    @property
+    def usable(self) -> Mask:
+        """Which candidates (m, n_joints) need no signals that move together."""
+        return np.asarray(self._spreads <= _FURTHEST)
 
     @property
     def linear(self) -> Array:
@@ -198,30 +231,33 @@ class Group:
         kept = [p for number, p in enumerate(self.products) if number != without]
         relative = np.mean([p / np.maximum(p[:, :1, :1], _TINY) for p in kept], axis=0)
         for number, trial in enumerate(self.trials):
-            if not trial.is_member:
+            if not trial.is_member or isinstance(trial.candidate, Raw):  # an offset is one anyhow
                 relative[:, number] = np.nan
+        relative[~self.usable.T] = np.nan
         return np.array([stacking_weights(product) for product in relative]).T
 
     def combined(self) -> tuple[Array, Array]:
-        """Weights (m, n_joints): of a mean, or of one candidate, or of the linear model.
+        """Weights (m, n_joints): of a mean, or of one candidate, or of the best simple model.
 
         And the mean square error (n_folds, n_joints), of a mean with the weights of other folds.
         """
-        m, linear, best = len(self.trials), self.linear, self.weights()
-        apart = [self.weights(without=number) for number in range(len(self.products))]
-        square = np.array([_square(p, w) for p, w in zip(self.products, apart, strict=True)])
-        options = [(best, square)]
-        for number, trial in enumerate(self.trials):
-            if trial.is_member and not trial.note:
-                alone = np.repeat(np.eye(m)[:, number, None], linear.shape[1], axis=1)
-                options.append((alone, np.array([p[:, number, number] for p in self.products])))
-        weights, errors = options[1][0].copy(), linear.copy()
-        for joint in range(linear.shape[1]):
-            for option, square in options:
-                ratios = log_ratio(square[:, joint], linear[:, joint])
-                smaller = square[:, joint], errors[:, joint]
-                if is_better(ratios) and log_ratio(*smaller).mean() < 0.0:
-                    weights[:, joint], errors[:, joint] = option[:, joint], square[:, joint]
+        m, best, usable = len(self.trials), self.weights(), self.usable
+        others = [self.weights(without=number) for number in range(len(self.products))]
+        square = np.array([_square(p, w) for p, w in zip(self.products, others, strict=True)])
+        alone = np.array([np.diagonal(p, axis1=1, axis2=2).T for p in self.products])
+        weights, errors = np.zeros_like(best), np.empty_like(square)
+        for joint in range(errors.shape[1]):
+            options = [(best[:, joint], square[:, joint])] + [
+                (np.eye(m)[number], alone[:, number, joint])
+                for number, trial in enumerate(self.trials)
+                if trial.is_member and not trial.note and usable[number, joint]
+            ]
+            simple = [o for o in options[1:] if o[0][: self._n_simple].any()]
+            linear = self.linear[:, joint]
+            yardstick = min(simple, key=lambda o: log_ratio(o[1], linear).mean())[1]
+            better = [o for o in options if is_better(log_ratio(o[1], yardstick))]
+            chosen = min(better or simple, key=lambda o: log_ratio(o[1], linear).mean())
+            weights[:, joint], errors[:, joint] = chosen
         return weights, errors
 
     def estimator(self, weights: Array) -> JointRegressor:
@@ -234,6 +270,25 @@ class Group:
 
 
 _TINY: Final = np.finfo(float).tiny
+
+
+def simple_models() -> list[JointRegressor]:
+    """Models that are kept unless another is better: linear, fixed offset, and none."""
+    return [get_estimator(LINEAR), get_estimator(OFFSET), Raw()]
+
+
+def apart(features: Array, feature_set: FeatureSet) -> Array:
+    """Features (n, k) of one recording with every signal taken from another time of it.
+
+    All features of a signal are moved alike, by so many equal shares of the recording as there are
+    signals, and go round at its end.
+    """
+    signals = feature_set.signals
+    moved = np.empty_like(features)
+    for number, feature in enumerate(feature_set.features):
+        rows = len(features) * signals.index(feature.signal) // len(signals)
+        moved[:, number] = np.roll(features[:, number], rows)
+    return moved
 
 
 def stacking_weights(products: Array) -> Array:
@@ -291,7 +346,6 @@ def choose(
     more of them take more rows, are left out.
     """
     tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
-    raw: list[Array] = []
     judged: list[Fold] = []
     for number, fold in enumerate(left_out):
 
@@ -300,7 +354,7 @@ def choose(
             report((number + share) / len(left_out))
 
         try:
-            raw.append(groups[0].judge(fold, say))
+            groups[0].judge(fold, say)
             judged.append(fold)
         except CalibrationError:
             if fold is left_out[-1] and not judged:
@@ -308,7 +362,7 @@ def choose(
             continue
         groups = [groups[0], *(group for group in groups[1:] if _is_judged(group, fold, say))]
     tell("Fitting what was chosen")
-    return _best(groups, judged, raw, joints)
+    return _best(groups, judged, joints)
 
 
 def _is_judged(group: Group, fold: Fold, say: Callable[[str, float], None]) -> bool:
@@ -319,16 +373,14 @@ def _is_judged(group: Group, fold: Fold, say: Callable[[str, float], None]) -> b
     return True
 
 
-def _best(
-    groups: Sequence[Group], judged: Sequence[Fold], raw: Sequence[Array], joints: Sequence[str]
-) -> Choice:
+def _best(groups: Sequence[Group], judged: Sequence[Fold], joints: Sequence[str]) -> Choice:
     reference = groups[0].linear
     options: list[tuple[Group, Array, Array]] = []
     for group in groups:
         weights, square = group.combined()
         options.append((group, weights, square))
         for number, trial in enumerate(group.trials):
-            if not trial.is_member and trial.folds == len(judged):
+            if not trial.is_member and trial.folds == len(judged) and group.usable[number].all():
                 alone = np.zeros_like(weights)
                 alone[number] = 1.0
                 options.append(
@@ -342,7 +394,6 @@ def _best(
     told = {
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
-        "raw": _by_joint(joints, np.square(raw)),
         "chosen": {"rmse": _by_joint(joints, square)} | _ratio(log_ratio(square, reference)),
         "tried": [
             _told(one, number, reference, joints, weights[number] if one is group else None)
@@ -366,6 +417,9 @@ def _told(
         "weights": {} if weights is None else dict(zip(joints, weights.tolist(), strict=True)),
         "note": trial.note,
     }
+    apart = [j for j, good in zip(joints, group.usable[number], strict=True) if not good]
+    if apart:
+        entry["note"] = f"needs signals that move together: {', '.join(apart)}"
     square = np.array([product[:, number, number] for product in group.products])
     tried = np.isfinite(square).all(axis=1)
     if tried.any():

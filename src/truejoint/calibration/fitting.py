@@ -254,8 +254,8 @@ def _choose(
     for feature_set, candidates in by_features.items():
         rules = RowRules(feature_set, chosen, gap_limit, stride)
         parts = map(rules.rows, recordings, outlying)
-        rows = [Rows(p.recording.t, p.dt, p.features, p.targets(target), p.error) for p in parts]
-        groups.append(Group(feature_set, rows, candidates))
+        rows = [Rows(p.recording.t, p.dt, p.features, p.targets(target)) for p in parts]
+        groups.append(Group(feature_set, rows, candidates, target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 

@@ -110,16 +110,16 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
-    One or two recordings lose a fifth of their time each; more are left out whole. Ten or more are
-    left out by how fast they move and by how large their efforts are, a fifth at a time, so that
-    an estimator shows what it does beyond them. Where several homings, or masses on the tool, are
-    stated, these are left out too.
+    One or two recordings lose a fifth of their time each; two or more are left out whole. Ten or
+    more are left out by how fast they move and by how large their efforts are, a fifth at a time,
+    so that an estimator shows what it does beyond them. Where several homings, or masses on the
+    tool, are stated, these are left out too.
     """
+    parts, found = wholes(recordings), list[Fold]()
     if len(recordings) < FEW:
-        parts = blocks(recordings, FOLDS)
-        return dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
-    parts = wholes(recordings)
-    found: list[Fold] = []
+        shares = blocks(recordings, FOLDS)
+        found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
+        return found if len(parts) == 1 else found + dealt([[p] for p in parts], "recordings")
     if len(recordings) >= SORTED_FROM:
         for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
             groups = np.array_split(np.argsort(sizes, kind="stable"), FOLDS)

@@ -374,6 +374,10 @@ class _Known:
         base = np.eye(4)
         base[:3, :3], base[:3, 3] = turned, shift
         precision = np.zeros((6, 6))
+        if len(registration.touched) and registration.base is not None:
+            raise CalibrationError(
+                "registration: it states the base's pose and touched points; leave one of them out"
+            )
         if len(registration.touched):
             ours, theirs = registration.touched[:, 0], registration.touched[:, 1]
             turned, shift = align(ours, theirs)

@@ -95,15 +95,13 @@ def extract(
             arm,
             profile=profile,
             state=state,
-            truth="" if by_file else truth,
+            truth=None if by_file else truth,
             quantities=(*truejoint.crtk.messages.USUAL_QUANTITIES, *(quantity or ())),
             offset=offset_s,
         )
     if by_file:
         machine = recording.robot
         stream = truejoint.recordings.read_truth(truth, machine.name, machine.arm, truth_columns)
-        without = recording.table.drop(columns=recording.table.filter(like="truth/").columns)
-        recording = truejoint.Recording.from_columns(dict(without), recording.provenance)
         recording, _ = truejoint.recordings.join_truth(recording, stream, offset_s)
     stated: dict[str, Any] = {"homing_id": homing_id, "session": session}
     stated["load"] = None if load_grams is None else load_grams / 1000.0

@@ -233,8 +233,7 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
         return [name, str(len(of.get("features", ())) or ""), ratio, *cells, of.get("note", "")]
 
-    rows = [row("raw", {"rmse": told["raw"]})]
-    rows += [row(one["estimator"], one) for one in told["tried"]]
+    rows = [row(one["estimator"], one) for one in told["tried"]]
     rows.append(row("chosen", told["chosen"]))
     header = ["estimator", "features", f"to {told['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in shown]

@@ -124,6 +124,11 @@ def collect(
     if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
         raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
     pairs = _to_record(trajectories, output, resume=resume, force=force)
+    if not pairs:
+        say("nothing is left to record")
+        if as_json:
+            result_json({"recordings": []})
+        return
     made = truejoint.simulation.make_twin(
         robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
     )
@@ -133,7 +138,7 @@ def collect(
         device = stack.enter_context(truejoint.crtk.Arm(kind(made)))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
-        model = None if compensate is None else model_for(compensate, device)
+        model = None if compensate is None else _model_for(compensate, device.robot)
         output.mkdir(parents=True, exist_ok=True)
         truth = None
         if encoders is not None:
@@ -179,13 +184,9 @@ def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
     truth.register()
 
 
-def model_for(path: Path, device: truejoint.crtk.Arm) -> truejoint.Calibration:
-    """Read a calibration; raises CommandRefused if it is of another robot."""
+def _model_for(path: Path, robot: truejoint.robots.Robot) -> truejoint.Calibration:
     model = truejoint.read_calibration(path)
-    if (model.robot, model.arm) != (device.robot.name, device.robot.arm):
-        raise CommandRefused(
-            f"{path}: is of {model.title}, but the arm is {device.robot.title}; give that one's"
-        )
+    model.check_robot(robot)
     return model
 
 

@@ -1,28 +1,33 @@
-"""`truejoint doctor`: what ails a recording, or the link that brought it, a verdict for each."""
+"""`truejoint doctor`: what ails a recording, or the link that brings it, a verdict for each."""
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.bags import Profile
-from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED
 from truejoint.errors import RecordingError
 
 _COLOURS = {"good": "green", "info": "", "warn": "yellow", "fail": "red"}
+_LIVE: Final = "live"
+_SECONDS: Final = 10.0
+_LOOK: Final = 0.1  # [s] between two looks at whether to end
 
 
 def doctor(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="BAG...|RECORDING",
-            help="All bags of one session, or one recording.",
+            metavar="BAG...|RECORDING|live",
+            help="All bags of one session, or one recording; live: what is said on the topics of a "
+            "running ROS now.",
             autocompletion=complete.recordings,
         ),
     ],
@@ -31,22 +36,38 @@ def doctor(
     profile: Profile = "",
     state: Annotated[str, typer.Option(help="Topic of the measured joints; default: found.")] = "",
     truth: Annotated[str, typer.Option(help="Topic of joint sensors; default: found.")] = "",
+    seconds: Annotated[
+        float | None,
+        typer.Option(
+            min=1.0,
+            max=600.0,
+            help="For how long to listen, live [s]; default: 10. Ctrl-C ends it.",
+        ),
+    ] = None,
+    ros: Annotated[
+        int | None, typer.Option("--ros", min=1, max=2, help="Which ROS, live; default: 1.")
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
     sets = truejoint.recordings
-    is_bag = len(files) > 1 or sets.detect_format(files[0]) == "bag"
-    with progress(f"Examining {', '.join(path.name for path in files)}"):
-        if is_bag:
+    wiring = {"profile": profile, "state": state, "truth": truth}
+    if files == [Path(_LIVE)] and not files[0].exists():
+        diagnosis = _listen(robot or "", arm, wiring, seconds or _SECONDS, ros or 1)
+    elif seconds is not None or ros is not None:
+        raise RecordingError("--seconds and --ros are for `truejoint doctor live`")
+    elif len(files) > 1 or sets.detect_format(files[0]) == "bag":
+        with progress(f"Examining {', '.join(path.name for path in files)}"):
             recording = sets.read_bag(
                 files, robot or "", arm, profile=profile, state=state, truth=truth
             )
             diagnosis = sets.diagnose(recording, sets.read_other_arm(files, recording))
-        elif profile or state or truth:
-            raise RecordingError(f"{files[0]}: is no bag, so it has neither profile nor topics")
-        else:
-            told = {"robot": robot, "arm": arm or None}
-            given = {key: value for key, value in told.items() if value is not None}
+    elif any(wiring.values()):
+        raise RecordingError(f"{files[0]}: is no bag, so it has neither profile nor topics")
+    else:
+        told = {"robot": robot, "arm": arm or None}
+        given = {key: value for key, value in told.items() if value is not None}
+        with progress(f"Examining {files[0].name}"):
             diagnosis = sets.diagnose(truejoint.read_recording(files[0], **given))
     if as_json:
         result_json(diagnosis.to_dict())
@@ -56,3 +77,23 @@ def doctor(
         out.print(line, style=_COLOURS[verdict.level], soft_wrap=True)
     if diagnosis.failed:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _listen(
+    robot: str, arm: str, wiring: dict[str, str], seconds: float, ros: int
+) -> truejoint.recordings.Diagnosis:
+    """Judge what is said on an arm's topics for some seconds, or until Ctrl-C."""
+    from truejoint.cli.node import as_node  # noqa: PLC0415  # not for a recording
+    from truejoint.recordings.live import LiveLink  # noqa: PLC0415
+
+    with as_node("truejoint_doctor", ros) as transport:
+        link = LiveLink(transport, robot, arm, **wiring)
+        with link, progress(f"Listening for {seconds:g} s") as done:
+            began = time.monotonic()
+            try:
+                while (passed := time.monotonic() - began) < seconds and not transport.is_over:
+                    done(passed / seconds)
+                    time.sleep(min(_LOOK, seconds - passed))
+            except KeyboardInterrupt:
+                say(f"stopped after {time.monotonic() - began:.1f} s; of these:")
+        return link.diagnose()

@@ -32,7 +32,6 @@ app = typer.Typer(
 )
 
 _LOOK: Final = 0.2  # [s] between two looks at whether to end
-_SILENCE: Final = 1.0  # [s] without a state of a homed arm after which that is said
 _MENDED: Final = "raven2_mended"
 
 
@@ -87,7 +86,7 @@ def correct(
     In <namespace>/corrected: measured_js, half_width and status; once a second /diagnostics.
     """
     del parameters  # taken already
-    with _node("truejoint_correct", ros) as transport:
+    with as_node("truejoint_correct", ros) as transport:
         from truejoint.runtime.corrector import Corrector  # noqa: PLC0415  # compiles
         from truejoint.runtime.node import CorrectorNode  # noqa: PLC0415
 
@@ -138,7 +137,7 @@ def simulate(
     if quirks and made.robot.name != DEFAULT:
         raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
     profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""
-    with _node("truejoint_simulate", ros) as transport:
+    with as_node("truejoint_simulate", ros) as transport:
         from truejoint.crtk.server import ArmServer  # noqa: PLC0415
 
         with truejoint.crtk.Arm(truejoint.crtk.PacedBackend(made, homed=homed)) as device:
@@ -170,7 +169,7 @@ def record(
     """Record what an arm reports while others move it; it is only looked at."""
     del parameters
     check_target(output, overwrite=force)
-    with _node("truejoint_record", ros) as transport:
+    with as_node("truejoint_record", ros) as transport:
         from truejoint.crtk.backends.ros import RosBackend  # noqa: PLC0415
 
         found = truejoint.get_robot(robot, arm)
@@ -193,12 +192,14 @@ def record(
 
 def _listen(arm: truejoint.crtk.Arm) -> None:
     """Raise CommandRefused if a homed arm does not report."""
+    from truejoint.crtk.ros.transport import SILENCE  # noqa: PLC0415
+
     if arm.operating_state().is_homed:
-        arm.measured_js(_SILENCE)
+        arm.measured_js(SILENCE)
 
 
 @contextmanager
-def _node(name: str, ros: int) -> Iterator[Transport]:
+def as_node(name: str, ros: int) -> Iterator[Transport]:
     """Be a node of ROS meanwhile; what parts of it have to say goes to the person."""
     from truejoint.crtk.ros import open_transport  # noqa: PLC0415
 

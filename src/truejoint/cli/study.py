@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.options import Force, Json, Seed
-from truejoint.errors import StudyError
+from truejoint.errors import StudyError, TruejointError
 from truejoint.files import check_folder
 from truejoint.studies.catalogue import STUDIES, get_study
-from truejoint.studies.study import PRESETS, shown
+from truejoint.studies.study import PRESETS, Settings, Study, shown
+
+if TYPE_CHECKING:
+    from truejoint.studies.runner import StudyResult
+
+ALL: Final = "all"
 
 
 def _options(context: typer.Context) -> list[str]:
@@ -25,7 +30,8 @@ def study(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Which study; all are listed without one.", autocompletion=lambda: list(STUDIES)
+            help="Which study, or all; they are listed without one.",
+            autocompletion=lambda: [*STUDIES, ALL],
         ),
     ] = None,
     preset: Annotated[
@@ -59,31 +65,60 @@ def study(
     if name is None:
         _list(as_json=as_json)
         return
-    experiment, target = get_study(name), folder / name
-    settings = experiment.settings(preset, seed, _parsed(chosen or []))
+    options = _parsed(chosen or [])
+    if name == ALL and options:
+        raise StudyError("--set is of one study; name it in place of 'all'")
+    jobs = jobs or len(os.sched_getaffinity(0))
+    from truejoint.studies import overview  # noqa: PLC0415  # a list needs no arithmetic
+
+    made, failed = {}, []
+    for study in STUDIES.values() if name == ALL else (get_study(name),):
+        try:
+            settings = study.settings(preset, seed, options)
+            made[study.name] = _made(study, settings, folder / study.name, jobs, force=force)
+        except TruejointError as error:
+            if name != ALL:
+                raise
+            failed.append(study.name)
+            say(f"{study.name}: {error}")
+        else:
+            overview.write_overview(folder, command=command_line())
+            if not as_json:
+                _show(made[study.name])
+    if as_json:
+        plain = {key: result.to_dict() for key, result in made.items()}
+        result_json(plain if name == ALL else plain[name])
+    say(f"All studies on one page: {folder / overview.NAME}")
+    if failed:
+        raise StudyError(f"not done: {', '.join(failed)}; what is wrong with each stands above")
+
+
+def _made(study: Study, settings: Settings, target: Path, jobs: int, *, force: bool) -> StudyResult:
+    """Run a study and write what it leaves."""
     from truejoint.studies import page, runner  # noqa: PLC0415  # a list needs no arithmetic
 
     check_folder(target, error=StudyError)
     if not force:
-        page.check_folder(experiment, settings, target)
-    jobs = jobs or len(os.sched_getaffinity(0))
-    common = {"preset": preset, "seed": seed, "folder": target, "jobs": jobs}
+        page.check_folder(study, settings, target)
+    common = {"preset": settings.preset, "seed": settings.seed, "folder": target, "jobs": jobs}
     try:
-        with progress(f"Study {name}") as done:
-            result = runner.run_study(experiment, settings.options, progress=done, **common)  # type: ignore[arg-type]
+        with progress(f"Study {study.name}") as done:
+            result = runner.run_study(study, settings.options, progress=done, **common)  # type: ignore[arg-type]
     except KeyboardInterrupt:
         say(f"Stopped; what is done is kept in {target}, and the same command goes on from there")
         raise
     files = page.write_study(result, target, command=command_line(), overwrite=force)
-    if as_json:
-        result_json(result.to_dict())
-    else:
-        for table in result.summary.tables:
-            out.print(table.rich())
-        for claim in result.summary.claims:
-            out.print(f"{claim.verdict}: {claim.text}: {claim.found}")
-    say(f"parts: {len(result.parts)}, computed now: {result.computed}")
+    say(f"{study.name}: parts: {len(result.parts)}, computed now: {result.computed}")
     say(f"Written: {', '.join(str(path) for path in files)}")
+    return result
+
+
+def _show(result: StudyResult) -> None:
+    for table in result.summary.tables:
+        out.print(table.rich())
+    for claim in result.summary.claims:
+        on = f" ({claim.on})" if claim.on else ""
+        out.print(f"{claim.verdict}: {claim.text}{on}: {claim.found}")
 
 
 def _parsed(texts: list[str]) -> dict[str, str]:

@@ -139,6 +139,8 @@ def _from_terminal(operator: Teleoperation, pad: Gamepad | None) -> Events:
             if now - drawn > _REDRAW:
                 live.update(_picture(operator), refresh=True)
                 drawn = now
+    if pad is not None and pad.is_gone:
+        say("the gamepad is gone: the arm was stopped and paused")
     return events
 
 

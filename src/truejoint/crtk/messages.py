@@ -26,6 +26,8 @@ STRING_STAMPED: Final = "crtk_msgs/StringStamped"
 RAVEN_TOPIC: Final = "/ravenstate"
 TRUTH_TOPIC: Final = "/ext_jpos"
 """Of the temporary joint encoders (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder)."""
+CORRECTED: Final = "corrected"
+"""Namespace, within an arm's, of what a correcting node says."""
 
 # The state of both arms as uw-biorobotics/raven2:msg/raven_state.msg has it, by its MD5 sum
 # ce9e7f4969049d8bb365de3c98461a01. Other variants are read by the definition in their file.

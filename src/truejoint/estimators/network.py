@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -95,6 +95,10 @@ class NeuralNetwork(JointRegressor):
         """Parameters as the family knows them: once fitted, with the epochs that it took."""
         return {**super().model_params(), "epochs": self.epochs or vars(self).get("epochs_", 0)}
 
+    def penalties(self) -> Penalties:
+        """Penalties beside that on the squared weights: none."""
+        return _NO_MORE
+
     def settled(self) -> Self:
         """Unfitted network that takes the epochs which this one took."""
         return clone(self).set_params(**self.model_params())  # type: ignore[no-any-return]
@@ -152,6 +156,7 @@ class NeuralNetwork(JointRegressor):
         sizes = len(layers.weights[0]), *map(len, layers.biases)
         gradient = Layers.zeros(sizes, layers.flat.dtype)
         decay, rate = float(self.weight_decay), float(self.learning_rate)
+        more = self.penalties()
         adam = Adam(layers.flat, rate)
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         self.loss_curve_: list[float] = []
@@ -162,7 +167,7 @@ class NeuralNetwork(JointRegressor):
             for start in range(0, len(X), self.batch_size_):
                 rows = slice(start, start + self.batch_size_)
                 losses.append(
-                    loss_and_gradient(layers, X_epoch[rows], y_epoch[rows], decay, gradient)
+                    loss_and_gradient(layers, X_epoch[rows], y_epoch[rows], decay, gradient, more)
                 )
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
@@ -173,6 +178,44 @@ class NeuralNetwork(JointRegressor):
         tags = super().__sklearn_tags__()
         tags.non_deterministic = self.random_state is None
         return tags
+
+
+@dataclass(eq=False, repr=False)
+class WideNetwork(NeuralNetwork):
+    """The larger network of peng2024, II-H, for all features of the robot's state.
+
+    Factors are those of HaonanPeng/RAVEN-2-Feature-Ablation, as the paper's; each in the sense of
+    Keras. Once fitted, it is a network like any other.
+
+    Parameters
+    ----------
+    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state
+        As of `NeuralNetwork`.
+    absolute_decay : float
+        Factor of the L1 penalty on the weights.
+    bias_decay, activity_decay : float
+        Factors of the L2 penalties on biases and on hidden activations.
+
+    Examples
+    --------
+    >>> WideNetwork().hidden_layer_sizes
+    (600, 500, 400)
+    """
+
+    hidden_layer_sizes: tuple[int, ...] = (600, 500, 400)
+    weight_decay: float = 1e-4
+    absolute_decay: float = 1e-5
+    bias_decay: float = 1e-4
+    activity_decay: float = 1e-5
+
+    def model_params(self) -> Params:
+        """Parameters as the family knows them, which is told nothing of the other penalties."""
+        own = ("absolute_decay", "bias_decay", "activity_decay")
+        return {name: value for name, value in super().model_params().items() if name not in own}
+
+    def penalties(self) -> Penalties:
+        """Penalties beside that on the squared weights."""
+        return Penalties(self.absolute_decay, self.bias_decay, self.activity_decay)
 
 
 def effective_batch(n_rows: int, batch_size: int) -> int:
@@ -211,14 +254,30 @@ class Layers:
         return layers
 
 
+class Penalties(NamedTuple):
+    """Factors of further penalties on a network, in the sense of Keras."""
+
+    weights: float = 0.0  # of the sum of the weights' sizes (L1)
+    biases: float = 0.0  # of the sum of the squared biases
+    activities: float = 0.0  # of the sum of the squared hidden activations, mean over a batch
+
+
+_NO_MORE: Final = Penalties()
+
+
 def loss_and_gradient(
-    layers: Layers, X: Floats, y: Floats, weight_decay: float, gradient: Layers
+    layers: Layers,
+    X: Floats,
+    y: Floats,
+    weight_decay: float,
+    gradient: Layers,
+    more: Penalties = _NO_MORE,
 ) -> float:
     """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
     ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
     free; where `y` is NaN, the difference is none. The loss of scikit-learn's ``MLPRegressor`` has
-    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``.
+    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``. `more` is added to it.
     """
     activations = forward(layers, X)
     delta = activations.pop()
@@ -232,12 +291,26 @@ def loss_and_gradient(
         gradient.weights[layer][:] += (2.0 * weight_decay) * weight
         np.sum(delta, axis=0, out=gradient.biases[layer])
         loss += weight_decay * float(np.vdot(weight, weight))
+        if more is not _NO_MORE:
+            loss += _penalised(more, weight, layers.biases[layer], gradient, layer)
         if layer:
             delta = delta @ weight.T
+            if more.activities:
+                loss += more.activities * float(np.vdot(source, source)) / len(X)
+                delta += (2.0 * more.activities / len(X)) * source
             delta *= source
             np.subtract(1.0, source, out=source)
             delta *= source
     return loss
+
+
+def _penalised(
+    more: Penalties, weight: Floats, bias: Floats, gradient: Layers, layer: int
+) -> float:
+    """Penalty on weights and biases of a layer, added to the gradient as well."""
+    gradient.weights[layer][:] += more.weights * np.sign(weight)
+    gradient.biases[layer][:] += (2.0 * more.biases) * bias
+    return more.weights * float(np.abs(weight).sum()) + more.biases * float(np.vdot(bias, bias))
 
 
 def forward(layers: Layers, X: Floats) -> list[Floats]:

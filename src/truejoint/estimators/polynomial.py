@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, apart, standardisation
-from truejoint.models import offset, polynomial
+from truejoint.models import names, offset, polynomial
 from truejoint.models.family import Family
 
 ROWS_PER_COEFFICIENT: Final = 10  # for each joint; with fewer rows, a fit fits the noise
@@ -42,6 +42,25 @@ class FixedOffset(JointRegressor):
         tags = super().__sklearn_tags__()
         tags.regressor_tags.poor_score = True
         return tags
+
+
+class Raw(FixedOffset):
+    """No correction: a fixed offset of 0, of the error.
+
+    Examples
+    --------
+    >>> Raw().fit([[0.0], [1.0]], [1.0, 2.0]).predict([[5.0]])
+    array([0.])
+    """
+
+    @property
+    def name(self) -> str:
+        """Name in tables."""
+        return names.RAW
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        progress(1.0)
+        return {"offset": np.zeros(y.shape[1])}
 
 
 @dataclass(eq=False, repr=False)

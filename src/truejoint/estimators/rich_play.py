@@ -43,10 +43,13 @@ class Ridge(JointRegressor):
 
     Parameters
     ----------
-    first : int
-        Of the features, by which each of the first `crossed` is multiplied.
-    crossed : int
-        Features that are multiplied, `first` or more.
+    first : int, optional
+        Of the features, by which each of the first `crossed` is multiplied; by default all, or
+        none where that makes more than 600 products.
+    crossed : int, optional
+        Features that are multiplied, `first` or more; by default as many as `first`.
+    squared : int, optional
+        Of the features, by whose squares they are multiplied too; by default none.
 
     Attributes
     ----------
@@ -58,20 +61,29 @@ class Ridge(JointRegressor):
     Examples
     --------
     >>> X = np.random.default_rng(0).normal(size=(500, 2))
-    >>> Ridge(first=1, crossed=2).fit(X, X[:, 0] * X[:, 1]).predict([[2.0, 0.5]]).round(2)
+    >>> Ridge().fit(X, X[:, 0] * X[:, 1]).predict([[2.0, 0.5]]).round(2)
     array([1.])
     """
 
     family: ClassVar[Family] = interactions.FAMILY
-    first: int = 0
-    crossed: int = 0
+    first: int | None = None
+    crossed: int | None = None
+    squared: int = 0
+
+    def model_params(self) -> Params:
+        """Parameters of the family: by default, the numbers for what it is fitted to."""
+        k = int(vars(self).get("n_features_in_", 0))
+        usual = k if k * (k + 1) // 2 <= _PRODUCTS else 0
+        first = usual if self.first is None else int(self.first)
+        crossed = first if self.crossed is None else int(self.crossed)
+        return {"first": first, "crossed": crossed, "squared": int(self.squared)}
 
     def minimum_rows(self, n_features: int) -> int:
         """Two rows for each input, which the penalty makes enough."""
         return max(100, 2 * n_features)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        factors = interactions.interaction_factors(X.shape[1], int(self.first), int(self.crossed))
+        factors = interactions.interaction_factors(X.shape[1], **self.model_params())
         scales = scaling(X, y)
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
@@ -169,6 +181,11 @@ class RichPlay(JointRegressor):
         Of the low-passes [s].
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
+    leading : int, optional
+        By how many of the features, the first ones, everything is multiplied; by default all if
+        that makes few enough products, else only features by features.
+    squared : int
+        By the squares of how many of them, the first ones, everything is multiplied too.
     random_state : int, optional
         Seed of the trees; their own by default.
 
@@ -191,6 +208,8 @@ class RichPlay(JointRegressor):
     plays: tuple[float, ...] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
     time_constants: tuple[float, ...] = (0.05, 0.5, 2.0)
     rows: int = 40_000
+    leading: int | None = None
+    squared: int = 0
     random_state: int | None = None
 
     def minimum_rows(self, n_features: int) -> int:
@@ -202,6 +221,15 @@ class RichPlay(JointRegressor):
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
         if not is_integer(self.rows, 1, 10**9):
             raise CalibrationError(f"rows is {self.rows!r:.60}; it must be an integer from 1")
+        if not (self.leading is None or is_integer(self.leading, 0, _PRODUCTS)):
+            raise CalibrationError(
+                f"leading is {self.leading!r:.60}; it must be an integer from 0 to {_PRODUCTS}, or "
+                "None"
+            )
+        if not is_integer(self.squared, 0, _PRODUCTS):
+            raise CalibrationError(
+                f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
+            )
         super().check_params()
 
     def model_params(self) -> Params:
@@ -234,10 +262,27 @@ class RichPlay(JointRegressor):
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
 
+    def _products(self, n_features: int, n_seen: int) -> tuple[int, int, int]:
+        """By how many of what is seen, the first ones, how many are multiplied; by whose squares.
+
+        Raises CalibrationError if there are too many products of what was asked for.
+        """
+        squared = min(int(self.squared), n_features)
+        if self.leading is None and not squared:
+            choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
+            return (*next(pair for pair in choices if pair[0] * pair[1] <= _PRODUCTS), 0)
+        leading = min(squared if self.leading is None else int(self.leading), n_features)
+        asked = (leading + squared) * n_seen
+        if asked > _PRODUCTS:
+            raise CalibrationError(
+                f"leading={self.leading} and squared={self.squared} make {asked} products of "
+                f"{n_seen} features, plays and low-passes; at most {_PRODUCTS}: ask for fewer"
+            )
+        return leading, n_seen, squared
+
     def _unfitted(self, n_features: int, n_seen: int, n_outputs: int) -> JointRegressor:
         """Model for so many features, and so much that it sees of them, and so many joints."""
-        products = [(n_features, n_seen), (n_features, n_features), (0, 0)]
-        ridge = Ridge(*next(p for p in products if p[0] * p[1] <= _PRODUCTS))
+        ridge = Ridge(*self._products(n_features, n_seen))
         if self.learner == "ridge":
             return ridge
         leaves = _LEAVES if n_outputs <= _FEW_JOINTS else _LEAVES // 2

@@ -21,7 +21,7 @@ from truejoint.units import DisplayUnit, display_unit, with_unit
 if TYPE_CHECKING:
     from truejoint.recordings import DataCheck
 
-RAW: Final = "raw"
+RAW: Final = names.RAW
 OFFSET: Final = names.OFFSET
 # Always in the table, in this order; what was chosen stands after them.
 BASELINES: Final = (RAW, *registry.BASELINES)

@@ -13,6 +13,7 @@ from pathlib import PurePath
 import numpy as np
 
 from truejoint.errors import RecordingError
+from truejoint.recordings.datasets import Dataset, HeldOut, read_dataset
 from truejoint.recordings.recording import Recording
 
 
@@ -145,6 +146,25 @@ def split_by_file(
                 "under two names; remove one of them"
             )
     return train, test
+
+
+def recommended_sides(dataset: Dataset, split: HeldOut) -> tuple[list[Recording], list[Recording]]:
+    """Training and held-out recordings of a public data set, split as it recommends.
+
+    Raises RecordingError if the data set is not on this machine; see `read_dataset`.
+
+    Examples
+    --------
+    >>> kuka = DATASETS["kuka_kr300_dual_encoder"]
+    >>> training, testing = recommended_sides(kuka, kuka.split())  # doctest: +SKIP
+    """
+    recordings = read_dataset(dataset.name, split.files)
+    if split.test:
+        out = [split.holds_out(recording.provenance.session) for recording in recordings]
+        pairs = list(zip(recordings, out, strict=True))
+        return [r for r, held in pairs if not held], [r for r, held in pairs if held]
+    parts = [split_by_time(recording, 1.0 - split.test_fraction) for recording in recordings]
+    return [train for train, _ in parts], [test for _, test in parts]
 
 
 def _matches(source: str, pattern: str) -> bool:

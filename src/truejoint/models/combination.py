@@ -22,7 +22,7 @@ from truejoint.models.family import (
     is_integer,
 )
 
-MAX_MEMBERS: Final = 8
+MAX_MEMBERS: Final = 10
 MAX_OUTPUTS: Final = 64
 DEPTH: Final = 3
 """How deep a sum may stand within sums."""

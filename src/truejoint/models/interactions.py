@@ -14,24 +14,32 @@ from truejoint.models.family import Family, Params, Shape, integer
 from truejoint.models.polynomial import MAX_TERMS, linear_shapes, pack_terms, polynomial_row
 
 
-def interaction_factors(n_features: int, first: int, crossed: int) -> Integers:
-    """Features that each term (n_terms, 2) multiplies, filled up with `n_features`.
+def interaction_factors(n_features: int, first: int, crossed: int, squared: int = 0) -> Integers:
+    """Features that each term (n_terms, 2 or 3) multiplies, filled up with `n_features`.
 
-    Every feature by itself, then each of the first `crossed` times each of the `first`, once.
+    Every feature by itself, then each of the first `crossed` times each of the `first`, once, then
+    times the square of each of the first `squared`.
     """
     alone = [(i, n_features) for i in range(n_features)]
     products = [(i, j) for j in range(first) for i in range(j, crossed)]
-    return np.array(alone + products, dtype=np.int64)
+    factors = np.array(alone + products, dtype=np.int64)
+    if not squared:
+        return factors
+    filled = np.column_stack([factors, np.full(len(factors), n_features)])
+    cubes = [(i, j, j) for j in range(squared) for i in range(crossed)]
+    return np.vstack([filled, np.array(cubes, dtype=np.int64)])
 
 
 def _factors(params: Params, n_features: int) -> Integers:
-    first, crossed = int(params["first"]), int(params["crossed"])
-    if not first <= crossed <= n_features or first * crossed > MAX_TERMS:
+    first, crossed, squared = (int(params[name]) for name in ("first", "crossed", "squared"))
+    n_products = (first + squared) * crossed
+    if not max(first, squared) <= crossed <= n_features or n_products > MAX_TERMS:
         raise CalibrationError(
-            f"interactions of the first {crossed} features with {first} are asked for; it must be "
-            f"at most {n_features}, as many or more than those, and {MAX_TERMS} products"
+            f"interactions of the first {crossed} features with {first}, and the squares of "
+            f"{squared}, are asked for; it must be at most {n_features}, as many or more than "
+            f"those, and {MAX_TERMS} products"
         )
-    return interaction_factors(n_features, first, crossed)
+    return interaction_factors(n_features, first, crossed, squared)
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -44,7 +52,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int)
 
 FAMILY: Final = Family(
     "interactions",
-    rules={"first": integer(0, MAX_TERMS), "crossed": integer(0, MAX_TERMS)},
+    rules={name: integer(0, MAX_TERMS) for name in ("first", "crossed", "squared")},
     shapes=_shapes,
     pack=_pack,
     row=polynomial_row,

@@ -23,8 +23,9 @@ from truejoint.robots.blocks import StateBlock, TruthBlock
 
 _PLOT_EVERY: Final = 3  # pictures
 _MOST_POINTS: Final = 600  # of a curve
-# A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s].
-_SWITCH_INTERVAL: Final = 5e-4
+# A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s]:
+# a fifth of what makes a period late (`LoopTiming`).
+_SWITCH_INTERVAL: Final = 1e-4
 _SPEEDS: Final = ("0.25", "1", "2", "5", "20")
 
 
@@ -77,7 +78,7 @@ class ArmPage(_Closing):
 
     Notes
     -----
-    While the page is open, threads of this process take turns after 0.5 ms rather than Python's 5
+    While the page is open, threads of this process take turns after 0.1 ms rather than Python's 5
     (`sys.setswitchinterval`), so that drawing holds up no loop that runs beside it.
 
     Examples

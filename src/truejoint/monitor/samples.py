@@ -145,14 +145,8 @@ class LiveSamples:
     """
 
     def __init__(self, robot: Robot, calibration: Calibration | None = None) -> None:
-        if calibration is not None and (calibration.robot, calibration.arm) != (
-            robot.name,
-            robot.arm,
-        ):
-            raise CalibrationError(
-                f"the calibration of {calibration.title} is not for {robot.title}; give one that "
-                "was made on recordings of this arm"
-            )
+        if calibration is not None:
+            calibration.check_robot(robot)
         self.robot: Final = robot
         self.corrector: Final = None if calibration is None else Corrector(calibration)
         self._channels = [robot.channels.index(name) for name in robot.joint_names]

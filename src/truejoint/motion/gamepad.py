@@ -45,6 +45,11 @@ class Gamepad:
     operator : Teleoperation
         What is told.
 
+    Attributes
+    ----------
+    is_gone : bool
+        Whether it was unplugged, which stops the arm and leaves.
+
     Raises
     ------
     TruejointError
@@ -64,6 +69,7 @@ class Gamepad:
         self._axes = np.zeros(6)
         self._is_stopped = False  # until sticks and triggers are at rest
         self._pygame: Any = None
+        self.is_gone = False
 
     def __enter__(self) -> Self:
         os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
@@ -77,6 +83,7 @@ class Gamepad:
             pygame.quit()
             raise CommandRefused("no gamepad is there; connect one, or leave --gamepad out")
         self._pad = pygame.joystick.Joystick(0)
+        self._pad_id = self._pad.get_instance_id()
         self._pygame = pygame
         return self
 
@@ -125,5 +132,6 @@ class Gamepad:
                 yield PadEvent("axis", event.axis, float(event.value))
             elif event.type in (pygame.JOYBUTTONDOWN, pygame.JOYBUTTONUP):
                 yield PadEvent("button", event.button, float(event.type == pygame.JOYBUTTONDOWN))
-            elif event.type == pygame.JOYDEVICEREMOVED:
+            elif event.type == pygame.JOYDEVICEREMOVED and event.instance_id == self._pad_id:
+                self.is_gone = True
                 yield PadEvent("button", 1, 1.0)  # as if it had been told to leave

@@ -42,6 +42,7 @@ CHECKS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 """Names of the verdicts, and which findings of the data check each rests on: all of them, once."""
 
+NO_STAMP: Final = "stamp of 0, which says that there is none"
 _REPEATED: Final = "repeated time stamp"
 _STRAY: Final = 0.01  # share of stamps that repeat or go back, from which on it is a failure
 _FOLLOWS: Final = 0.5  # squared correlation of truth and measured position of the arm that it is of
@@ -64,7 +65,7 @@ class Verdict:
     ----------
     level : {"fail", "warn", "info", "good"}
     name : str
-        One of `CHECKS`.
+        One of `CHECKS`; of a live link also ``"link"``.
     evidence : str
         What was seen, with its number.
     advice : str
@@ -200,11 +201,11 @@ _WELL: Final[Mapping[str, Callable[[Recording, Sequence[str]], str]]] = {
 
 
 def _stamps(recording: Recording) -> Verdict | None:
-    """Judge stamps that were repeated or went back, by what was left out of the state or truth."""
+    """Judge stamps that were repeated, went back or were none, by what was left out for it."""
     counts = {
         reason: count
         for reason, count in recording.provenance.dropped.items()
-        if reason.endswith((_REPEATED, BACK))
+        if reason.endswith((_REPEATED, BACK, NO_STAMP))
     }
     if not counts:
         return None

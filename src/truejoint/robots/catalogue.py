@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import as_file, files
@@ -11,7 +12,7 @@ from pkgutil import resolve_name
 from types import FunctionType
 from typing import TYPE_CHECKING, Any, Final
 
-from truejoint.errors import RobotError, unknown
+from truejoint.errors import RobotError, meant, unknown
 from truejoint.plugins import call_plugin, load_plugin, plugins
 from truejoint.toml_file import read_toml
 
@@ -19,10 +20,12 @@ if TYPE_CHECKING:  # a list of the names needs no NumPy
     from truejoint.robots.robot import Robot
 
 _MODELS: Final = files(__package__) / "models"
+INSTRUMENTS: Final = "instruments.toml"  # of a robot whose arms are instruments
 DEFAULT: Final = "raven2"  # the robot of a command or a twin where none is named
 # Without a name the arm of a RAVEN-II is the left, the one that peng2024 used.
 _CODED: Final[Mapping[str, Mapping[str, str]]] = {
-    "raven2": {"": "left", "left": "left", "gold": "left", "right": "right", "green": "right"}
+    "raven2": {"": "left", "left": "left", "gold": "left", "right": "right", "green": "right"},
+    "wrist": {},  # its arms are the instruments of a file
 }
 """Robots whose kinematics are compiled: arm by every name it goes by. The package of that name,
 imported when first asked for, has a `build` that takes an arm."""
@@ -55,7 +58,7 @@ def arm_names(name: str) -> tuple[str, ...]:
     """
     known = name.strip().lower()
     if known in _CODED:
-        return tuple(filter(None, _CODED[known]))
+        return tuple(filter(None, _arms(known)))
     if not known.endswith(".toml") and known not in _OWN:
         return ()
     with as_file(_MODELS / f"{known}.toml" if known in _OWN else Path(name.strip())) as path:
@@ -74,7 +77,7 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
     arm : str
         Name of the arm in any case; empty for the robot's default. The arms of ``raven2`` are
         ``left`` (or ``gold``, the default) and ``right`` (or ``green``), those of ``dvrk_psm``
-        ``psm1`` to ``psm3``.
+        ``psm1`` to ``psm3``, those of ``wrist`` instruments by model number: ``420006``.
 
     Raises
     ------
@@ -149,14 +152,25 @@ def _layout(robot: Robot) -> tuple[object, ...]:
 
 
 @cache
+def _arms(name: str) -> Mapping[str, str]:
+    """Arm of a robot whose kinematics are compiled, by every name it goes by."""
+    if _CODED[name]:
+        return _CODED[name]
+    text = files(__package__).joinpath(name, INSTRUMENTS).read_text(encoding="utf-8")
+    arms = [str(arm) for row in tomllib.loads(text).values() for arm in row["names"]]
+    return {"": arms[0], **{arm: arm for arm in arms}}
+
+
+@cache
 def _build(name: str, arm: str) -> Robot:
     from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
 
     if name in _CODED:
-        if arm not in _CODED[name]:
-            known = ", ".join(arm_names(name))
-            raise RobotError(f"{name} has no arm called {arm!r}; its arms: {known}")
-        own: Robot = resolve_name(f"truejoint.robots.{name}:build")(_CODED[name][arm])
+        arms = _arms(name)
+        if arm not in arms:
+            near, known = meant(arm, arms), ", ".join(arm_names(name))
+            raise RobotError(f"{name} has no arm called {arm!r};{near} its arms: {known}")
+        own: Robot = resolve_name(f"truejoint.robots.{name}:build")(arms[arm])
         return own
     if name in _OWN:
         with as_file(_MODELS / f"{name}.toml") as path:

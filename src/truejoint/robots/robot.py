@@ -15,8 +15,10 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
+from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.robots.joint_encoder import JointEncoder
+from truejoint.robots.plain import check_keys
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
@@ -39,7 +41,8 @@ _MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
 _CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
 _URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
-                "gear", "kinematics", "workspace", "mechanism", "grasper", "encoders")  # fmt: skip
+                "gear", "kinematics", "workspace", "mechanism", "grasper", "encoders",
+                "cable_mechanism")  # fmt: skip
 _FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
 _ENCODER_KEYS: Final = ("joint", "resolution", "hard_stop", "end", "direction", "tolerance")
 _WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
@@ -270,6 +273,8 @@ class Robot(Summarised):
         Joints that are jaws, whose positions add up to the opening; empty where there are none.
     encoders : tuple of JointEncoder
         Temporary ones on the joints, in the order of the counts that they send.
+    cable_mechanism : CableMechanism, optional
+        Of joints that several cables turn; the transmission is then that of its cables.
 
     Raises
     ------
@@ -296,6 +301,7 @@ class Robot(Summarised):
     mechanism: ForcepsMechanism | None = None
     grasper: tuple[str, ...] = ()
     encoders: tuple[JointEncoder, ...] = ()
+    cable_mechanism: CableMechanism | None = None
 
     def __post_init__(self) -> None:
         if not self.channels:
@@ -315,6 +321,8 @@ class Robot(Summarised):
         _check_once(encoded, f"{self.name}: encoders")
         self.index((*self.positioning, *self.grasper, *encoded))
         n = len(self.joints)
+        if self.cable_mechanism is not None:
+            self._take_cables(self.cable_mechanism)
         if self.transmission is not None and self.transmission.matrix.shape != (n, n):
             raise RobotError(
                 f"{self.name}: transmission of shape {self.transmission.matrix.shape} does not "
@@ -324,6 +332,20 @@ class Robot(Summarised):
             self._check_workspace(self.workspace)
         if self.effort not in get_args(Effort):
             raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
+
+    def _take_cables(self, mechanism: CableMechanism) -> None:
+        """Make the transmission that of the cables, which are of the robot's joints."""
+        if mechanism.joint_names != self.joint_names:
+            raise RobotError(
+                f"{self.name}: its cables have pins {', '.join(mechanism.joint_names)}; want one "
+                f"for each joint, in order: {', '.join(self.joint_names)}"
+            )
+        if self.transmission is None:
+            object.__setattr__(self, "transmission", Transmission(mechanism.coupling))
+        elif not np.allclose(self.transmission.matrix, mechanism.coupling, rtol=1e-9, atol=1e-12):
+            raise RobotError(
+                f"{self.name}: transmission is another than that of its cables; leave it out"
+            )
 
     def _check_workspace(self, space: Workspace) -> None:
         rows = zip(space.joints, space.lower, space.upper, space.speed, strict=True)
@@ -345,7 +367,7 @@ class Robot(Summarised):
         The kinematics may name a URDF in `folder`. Raises RobotError, naming `source`, key and the
         rule that it breaks.
         """
-        _check_keys(values, _KEYS, ("name", "joints"), source)
+        check_keys(values, _KEYS, ("name", "joints"), source)
         joints = _tables(values["joints"], f"{source}: joints")
         try:
             made = tuple(_joint(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
@@ -353,8 +375,10 @@ class Robot(Summarised):
             matrix = values.get("transmission")
             kinematics, workspace = values.get("kinematics"), values.get("workspace")
             mechanism = values.get("mechanism")
-            if not isinstance(mechanism, Mapping | None):
-                raise RobotError(f"mechanism is {mechanism!r:.40}; want a table")
+            cables = values.get("cable_mechanism")
+            for key, table in (("mechanism", mechanism), ("cable_mechanism", cables)):
+                if not isinstance(table, Mapping | None):
+                    raise RobotError(f"{key} is {table!r:.40}; want a table")
             return cls(
                 _name(values["name"], "name"),
                 made,
@@ -368,6 +392,7 @@ class Robot(Summarised):
                 None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
                 _names(values.get("grasper", ()), "grasper"),
                 _encoders(values["encoders"], joints) if values.get("encoders") else (),
+                None if cables is None else CableMechanism.from_dict(cables),
             )
         except RobotError as error:
             raise RobotError(f"{source}: {error}") from None
@@ -388,6 +413,8 @@ class Robot(Summarised):
             values["encoders"] = [asdict(encoder) for encoder in self.encoders]
         if self.mechanism is not None:
             values["mechanism"] = dict(vars(self.mechanism))
+        if self.cable_mechanism is not None:
+            values["cable_mechanism"] = self.cable_mechanism.to_dict()
         space = self.workspace
         if space is not None:
             rows = {key: getattr(space, key) for key in _WORKSPACE_KEYS}
@@ -467,7 +494,7 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """
     values = read_toml(path, RobotError)
     source = source or str(path)
-    _check_keys(values, _FILE_KEYS, (), source)
+    check_keys(values, _FILE_KEYS, (), source)
     arms = _names(values.pop("arms", []), f"{source}: arms")
     _check_once(arms, f"{source}: arms")
     wanted = arm.strip().lower()
@@ -478,7 +505,7 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
 
 
 def _joint(values: Mapping[str, Any], where: str) -> Joint:
-    _check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
+    check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
     name = _name(values["name"], f"{where}: name")
     kind, factor = _kind(values, f"joint {name!r}")
     limits = {key: values[key] for key in _LIMIT_KEYS if key in values}
@@ -496,7 +523,7 @@ def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
         where = f"workspace.{name}"
         if name not in factors or not isinstance(row, Mapping):
             raise RobotError(f"{where}: want a table for one of the joints {', '.join(factors)}")
-        _check_keys(row, _WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
+        check_keys(row, _WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
         rows.append({k: _number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
         if not (rows[-1]["lower"] < rows[-1]["upper"] and rows[-1]["speed"] > 0):
             raise RobotError(f"{where}: lower must be below upper, and speed above 0")
@@ -517,7 +544,7 @@ def _encoders(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[JointEn
     encoders = []
     for n, row in enumerate(_tables(values, "encoders"), 1):
         where = f"encoder {n}"
-        _check_keys(row, _ENCODER_KEYS, _ENCODER_KEYS[:3], where)
+        check_keys(row, _ENCODER_KEYS, _ENCODER_KEYS[:3], where)
         joint = str(row["joint"])
         if joint not in factors:
             raise RobotError(f"{where}: {unknown('joint', joint, tuple(factors))}")
@@ -558,7 +585,7 @@ def _kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Ki
     if "urdf" in values:
         from truejoint.robots.urdf import read_urdf  # noqa: PLC0415  # an optional extra
 
-        _check_keys(values, _URDF_KEYS, (), "kinematics")
+        check_keys(values, _URDF_KEYS, (), "kinematics")
         if folder is None or not all(isinstance(value, str) for value in values.values()):
             raise RobotError("kinematics: urdf, base and tip are texts, and stand in a robot file")
         path = folder / values["urdf"]
@@ -570,7 +597,7 @@ def _kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Ki
 def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
     from truejoint.robots.chain import Axis, SerialChain  # noqa: PLC0415
 
-    _check_keys(values, _CHAIN_KEYS, ("axes",), "kinematics")
+    check_keys(values, _CHAIN_KEYS, ("axes",), "kinematics")
     unit = values.get("unit", "rad")
     if unit not in tuple(_ANGLES):
         angles = " or ".join(_ANGLES)
@@ -578,7 +605,7 @@ def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
     axes = []
     for n, row in enumerate(_tables(values["axes"], "kinematics: axes"), 1):
         where = f"kinematics: axis {n}"
-        _check_keys(row, _AXIS_KEYS, (), where)
+        check_keys(row, _AXIS_KEYS, (), where)
         kind, _ = _kind({"kind": row.get("kind", "revolute")}, where)
         alpha, a, d, theta = (
             _number(row.get(key, 0.0), f"{where}: {key}") for key in _AXIS_KEYS[:4]
@@ -601,17 +628,6 @@ def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
                 "axis_from_joint"
             )
     return SerialChain(tuple(axes), *matrices)
-
-
-def _check_keys(
-    values: Mapping[str, Any], known: Sequence[str], needed: Sequence[str], where: str
-) -> None:
-    for key in values:
-        if key not in known:
-            raise RobotError(f"{where}: key {key!r:.60} is not known; use {', '.join(known)}")
-    for key in needed:
-        if key not in values:
-            raise RobotError(f"{where}: {key!r} is missing; add it")
 
 
 def _check_once(names: Sequence[str], where: str) -> None:

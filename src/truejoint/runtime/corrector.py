@@ -92,6 +92,8 @@ class Corrector(Summarised):
 
     Attributes
     ----------
+    made_for : tuple of str
+        Robot and arm that the model is of.
     joints, signals : tuple of str
         What comes out, and the columns that a sample must hold, in order: those of the model, then
         those that are redundant to the measured positions.
@@ -137,7 +139,7 @@ class Corrector(Summarised):
     __slots__ = (
         "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample", "_statuses",
         "_taking", "_thread", "beside", "correction", "features", "half_width", "joints",
-        "offset", "position", "signals",
+        "made_for", "offset", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -150,6 +152,7 @@ class Corrector(Summarised):
     ) -> None:
         check_level(level)
         data = _read(model, rezeroing)
+        self.made_for = data.robot, data.arm
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
         # Packed memory holds on to the compiled functions whose addresses it contains.

@@ -12,17 +12,21 @@ from typing import Any, Final, Self
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED, profile_of
+from truejoint.crtk.messages import (
+    CORRECTED,
+    JOINT_STATE,
+    OPERATING_STATE,
+    STRING_STAMPED,
+    profile_of,
+)
 from truejoint.crtk.ros import Publisher, StateStream, Transport
-from truejoint.crtk.ros.transport import header_of
+from truejoint.crtk.ros.transport import SILENCE, header_of
 from truejoint.errors import RosError
 from truejoint.robots import Robot
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.status import Status
 
 DIAGNOSTICS: Final = "diagnostic_msgs/DiagnosticArray"
-SILENCE: Final = 1.0
-"""Time without a message [s] after which a topic counts as silent."""
 _OK, _WARN, _ERROR, _STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
 _ADVICE: Final = {
     Status.NOT_HOMED: "home the robot, or start the node that publishes operating_state",
@@ -112,7 +116,7 @@ class CorrectorNode:
         self._endings: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        space = self._stream.name("corrected")
+        space = self._stream.name(CORRECTED)
         try:
             self._out = self._made(f"{space}/measured_js", JOINT_STATE)
             self._half_width = self._made(f"{space}/half_width", JOINT_STATE)
@@ -199,9 +203,10 @@ class CorrectorNode:
 
     def _refuse(self, corrector: Corrector, columns: Mapping[str, Array]) -> None:
         lacking = [signal for signal in corrector.signals if signal not in columns]
+        advice = "give the profile or topics that have them, or calibrate with --features that do "
         self._stream.refusal = (
-            f"{self.topic} has no {', '.join(lacking)}, which the model needs: give the profile or "
-            "topics that have them, or calibrate with --features that do without"
+            f"{self.topic} has no {', '.join(lacking)}, which the model needs: "
+            f"{self._stream.stale or f'{advice}without'}"
         )
 
     def _tell_homing(self, corrector: Corrector) -> None:

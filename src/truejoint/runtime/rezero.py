@@ -10,8 +10,10 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.plate import TOUCH_SD, BlockPose
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
 
 DRIFT: Final = 2.0
 """How far an offset wanders within an hour, in standard deviations of the calibration's errors."""
@@ -79,6 +81,7 @@ class ReZero:
                 f"the calibration of {calibration.robot} does not say how large its errors are; "
                 "calibrate it again"
             )
+        self._arm, self._joints = (calibration.robot, calibration.arm), calibration.joints
         n_joints = len(calibration.joints)
         noise = np.asarray(truth_sd, dtype=np.float64)
         if noise.shape not in ((), (n_joints,)) or not (np.isfinite(noise) & (noise >= 0.0)).all():
@@ -124,6 +127,57 @@ class ReZero:
                 f"corrected {here.shape} and truth {true.shape} must hold {len(self.offset)} joints"
             )
         take_truth(float(t), here, true, self._noise, self._state, self.offset, self.sd)
+
+    def touch(
+        self,
+        t: float,
+        corrected: ArrayLike,
+        measured: ArrayLike,
+        dimple: str,
+        block: BlockPose,
+        *,
+        touch_sd: float = TOUCH_SD,
+    ) -> None:
+        """Take a touch of a bolted block at `t` [s]: the tip rests in `dimple`.
+
+        `corrected` (n_joints,) is as for `update`, `measured` (n_robot_joints,) the positions of
+        all the robot's joints [rad or m]; `touch_sd` [m] is how far off its dimple a tip rests, per
+        axis. The point becomes a truth of each joint, its deviation what touch and pose leave of
+        it. The pose's error is the same at each touch, of which `sd` knows nothing.
+
+        Raises CalibrationError if the block is another robot's or has no such dimple, a shape is
+        wrong, or the tip does not tell the calibrated joints: it tells three.
+        """
+        robot = get_robot(*self._arm)
+        if self._arm != (block.robot, block.arm):
+            raise CalibrationError(f"the block is {block.title}, the calibration of {robot.title}")
+        here, joint = (np.array(a, dtype=np.float64) for a in (corrected, measured))
+        if here.shape != self.offset.shape or joint.shape != (len(robot.joints),):
+            raise CalibrationError(
+                f"corrected {here.shape} and measured {joint.shape} must hold {len(self.offset)} "
+                f"and {len(robot.joints)} joints"
+            )
+        columns, chain = robot.index(self._joints), robot.kinematics
+        if chain is None or len(columns) != 3:
+            raise CalibrationError(
+                f"a touch of {robot.title} does not tell {', '.join(self._joints)}: it takes known "
+                "kinematics, and three joints"
+            )
+        joint[columns] = here
+        slope = chain.jacobian(joint)[:3, columns]
+        point = block.scale * block.plate.at((dimple,))[0]
+        place = block.rotation @ point
+        x, y, z = point
+        turned = -block.rotation @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        by_pose = np.hstack([turned, np.eye(3)])
+        spread = touch_sd**2 * np.eye(3) + by_pose @ block.covariance @ by_pose.T
+        spread += (block.scale_sd / block.scale) ** 2 * np.outer(place, place)
+        inverse = np.linalg.pinv(slope, rcond=1e-6)
+        miss = block.translation + place - chain.forward(joint)[:3, 3]
+        noise = self._noise.copy()
+        noise[2] = np.maximum(noise[2], np.sqrt(np.diag(inverse @ spread @ inverse.T)))
+        true = here + inverse @ miss
+        take_truth(float(t), here, true, noise, self._state, self.offset, self.sd)
 
     def advance(self, t: float) -> None:
         """Let time pass without truth: `sd` grows by the drift; `offset` stays."""

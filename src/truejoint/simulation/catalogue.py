@@ -14,6 +14,7 @@ from truejoint.simulation.twin import Twin
 _TWINS: Final = {
     "raven2": "truejoint.simulation.raven2.twin:Raven2Twin",
     "forceps": "truejoint.simulation.forceps.twin:ForcepsTwin",
+    "wrist": "truejoint.simulation.wrist.twin:WristTwin",
 }
 
 
@@ -23,7 +24,7 @@ def twin_names() -> tuple[str, ...]:
     Examples
     --------
     >>> twin_names()
-    ('raven2', 'forceps')
+    ('raven2', 'forceps', 'wrist')
     """
     return tuple(_TWINS)
 
@@ -41,10 +42,12 @@ def make_twin(
     Parameters
     ----------
     robot, arm : str
-        As in `truejoint.robots.get_robot`; the robot is one of `twin_names`.
+        As in `truejoint.robots.get_robot`; the robot is one of `twin_names`, or a file that states
+        its cables.
     parameters : str or path-like
         A specimen that comes with the package, ``"nominal"``, ``"peng2024"`` of RAVEN-II, ``"A"``
-        and ``"B"`` of the forceps, or a TOML file that states what differs from the nominal one.
+        and ``"B"`` of the forceps, ``"cable_only"`` and ``"endowrist"`` of the wrist, or a TOML
+        file that states what differs from the nominal one.
     seed : int
         Of everything random.
     load : float
@@ -63,6 +66,11 @@ def make_twin(
     ('jaw',)
     """
     target = get_robot(robot, arm)
+    if target.name not in _TWINS and target.cable_mechanism is not None:
+        from truejoint.simulation.wrist.twin import WristTwin  # noqa: PLC0415  # as above
+
+        own = WristTwin.PARAMETERS.read(parameters)
+        return WristTwin(own, arm=target.arm, seed=seed, load=load, robot=target.name)
     if target.name not in _TWINS:
         raise RobotError(
             f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}"

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from truejoint.errors import TruejointError, unknown
 from truejoint.toml_file import read_toml
@@ -34,9 +37,28 @@ class Choice:
     names: tuple[str, ...]
 
 
+class Spread(NamedTuple):
+    """Range [low, high] of one property; drawn evenly, or evenly in its logarithm."""
+
+    low: float
+    high: float
+    scale: str
+
+    def draw(self, rng: np.random.Generator) -> float:
+        """One value."""
+        if self.scale == "log":
+            return float(np.exp(rng.uniform(math.log(self.low), math.log(self.high))))
+        return float(rng.uniform(self.low, self.high))
+
+
 def shipped_sections(name: str) -> Sections:
     """Sections of the TOML file `name` that comes with the package."""
     return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
+
+
+def shipped_spreads(name: str) -> dict[str, Spread]:
+    """Ranges of the TOML file `name` that comes with the package, in the order of the draws."""
+    return {key: Spread(**values) for key, values in shipped_sections(name).items()}
 
 
 @dataclass(frozen=True)
@@ -77,6 +99,11 @@ class Parameters:
                     f"{path}: {_shown(name)} stands outside a section; put it under [section]"
                 )
         return cls._laid_over(nominal, table, str(path))
+
+    @classmethod
+    def from_dict(cls, values: Sections) -> Self:
+        """Inverse of `to_dict`; raises TruejointError as `read` does."""
+        return cls._laid_over(shipped_sections(cls.SPECIMENS["nominal"]), values, "from_dict")
 
     def with_values(self, changes: Mapping[str, Any]) -> Self:
         """Copy with some values changed, by dotted name: ``{"jaw.load_arm": 9e-3}``."""

@@ -1,9 +1,9 @@
 from .catalogue import STUDIES, get_study
 from .page import write_study
 from .runner import StudyResult, run_study
-from .study import Claim, Option, Part, PartResult, Settings, Study, Summary
+from .study import Claim, Option, Part, PartResult, Settings, Statement, Study, Summary
 
 __all__ = [
-    "STUDIES", "Claim", "Option", "Part", "PartResult", "Settings", "Study", "StudyResult",
-    "Summary", "get_study", "run_study", "write_study",
+    "STUDIES", "Claim", "Option", "Part", "PartResult", "Settings", "Statement", "Study",
+    "StudyResult", "Summary", "get_study", "run_study", "write_study",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""Every study by name: the experiments of yan2020 on virtual forceps, and past them, as data."""
+"""Every study by name, as data: the experiments of peng2024 and yan2020, and past them."""
 
 from __future__ import annotations
 
@@ -50,6 +50,157 @@ def _study(name: str, title: str, source: str, *options: Option, version: int = 
         version,
     )
 
+
+_RAVENS: Final = Option(
+    "specimens", ("nominal", "peng2024"), "shipped ones, or TOML files of your own",
+    small=("peng2024",),
+)  # fmt: skip
+_NETWORKS: Final = Option("networks", 5, "seeds of the network", small=1)
+_SESSIONS: Final = Option("sessions", 1, "homings, each with its own arm's seed and test")
+_MINUTES: Final = Option("minutes", 20.0, "of each random test [min]", small=10.0)
+
+
+_SETS: Final = Option(
+    "sets",
+    ("2", "3", "4", "5", "6", "4+5", "5+6", "2+5+6", "3+5+6", "4+5+6"),
+    "what is trained on; 4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6 together",
+    small=("2", "4", "4+5+6"),
+)
+
+
+_LONGEST: Final = Option("training", "4+5+6", "what is trained on, as in sets of sparsity")
+
+
+_RAVEN: Final = (
+    Study(
+        "directions", "Which direction of the zig-zags calibrates best?",
+        "peng2024, Table I", "truejoint.studies.raven2.directions",
+        (
+            _RAVENS,
+            Option(
+                "directions",
+                ("J1", "J2", "J3", "J1-J2", "J2-J3", "J1-J3", "J1-J2-J3"),
+                "of the zig-zags; published: J1-J2-J3 in the box of the laboratory's generator",
+            ),
+            Option("fine", "4+5+6", "what is trained on: zig-zags of sparsity 1/4, 1/5 and 1/6"),
+            Option("coarse", "2+3", "what is trained on beside it"),
+            _SESSIONS, _NETWORKS, _MINUTES,
+        ),
+    ),
+    Study(
+        "sparsity", "How much does more time to calibrate buy?",
+        "peng2024, II-F, figure 5", "truejoint.studies.raven2.sparsity",
+        (
+            _RAVENS, _SETS, Option("repeats", 5, "of everything, with another arm", small=2),
+            Option("networks", 1, "seeds of the network"), _MINUTES,
+        ),
+    ),
+    Study(
+        "endurance", "How does a calibration last: six hours idle, at work, under a load?",
+        "peng2024, II-G, figure 6, Table III", "truejoint.studies.raven2.endurance",
+        (
+            _RAVENS, Option("works", ("idle", "unloaded", "loaded"), "what the arm does"), _SETS,
+            Option("hours", 6, "of it", small=2), Option("load_g", 500.0, "on the tool [g]"),
+            _SESSIONS, Option("networks", 2, "seeds of the network", small=1),
+        ),
+    ),
+    Study(
+        "features", "What do all features of the robot's state cost, against 16 selected ones?",
+        "peng2024, II-H, figure 8", "truejoint.studies.raven2.features",
+        (
+            _RAVENS,
+            Option(
+                "sets", ("2", "4", "5+6", "2+5+6", "3+5+6", "4+5+6"),
+                "what is trained on; 4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6 together",
+                small=("2", "4+5+6"),
+            ),
+            Option(
+                "models", ("dnn", "wide"), "networks; wide: of 600, 500 and 400 units",
+                small=("dnn",),
+            ),
+            Option("hours", 6, "of unloaded work", small=1),
+            _SESSIONS, Option("networks", 1, "seeds of the network"),
+        ),
+    ),
+    Study(
+        "ablation", "Which of the state's features matter, left out or with noise on them?",
+        "peng2024, II-C; arXiv 2302.04999", "truejoint.studies.raven2.ablation",
+        (
+            _RAVENS, Option("training", "4+5+6", _LONGEST.meaning, small="4+5"),
+            _SESSIONS, _MINUTES,
+            Option("noise", 0.3, "share of each feature's standard deviation"),
+        ),
+    ),
+    Study(
+        "homing", "What does a new homing cost, with none or one seen in training?",
+        "peng2024, II-I, figure 9", "truejoint.studies.raven2.homing",
+        (
+            _RAVENS, Option("homings", 5, "after the first"), _LONGEST, Option(
+                "sessions", 5, "of every data set, each with another arm", small=2
+            ),
+            Option("networks", 1, "seeds of the network"),
+            Option("minutes", 20.0, "of each random test [min]", small=4.0),
+        ),
+    ),
+    Study(
+        "targets", "Should a model predict the error, or the joint's position end to end?",
+        "peng2024, II-J, Table II", "truejoint.studies.raven2.targets",
+        (
+            _RAVENS, _SETS, Option("hours", 6, "of unloaded work", small=1),
+            _SESSIONS, Option("networks", 1, "seeds of the network"),
+        ),
+    ),
+    Study(
+        "state-of-the-art", "How do joints and tool compare with what others reached?",
+        "peng2024, II-K, Tables III and IV", "truejoint.studies.raven2.rivals",
+        (
+            _RAVENS,
+            Option(
+                "models",
+                ("dnn", "linear", "poly2", "gru", "gpr", "forest", "rich_play", "rich_trees"),
+                "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
+            ),
+            _LONGEST, Option("hours", 6, "of unloaded work", small=2), _SESSIONS,
+        ),
+    ),
+    Study(
+        "timing", "How long do fitting and inferring take?",
+        "peng2024, Table V", "truejoint.studies.raven2.timing",
+        (
+            Option("models", ("linear", "poly2", "dnn", "rich_play"), "rows of the table"),
+            _LONGEST, Option("samples", 20_000, "that go through the loop", small=2000),
+            Option("repeats", 3, "of each fit", small=1),
+        ),
+    ),
+)  # fmt: skip
+
+_REAL: Final = (
+    Study(
+        "real", "How do all estimators do on recordings of real joints?",
+        "peng2024, Table III (Hwang 2022)", "truejoint.studies.real.accuracy",
+        (
+            Option(
+                "datasets",
+                (
+                    "davinci_grasper_umn", "dvrk_psm_berkeley", "bros_dual_encoder",
+                    "kuka_kr300_dual_encoder", "kflex_tendon_sheath",
+                ),
+                "public ones on this machine: truejoint datasets",
+                small=("dvrk_psm_berkeley", "kuka_kr300_dual_encoder", "kflex_tendon_sheath"),
+            ),
+            Option(
+                "estimators",
+                (
+                    "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees", "gru",
+                    "ukf_elastic",
+                ),
+                "columns of the table", small=("linear", "poly2", "dnn", "rich_play"),
+            ),
+            Option("features", "suited", "of linear, poly2, dnn: suited to the data, or plain"),
+            Option("networks", 3, "seeds of the network", small=1),
+        ),
+    ),
+)  # fmt: skip
 
 _FORCEPS: Final = (
     _study(
@@ -133,7 +284,27 @@ _FORCEPS: Final = (
     ),
 )  # fmt: skip
 
-STUDIES: Final = {study.name: study for study in _FORCEPS}
+_WRIST: Final = Study(
+    "wrist",
+    "How exactly are pitch and jaws of an instrument known, free and under load?",
+    "",
+    "truejoint.studies.wrist.accuracy",
+    (
+        Option("count", 24, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("instrument", "420172", "model number or name of a tool, as of robot wrist"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("test_s", 60.0, "each test [s]", small=15.0),
+        Option(
+            "methods",
+            ("coupling", "linear_motor", "play_motor", "linear_effort", "play_effort"),
+            "rows of the table, as in studies/wrist/accuracy.py",
+        ),
+    ),
+)
+
+STUDIES: Final = {study.name: study for study in (*_RAVEN, *_REAL, *_FORCEPS, _WRIST)}
 """In the order in which they are listed."""
 
 

@@ -39,11 +39,22 @@ class Curve:
 
 
 @dataclass(frozen=True, eq=False)
+class Box:
+    """Box plot of values (n,) in the unit of the vertical axis, at `x`."""
+
+    x: float
+    values: ArrayLike
+    colour: str
+    label: str = ""
+    width: float = 0.16
+
+
+@dataclass(frozen=True, eq=False)
 class Panel:
     """One pair of axes, labelled `x`, `y` and `title`; those of ``"xy"`` in `log` are logarithmic.
 
-    `rows` name the places 0, 1, ... along the vertical axis, from above; `shade` greys a stretch
-    of the horizontal one.
+    `rows` name the places 0, 1, ... along the vertical axis, from above, `columns` those along the
+    horizontal one; `shade` greys a stretch of that.
     """
 
     curves: Sequence[Curve]
@@ -54,6 +65,8 @@ class Panel:
     rows: Sequence[str] = ()
     shade: tuple[float, float] | None = None
     legend: bool = False
+    boxes: Sequence[Box] = ()
+    columns: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +104,8 @@ def _draw(panel: Panel, axis: Axes) -> None:
     for curve in panel.curves:
         look: dict[str, Any] = {"color": curve.colour, "lw": curve.width, "ms": 4}
         axis.plot(curve.x, curve.y, curve.style, label=curve.label or None, **look)
+    for box in panel.boxes:
+        _draw_box(box, axis)
     axis.set(xlabel=panel.x, ylabel=panel.y, title=panel.title)
     if panel.shade:
         axis.axvspan(*panel.shade, color="0.9", zorder=0)
@@ -100,6 +115,8 @@ def _draw(panel: Panel, axis: Axes) -> None:
             one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             one.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
             one.set_minor_formatter(NullFormatter())
+    if panel.columns:
+        axis.set_xticks(np.arange(len(panel.columns)), list(panel.columns))
     if panel.rows:
         axis.set_yticks(np.arange(len(panel.rows)), list(panel.rows))
         axis.invert_yaxis()
@@ -108,3 +125,21 @@ def _draw(panel: Panel, axis: Axes) -> None:
             low, high = axis.get_ylim()
             axis.set_ylim(low, high + 0.35 * (high - low))
         axis.legend(loc="upper left", fontsize=7)
+
+
+def _draw_box(box: Box, axis: Axes) -> None:
+    line, face = {"color": box.colour}, {"facecolor": "none", "edgecolor": box.colour}
+    axis.boxplot(
+        [np.asarray(box.values)],
+        positions=[box.x],
+        widths=box.width,
+        manage_ticks=False,
+        patch_artist=True,
+        boxprops=face,
+        medianprops=line,
+        whiskerprops=line,
+        capprops=line,
+        flierprops={"marker": ".", "markeredgecolor": box.colour},
+    )
+    if box.label:
+        axis.plot([], [], color=box.colour, label=box.label)

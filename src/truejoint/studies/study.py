@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
 
-from truejoint.errors import StudyError
+from truejoint.errors import StudyError, unknown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -144,9 +144,25 @@ class Settings:
         return {"preset": self.preset, "seed": self.seed, "options": options}
 
 
+def check_counts(settings: Settings, *names: str) -> None:
+    """Raise StudyError naming the first option that is not above 0."""
+    for name in names:
+        if not settings[name] > 0:
+            raise StudyError(f"{name}={settings[name]}; it must be above 0")
+
+
+def check_names(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
+    """Raise StudyError naming the first of `names` that is not known."""
+    for name in names:
+        if name not in known:
+            raise StudyError(unknown(kind, name, known))
+
+
 @dataclass(frozen=True)
 class Claim:
     """What a paper states, whether it `holds` here (None: cannot be told), and what was `found`.
+
+    `on` names what it was judged on, where that is one of several.
 
     Examples
     --------
@@ -158,11 +174,32 @@ class Claim:
     source: str
     holds: bool | None
     found: str
+    on: str = ""
 
     @property
     def verdict(self) -> str:
         """``"agrees"``, ``"does not agree"`` or ``"cannot be told"``."""
         return {True: "agrees", False: "does not agree", None: "cannot be told"}[self.holds]
+
+
+@dataclass(frozen=True)
+class Statement:
+    """What a paper states, before it is judged: `judge` turns what was found into verdict and text.
+
+    Examples
+    --------
+    >>> stated = Statement("below 1 deg", "yan2020", lambda rms: (rms < 1.0, f"{rms} deg"))
+    >>> stated.judged(0.4).verdict
+    'agrees'
+    """
+
+    text: str
+    source: str
+    judge: Callable[[Any], tuple[bool | None, str]]
+
+    def judged(self, found: Any, on: str = "") -> Claim:
+        """Claim on what was found, on one of several where that has a name."""
+        return Claim(self.text, self.source, *self.judge(found), on)
 
 
 @dataclass(frozen=True)

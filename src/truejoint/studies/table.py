@@ -21,6 +21,7 @@ from truejoint.evaluation.digits import fixed
 
 _CELL: Final = 24
 """Cells up to this wide are kept in one piece."""
+_KEY: Final = ("source", "table", "condition", "method", "quantity")
 
 
 @dataclass(frozen=True)
@@ -66,13 +67,15 @@ def _line(cells: Sequence[str]) -> str:
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
-def reported(source: str, table: str, condition: str, method: str) -> Mapping[str, float]:
+def reported(
+    source: str, table: str, condition: str, method: str, quantity: str = "jaw"
+) -> Mapping[str, float]:
     """Numbers that a paper prints, by metric, in the unit that it prints; empty where it has none.
 
     >>> reported("yan2020", "2", "trajectory 28", "ukf_compensated")["rms"]
     0.12
     """
-    return _rows().get((source, table, condition, method), {})
+    return _rows().get((source, table, condition, method, quantity), {})
 
 
 @cache
@@ -80,6 +83,6 @@ def _rows() -> dict[tuple[str, ...], dict[str, float]]:
     text = files("truejoint.studies").joinpath("paper_tables.csv").read_text(encoding="utf-8")
     found: dict[tuple[str, ...], dict[str, float]] = {}
     for row in csv.DictReader(text.splitlines()):
-        *key, metric = (row[c] for c in ("source", "table", "condition", "method", "metric"))
+        *key, metric = (row[c] for c in (*_KEY, "metric"))
         found.setdefault(tuple(key), {})[metric] = float(row["value"])
     return found

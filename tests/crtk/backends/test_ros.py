@@ -144,7 +144,7 @@ def test_an_arm_that_is_not_there_is_refused_with_those_that_are(served, monkeyp
 
 
 def test_a_robot_that_falls_silent_is_noticed(served, arm, monkeypatch):
-    monkeypatch.setattr(ros, "_SILENCE", -1.0)
+    monkeypatch.setattr(ros, "SILENCE", -1.0)
     with pytest.raises(CommandRefused, match=r"/arm1/operating_state has been silent"):
         arm.operating_state()
     monkeypatch.undo()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -24,11 +25,20 @@ from truejoint.recordings import (
     read_topic,
     write_bag,
 )
-from truejoint.recordings.bags.container import CUT_SHORT, DAMAGED, MCAP_MAGIC, read_batches
+from truejoint.recordings.bags import container
+from truejoint.recordings.bags.container import (
+    CUT_SHORT,
+    DAMAGED,
+    MCAP_MAGIC,
+    UNPACKED_IN_PART,
+    ZSTD_MAGIC,
+    read_batches,
+)
 from truejoint.recordings.bags.fields import full_name, typesys
 from truejoint.recordings.datasets.store import data_folders
 from truejoint.recordings.readers.raven_csv import AMID
 
+zstd = pytest.importorskip("backports.zstd" if sys.version_info < (3, 14) else "compression.zstd")
 REAL = "pitch_exp_traj_01_test_cropped.bag"
 
 
@@ -93,7 +103,14 @@ def _messages(path: Path) -> list[tuple[Any, int, bytes]]:
         return list(reader.messages())
 
 
-def _rewritten(bag: Path, path: Path, keep=lambda topic, k: True, pack=None, change=None) -> Path:
+def _rewritten(
+    bag: Path,
+    path: Path,
+    keep=lambda topic, k: True,
+    pack=None,
+    change=None,
+    rename=lambda topic: topic,
+) -> Path:
     """The messages of a bag in another."""
     writer = rosbag1.Writer(path)
     if pack:
@@ -106,7 +123,7 @@ def _rewritten(bag: Path, path: Path, keep=lambda topic, k: True, pack=None, cha
                 continue
             if connection.topic not in own:
                 own[connection.topic] = writer.add_connection(
-                    connection.topic,
+                    rename(connection.topic),
                     connection.msgtype,
                     msgdef=connection.msgdef.data,
                     md5sum=connection.digest,
@@ -118,6 +135,60 @@ def _rewritten(bag: Path, path: Path, keep=lambda topic, k: True, pack=None, cha
 @pytest.mark.parametrize("pack", ["BZ2", "LZ4"])
 def test_packed_bags(bag, session, tmp_path, pack):
     same(read_bag(_rewritten(bag, tmp_path / "p.bag", pack=pack)), session)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_a_file_packed_as_a_whole_is_unpacked(session, tmp_path, suffix):
+    plain = _in_tables(session, tmp_path / "run")
+    if suffix == ".mcap":
+        plain = tmp_path / "run.mcap"
+    path = tmp_path / f"packed{suffix}.zstd"
+    packed = zstd.compress(plain.read_bytes())
+    path.write_bytes(packed)
+    assert bag_topics(path)["/ext_jpos"][0] == "sensor_msgs/JointState"
+    found = read_bag(path)
+    same(found, session)
+    assert found.provenance.source == path.name
+    path.write_bytes(packed[: len(packed) - 10])
+    lost: Counter[str] = Counter()
+    list(read_batches(path, lambda _: True, lost))
+    assert lost[UNPACKED_IN_PART] == 1
+
+
+def test_what_is_packed_and_damaged_is_counted(session, tmp_path):
+    write_bag(session, tmp_path / "a.mcap")
+    packed = bytearray(zstd.compress((tmp_path / "a.mcap").read_bytes()))
+    frame = len(ZSTD_MAGIC)
+    packed[frame : frame + 8] = b"\xff" * 8
+    (tmp_path / "a.mcap.zstd").write_bytes(packed)
+    lost: Counter[str] = Counter()
+    with suppress(RecordingError):  # nothing is left of it
+        list(read_batches(tmp_path / "a.mcap.zstd", lambda _: True, lost))
+    assert lost[DAMAGED] == 1
+    with pytest.raises(container._ChunkError):  # of a chunk, which is counted so too
+        container._unpacked(bytes(packed), "zstd")
+
+
+def test_an_endless_file_packed_as_a_whole_is_refused(tmp_path):
+    bomb = tmp_path / "run.mcap.zstd"
+    bomb.write_bytes(zstd.compress(MCAP_MAGIC + bytes(1 << 27)))
+    with pytest.raises(RecordingError, match=r"run\.mcap\.zstd: unpacks to more than"):
+        bag_topics(bomb)
+
+
+def test_what_a_correcting_node_says_is_neither_state_nor_truth(bag, session, tmp_path):
+    # Its topics look like a jaw's joints, and like joint sensors.
+    def renamed(topic: str) -> str:
+        names = {"/ext_jpos": "/arm2/corrected/half_width"}
+        return names.get(topic, topic)
+
+    path = _rewritten(bag, tmp_path / "c.bag", rename=renamed)
+    found = read_bag(path)
+    same(found, session)
+    assert not found.joints_of("truth")
+    assert read_bag(bag, truth=None).joints_of("truth") == ()
+    named = read_bag(path, truth="/arm2/corrected/half_width")
+    assert named.joints_of("truth")
 
 
 def test_split_bags_and_truth_apart_are_joined(bag, session, tmp_path):
@@ -373,14 +444,13 @@ def test_two_arms_of_a_dvrk_need_a_word(tmp_path):
     assert read_bag(bags, "dvrk_psm", "psm2").provenance.arm == "psm2"
 
 
-def test_a_folder_of_ros_2_with_tables_is_read(session, tmp_path):
-    write_bag(session, tmp_path / "a.mcap")
+def _in_tables(session: Recording, folder: Path) -> Path:
+    """A session as SQLite, as ROS 2 did it first."""
+    write_bag(session, folder.with_suffix(".mcap"))
     system = typesys()
     with (
-        rosbag2.Reader(tmp_path / "a.mcap") as reader,
-        rosbag2.Writer(
-            tmp_path / "run", version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3
-        ) as writer,
+        rosbag2.Reader(folder.with_suffix(".mcap")) as reader,
+        rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer,
     ):
         own = {}
         for connection, time, data in reader.messages(reader.connections):
@@ -393,8 +463,13 @@ def test_a_folder_of_ros_2_with_tables_is_read(session, tmp_path):
                     connection.topic, connection.msgtype, typestore=store
                 )
             writer.write(own[connection.id], time, data)
-    same(read_bag(tmp_path / "run"), session)
-    same(read_recording(tmp_path / "run"), session)
+    return folder / f"{folder.name}.db3"
+
+
+def test_a_folder_of_ros_2_with_tables_is_read(session, tmp_path):
+    folder = _in_tables(session, tmp_path / "run").parent
+    same(read_bag(folder), session)
+    same(read_recording(folder), session)
 
 
 def test_without_rosbags_it_says_how_to_install_it(bag, monkeypatch):

@@ -9,7 +9,6 @@ from scipy.integrate import quad, solve_ivp
 from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, eigenfrequencies
 from truejoint.simulation.forceps.plant import (
-    N_ELEMENTS,
     N_HISTORY,
     WHEEL,
     advance,
@@ -17,14 +16,13 @@ from truejoint.simulation.forceps.plant import (
     advance_plant,
     bouc_wen_rate,
     friction_force,
-    guide_travel,
-    maxwell_slip,
     motor_acceleration,
     plant_rates,
     settled,
     wheel_motion,
 )
 from truejoint.simulation.forceps.specimens import population, specimen
+from truejoint.simulation.friction import N_ELEMENTS, guide_travel, maxwell_slip
 
 from . import reference_plant as reference
 

@@ -174,7 +174,7 @@ class PacedBackend(SimulatedBackend):
     def _pass(self) -> None:
         """One period: a set-point if there is one, else hold; or stand on the brakes."""
         self._give_way()
-        with self._lock:
+        with self._turn():
             if self._state.is_busy:
                 return  # homing lets the time pass itself
             if not self._state.is_ready:

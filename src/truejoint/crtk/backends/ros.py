@@ -20,7 +20,7 @@ from truejoint.crtk.messages import (
 )
 from truejoint.crtk.protocol import Listener
 from truejoint.crtk.ros.state_stream import StateStream
-from truejoint.crtk.ros.transport import Publisher, Transport
+from truejoint.crtk.ros.transport import SILENCE, Publisher, Transport
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
 from truejoint.robots import Robot
@@ -29,7 +29,6 @@ from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 
 CONNECT_TIMEOUT: Final = 5.0
 """How long a topic may take to say its first word [s]."""
-_SILENCE: Final = 1.0  # [s] without a message of the state or the joints: the link is lost
 _HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
 _ARRIVAL: Final = 0.2  # [s] that the robot may take to report the last set-point
 _ARRIVED: Final = 1e-6  # [rad or m]
@@ -175,7 +174,7 @@ class RosBackend:
         if state is None:
             raise CommandRefused(f"{self.robot.title} refused: the arm is closed")
         silent = time.monotonic() - self._heard
-        if silent > _SILENCE:
+        if silent > SILENCE:
             raise CommandRefused(
                 f"{self._stream.name('operating_state')} has been silent for {silent:.1f} s, "
                 "as have the joints: does the robot still run, and the network?"
@@ -207,7 +206,7 @@ class RosBackend:
                     f"'home' stopped at t = {now.t:.3f} s: {now.state}; the arm is not homed"
                 )
             # A robot that is homed already may have nothing to do.
-            begun = left["begun"] or now.t - began > _SILENCE
+            begun = left["begun"] or now.t - began > SILENCE
             return begun and now.is_homed and not now.is_busy
 
         with self._changed:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Final
@@ -38,13 +39,18 @@ class SimulatedBackend:
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
         self._listener: Listener | None = None
         self._lock = threading.RLock()  # of the twin, whose time one thread at a time lets pass
+        self._now = twin.time  # when a piece of it ended last: it may try a motion before it does
         self._queue = threading.RLock()  # of those who wait for it: who drives the arm lets them in
 
     @property
     def time(self) -> float:
-        """Simulated time [s]."""
-        with self._queue, self._lock:  # a twin may try a motion before it makes it
-            return self.twin.time
+        """Simulated time [s]; while a piece of it is worked on, when the one before ended."""
+        if self._lock.acquire(blocking=False):
+            try:
+                self._now = self.twin.time
+            finally:
+                self._lock.release()
+        return self._now
 
     @property
     def homing_id(self) -> str:
@@ -83,7 +89,7 @@ class SimulatedBackend:
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
         """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz, all or none."""
         self._give_way()
-        with self._lock:  # for others the clock leaps: who stops the arm comes before or after
+        with self._turn():  # for others the clock leaps: who stops the arm comes before or after
             if not go_on():
                 return 0
             output = self.twin.run(position)
@@ -95,7 +101,7 @@ class SimulatedBackend:
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on."""
-        with self._lock:
+        with self._turn():
             self.twin.idle(duration)
 
     def _home(self, timeout: float) -> None:
@@ -117,7 +123,7 @@ class SimulatedBackend:
     def _piece(self, pieces: Iterator[TwinOutput]) -> TwinOutput | None:
         """Next piece of the homing; after the last one the arm is homed."""
         self._give_way()
-        with self._lock:
+        with self._turn():
             state = self._state.state
             if state != "ENABLED":
                 raise MotionStopped(
@@ -127,6 +133,15 @@ class SimulatedBackend:
             if piece is None:
                 self._state = replace(self._state, is_homed=True)
         return piece
+
+    @contextmanager
+    def _turn(self) -> Iterator[None]:
+        """Let time of the twin pass, and no other thread meanwhile."""
+        with self._lock:
+            try:
+                yield
+            finally:
+                self._now = self.twin.time
 
     def _give_way(self) -> None:
         """Let those in who wait for the twin; a lock that is free again would not."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -12,6 +13,8 @@ from typing import Any
 from truejoint.crtk.messages import message_type
 from truejoint.crtk.ros.transport import QUEUE, header_of
 from truejoint.errors import RosError
+
+_log = logging.getLogger(__name__)
 
 
 class Ros2:
@@ -85,8 +88,19 @@ class Ros2:
     def subscribe(
         self, topic: str, kind: str, callback: Callable[[Any], None]
     ) -> Callable[[], None]:
-        """Call `callback` with every message; gives what ends that."""
-        made = self._node.create_subscription(_message_class(kind), topic, callback, QUEUE)
+        """Call `callback` with every message; gives what ends that.
+
+        What it raises is logged, as rospy does: rclpy's thread would end of it, and with it every
+        other subscription.
+        """
+
+        def receive(message: Any) -> None:
+            try:
+                callback(message)
+            except Exception:  # noqa: BLE001  # whatever it is, others are to be heard
+                _log.exception("%s: a message could not be dealt with", topic)
+
+        made = self._node.create_subscription(_message_class(kind), topic, receive, QUEUE)
         return lambda: self._node.destroy_subscription(made)
 
     def topics(self) -> dict[str, str]:

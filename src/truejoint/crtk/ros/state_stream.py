@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+import math
 from collections.abc import Callable, Mapping
 from typing import Any, Final
 
@@ -17,7 +19,7 @@ from truejoint.crtk.messages import (
     joint_state_columns,
     raven_state_columns,
 )
-from truejoint.crtk.ros.transport import Transport
+from truejoint.crtk.ros.transport import SILENCE, Transport
 from truejoint.errors import RobotError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import QUANTITIES
@@ -25,14 +27,17 @@ from truejoint.robots.blocks import QUANTITIES
 _FIELDS: Final = ("position", "velocity", "effort")
 _RAVEN_FIELDS: Final = tuple(RAVEN_FIELDS[name][0] for name in QUANTITIES)
 
+_log = logging.getLogger(__name__)
+
 Row = Callable[[Any, float, Mapping[str, Array]], None]
 
 
 class StateStream:
     """Columns of every state message of an arm, from `start` to `close`.
 
-    They are read from ``measured_js``, with the newest ``setpoint_js`` beside it; of a robot whose
-    profile says that CRTK's messages lack effort and set-point, from its ``ravenstate``.
+    They are read from ``measured_js``, with the newest ``setpoint_js`` beside it unless that is
+    `SILENCE` older; of a robot whose profile says that CRTK's messages lack effort and
+    set-point, from its ``ravenstate``.
 
     Parameters
     ----------
@@ -51,6 +56,8 @@ class StateStream:
         What is read.
     refusal : str
         Why the latest message could not be read; empty where it could.
+    stale : str
+        Since when there are no set-points, where they have ceased; else empty.
     """
 
     def __init__(
@@ -67,8 +74,9 @@ class StateStream:
         self.reads_raven = not self.namespace and profile.no_effort and profile.no_setpoint
         self.topic = RAVEN_TOPIC if self.reads_raven else self.name("measured_js")
         self.invalid = 0
-        self.refusal = ""
+        self.refusal = self.stale = ""
         self._setpoint: Mapping[str, Array] = {}
+        self._told = math.nan  # stamp of that [s]
         self._open: list[Callable[[], None]] = []
 
     def name(self, crtk: str) -> str:
@@ -94,42 +102,55 @@ class StateStream:
         self._setpoint = {}
 
     def _on_measured(self, message: Any) -> None:
-        def columns() -> Mapping[str, Array]:
+        def columns(t: float) -> Mapping[str, Array]:
             told = self.columns_of(message, "measured")
             unused = (
                 f"{quantity}/{channel}"
                 for quantity in dict.fromkeys(name.partition("/")[0] for name in told)
                 for channel in self._robot.unused_channels
             )
-            return {**told, **dict.fromkeys(unused, np.zeros(1)), **self._setpoint}
+            return {**told, **dict.fromkeys(unused, np.zeros(1)), **self._newest(t)}
 
         self._take(message, columns)
 
     def _on_raven(self, message: Any) -> None:
-        def columns() -> Mapping[str, Array]:
+        def columns(_: float) -> Mapping[str, Array]:
             fields = {name: np.array([getattr(message, name)]) for name in _RAVEN_FIELDS}
             return raven_state_columns(self._robot, fields, QUANTITIES)
 
         self._take(message, columns)
 
     def _on_setpoint(self, message: Any) -> None:
+        t = self._transport.seconds(message)
+        if not t > 0.0:
+            return
         try:
-            self._setpoint = self.columns_of(message, "setpoint")
+            self._setpoint, self._told = self.columns_of(message, "setpoint"), t
         except RobotError as refusal:
             self.refusal = f"{self.name('setpoint_js')}: {refusal}"
+
+    def _newest(self, t: float) -> Mapping[str, Array]:
+        """Set-points beside a state of `t` [s]; none where the newest ones are of long before."""
+        if not self._setpoint or abs(t - self._told) <= SILENCE:
+            self.stale = ""
+            return self._setpoint
+        if not self.stale:
+            self.stale = f"{self.name('setpoint_js')} has been silent since {self._told:.3f} s"
+            _log.warning("%s, while %s goes on", self.stale, self.topic)
+        return {}
 
     def columns_of(self, message: Any, quantity: str) -> dict[str, Array]:
         """Columns of a joint state; raises RobotError as `joint_state_columns`."""
         fields = {name: np.array([getattr(message, name)], dtype=float) for name in _FIELDS}
         return joint_state_columns(self._robot, quantity, message.name, fields, self._profile)
 
-    def _take(self, message: Any, columns: Callable[[], Mapping[str, Array]]) -> None:
+    def _take(self, message: Any, columns: Callable[[float], Mapping[str, Array]]) -> None:
         t = self._transport.seconds(message)
         if not t > 0.0:
             self.invalid += 1
             return
         try:
-            row = columns()
+            row = columns(t)
         except (RobotError, AttributeError) as refusal:  # a variant that lacks a field
             self.refusal = f"{self.topic}: {refusal}"
             return

@@ -2,7 +2,8 @@
 
 Every file is read once from its beginning, chunk by chunk, whether it has an index or not: so one
 that was never closed (``.bag.active``) or cut short gives what is in it, and a long one takes no
-more memory than a chunk. Layouts: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, and the tables of
+more memory than a chunk. One that was packed as a whole is first unpacked into a temporary file.
+Layouts: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, and the tables of
 ros2/rosbag2:rosbag2_storage_sqlite3.
 """
 
@@ -12,16 +13,18 @@ import bz2
 import sqlite3
 import struct
 import sys
+import tempfile
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
 from truejoint.errors import RecordingError
 from truejoint.extras import require
-from truejoint.recordings.files import require_file
+from truejoint.files import reason
+from truejoint.recordings.files import most_unpacked, require_file
 
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
@@ -29,10 +32,12 @@ SQLITE_MAGIC: Final = b"SQLite format 3\x00"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 CUT_SHORT: Final = "bytes behind the last whole record of a file that was cut short"
+UNPACKED_IN_PART: Final = "file packed as a whole that was cut short"
 DAMAGED: Final = "chunks that do not unpack, or records of a wrong length"
 
 _MOST_CHUNK: Final = 1 << 28  # bytes of a chunk once unpacked; recorders write about 1 MB
 _MOST_HEADER: Final = 1 << 20  # bytes of a record's header
+_PIECE: Final = 1 << 20  # bytes of a packed file that are unpacked at a time
 _ROWS: Final = 4096  # of a table that are fetched at a time
 
 _U32: Final = struct.Struct("<I")
@@ -117,9 +122,8 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
         elif head.startswith(SQLITE_MAGIC):
             yield from _sqlite(path, wanted, lost)
         elif head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
-            raise RecordingError(
-                f"{path}: is packed as a whole; unpack it first: unzstd {path.name}"
-            )
+            with _unpacked_file(path, lost) as plain:
+                yield from read_batches(plain, wanted, lost)
         elif head.startswith(b"#ROSBAG"):
             version = head.split(b"\n")[0].decode(errors="replace")
             raise RecordingError(f"{path}: is {version[1:]}; rosbag migrates it: rosbag fix")
@@ -131,6 +135,45 @@ def _inner_suffix(path: Path) -> str:
     """Suffix of what is packed in a whole file."""
     inner = Path(path.stem).suffix
     return inner if path.suffix == ".zstd" and inner in (".mcap", ".db3") else ""
+
+
+@contextmanager
+def _unpacked_file(path: Path, lost: Counter[str]) -> Iterator[Path]:
+    """Unpack a file that was packed as a whole, as far as it can be, while the block lasts."""
+    most, size = most_unpacked(path.stat().st_size), 0
+    with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
+        plain = Path(folder) / path.stem
+        try:
+            with path.open("rb") as packed, plain.open("wb") as file:
+                for piece in _unpacked_pieces(packed, lost):
+                    size += file.write(piece)
+                    if size > most:
+                        raise RecordingError(f"{path}: unpacks to more than {most} bytes")
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
+        try:
+            yield plain
+        except RecordingError as error:
+            raise RecordingError(str(error).replace(str(plain), str(path))) from None
+
+
+def _unpacked_pieces(packed: BinaryIO, lost: Counter[str]) -> Iterator[bytes]:
+    """Unpack a file packed with Zstandard, one frame after the other."""
+    unpacker, begun = _unpacker("zstd"), False
+    while data := packed.read(_PIECE):
+        begun = True
+        while data or not (unpacker.needs_input or unpacker.eof):
+            try:
+                yield unpacker.decompress(data, _MOST_CHUNK)
+            except _zstd().ZstdError:
+                lost[DAMAGED] += 1
+                return
+            data = b""
+            if unpacker.eof:
+                data, unpacker = unpacker.unused_data, _unpacker("zstd")
+                begun = bool(data)
+    if begun:
+        lost[UNPACKED_IN_PART] += 1
 
 
 def _parts(folder: Path) -> list[Path]:
@@ -296,10 +339,10 @@ def _unpacked(data: bytes, packing: str) -> bytes:
     """Unpack a chunk, or as much as there is of it; raises _ChunkError if nothing comes out."""
     if packing in ("none", ""):
         return data
+    unpacker = _unpacker(packing)
     try:
-        unpacker = _unpacker(packing)
         found: bytes = unpacker.decompress(data, _MOST_CHUNK)
-    except (OSError, ValueError, RuntimeError, EOFError) as error:
+    except Exception as error:  # each packing has errors of its own
         raise _ChunkError from error
     if not found:
         raise _ChunkError
@@ -312,9 +355,13 @@ def _unpacker(packing: str) -> Any:
     if packing == "lz4":
         return require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor()
     if packing == "zstd":
-        module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-        return require(module, "ros", "a bag packed with Zstandard").ZstdDecompressor()
+        return _zstd().ZstdDecompressor()
     raise _ChunkError(packing)
+
+
+def _zstd() -> Any:
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return require(module, "ros", "a bag packed with Zstandard")
 
 
 # ----------------------------------------------------------------------------------------- MCAP

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array
 from truejoint.crtk.messages import (
     ARMS,
+    CORRECTED,
     JOINT_STATE,
     PROFILES,
     RAVEN_FIELDS,
@@ -45,8 +46,8 @@ from truejoint.recordings.signals import GAP_STEPS
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 from truejoint.robots import Robot, get_robot
 
-_RAVEN_TYPE: Final = "raven_state"  # of whatever package: there are two at least
-_JOINT_FIELDS: Final = ("position", "velocity", "effort")
+RAVEN_TYPE: Final = "raven_state"  # of whatever package: there are two at least
+JOINT_FIELDS: Final = ("position", "velocity", "effort")
 # Names of CRTK, and of others, that are no joint sensors'.
 _NO_TRUTH: Final = ("measured_js", "setpoint_js", "goal_js", "joint_states", "joint_enc")
 _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
@@ -109,7 +110,7 @@ def read_bag(
     *,
     profile: str = "",
     state: str = "",
-    truth: str = "",
+    truth: str | None = "",
     quantities: Collection[str] = USUAL_QUANTITIES,
     offset: float | None = None,
 ) -> Recording:
@@ -126,7 +127,7 @@ def read_bag(
         One of `truejoint.crtk.messages.PROFILES`: how this robot's messages differ from what CRTK
         says of them; by default the robot's.
     state, truth : str
-        Topics, if they are not to be found by type and content.
+        Topics, if they are not to be found by type and content; None to leave the truth out.
     quantities : collection of str
         Of `truejoint.crtk.messages.RAVEN_FIELDS`, what to read of RAVEN's state.
     offset : float, optional
@@ -156,7 +157,7 @@ def read_bag(
         if quantity not in RAVEN_FIELDS:
             raise RecordingError(unknown("quantity", quantity, RAVEN_FIELDS))
     topics = bag_topics(paths)
-    machine = _robot(paths, topics, robot, arm)
+    machine = robot_of(paths[0], topics, robot, arm)
     wiring = find_wiring(paths[0], topics, machine, profile, state, truth)
     return _read(paths, machine, wiring, topics, quantities, offset)
 
@@ -177,11 +178,11 @@ def read_other_arm(
     robot, paths = recording.robot, _paths(bags)
     topics = bag_topics(paths)
     kinds = [kind for kind, _ in topics.values()]
-    if robot.name != "raven2" or not any(kind.endswith(f"/{_RAVEN_TYPE}") for kind in kinds):
+    if robot.name != "raven2" or not any(kind.endswith(f"/{RAVEN_TYPE}") for kind in kinds):
         return None
     other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
     # Without the truth, which is not of this arm: no motion of it would tell a clock's offset.
-    wiring = replace(find_wiring(paths[0], topics, other), truth="")
+    wiring = find_wiring(paths[0], topics, other, truth=None)
     return _read(paths, other, wiring, topics, ("measured",), None)
 
 
@@ -244,41 +245,44 @@ def read_topic(
 
 
 def find_wiring(
-    path: Path,
+    path: Path | str,
     topics: Mapping[str, tuple[str, int]],
     robot: Robot,
     profile: str = "",
     state: str = "",
-    truth: str = "",
+    truth: str | None = "",
 ) -> Wiring:
     """Tell which of a bag's `topics` are the arm's: by type, by CRTK's names, by the profile.
 
+    What a correcting node says beside the arm is not the arm's. A `truth` of None is left out.
     Raises RecordingError if the state is not there or could be several, listing all topics.
     """
     chosen = profile_of(robot, profile)
     for named in filter(None, (state, truth)):
         _require_topic(path, topics, named)
+    own = {name: told for name, told in topics.items() if f"/{CORRECTED}/" not in name}
     if not state:
-        state = _find_state(path, topics, robot, chosen)
+        state = _find_state(path, own, robot, chosen)
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
     space = state.rpartition("/")[0]
     others = []
     if topics[state][0] == JOINT_STATE:
-        for name in sorted(topics):
+        for name in sorted(own):
             what, near = crtk_name(name), name.rpartition("/")[0]
             inside = near.startswith(space + "/") and what == "measured_js"
             aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
-            if name != state and topics[name][0] == JOINT_STATE and (inside or aim):
+            if name != state and own[name][0] == JOINT_STATE and (inside or aim):
                 others.append(name)
-    left = {name: told for name, told in topics.items() if name not in (state, *others)}
-    return Wiring(state, tuple(others), truth or _find_truth(left), chosen)
+    left = {name: told for name, told in own.items() if name not in (state, *others)}
+    found = "" if truth is None else truth or _find_truth(left)
+    return Wiring(state, tuple(others), found, chosen)
 
 
 def _find_state(
-    path: Path, topics: Mapping[str, tuple[str, int]], robot: Robot, profile: Profile
+    path: Path | str, topics: Mapping[str, tuple[str, int]], robot: Robot, profile: Profile
 ) -> str:
-    raven = [name for name, (kind, _) in topics.items() if kind.endswith(f"/{_RAVEN_TYPE}")]
+    raven = [name for name, (kind, _) in topics.items() if kind.endswith(f"/{RAVEN_TYPE}")]
     if raven and robot.name == "raven2":
         return max(raven, key=lambda name: topics[name][1])  # one may be thinned out
     found = [
@@ -336,7 +340,7 @@ def _listed(topics: Mapping[str, tuple[str, int]]) -> str:
     return f"there are {', '.join(texts[:30]) or 'none'}" + (", ..." if len(texts) > 30 else "")
 
 
-def _require_topic(path: Path, topics: Mapping[str, tuple[str, int]], name: str) -> None:
+def _require_topic(path: Path | str, topics: Mapping[str, tuple[str, int]], name: str) -> None:
     if name not in topics:
         raise RecordingError(f"{path}: no topic {name!r}; {_listed(topics)}")
 
@@ -354,14 +358,15 @@ def _paths(
     return paths
 
 
-def _robot(
-    paths: Sequence[Path], topics: Mapping[str, tuple[str, int]], robot: str, arm: str
+def robot_of(
+    place: Path | str, topics: Mapping[str, tuple[str, int]], robot: str, arm: str
 ) -> Robot:
+    """Robot that is named, else RAVEN-II where its state is there; raises RecordingError."""
     if robot:
         return get_robot(robot, arm)
-    if any(kind.endswith(f"/{_RAVEN_TYPE}") for kind, _ in topics.values()):
+    if any(kind.endswith(f"/{RAVEN_TYPE}") for kind, _ in topics.values()):
         return get_robot("raven2", arm)
-    raise RecordingError(f"{paths[0]}: which robot is it (--robot)? {_listed(topics)}")
+    raise RecordingError(f"{place}: which robot is it (--robot)? {_listed(topics)}")
 
 
 @dataclass
@@ -399,13 +404,13 @@ class _Series:
         return stamps, columns
 
 
-_Lot = tuple[str, NDArray[np.int64], NDArray[np.int64], Fields, dict[str, tuple[str, ...]]]
+Lot = tuple[str, NDArray[np.int64], NDArray[np.int64], Fields, Mapping[str, tuple[str, ...]]]
 """Topic, places of messages among all of it and their stamps [ns] (m,), fields and lists of text"""
 
 
 def _lots(
     paths: Sequence[Path], wanted: Mapping[str, Collection[str]], lost: Counter[str]
-) -> Iterator[_Lot]:
+) -> Iterator[Lot]:
     """Lots of messages of the topics that are `wanted`, with the fields of each that are."""
     decoders: dict[Topic, Decoder] = {}
     count: Counter[str] = Counter()
@@ -434,30 +439,70 @@ def _read(
 ) -> Recording:
     """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
-    kinds = {name: kind for name, (kind, _) in topics.items()}
-    series = _read_series(paths, robot, wiring, kinds, quantities, lost)
-    return _assemble(paths, robot, wiring, series, lost, offset)
+    wanted = wanted_fields(wiring, topics, quantities)
+    origin = Provenance(
+        robot.name,
+        robot.arm,
+        source=", ".join(path.name for path in paths),
+        sha256=_hash(paths),
+        session=paths[0].name.partition(".")[0],
+    )
+    lots = _lots(paths, wanted, lost)
+    return assemble(lots, robot, wiring, quantities, origin, lost, offset, str(paths[0]))
 
 
-def _read_series(
-    paths: Sequence[Path],
+def wanted_fields(
+    wiring: Wiring, topics: Mapping[str, tuple[str, int]], quantities: Collection[str]
+) -> dict[str, tuple[str, ...]]:
+    """Fields that are read of each topic of a wiring; `topics` are types and counts of all."""
+    raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
+    return {
+        name: raven if topics[name][0].endswith(RAVEN_TYPE) else JOINT_FIELDS
+        for name in (wiring.state, *wiring.others, wiring.truth)
+        if name
+    }
+
+
+def assemble(
+    lots: Iterable[Lot],
     robot: Robot,
     wiring: Wiring,
-    kinds: Mapping[str, str],
     quantities: Collection[str],
-    lost: Counter[str],
-) -> dict[str, _Series]:
-    """Columns of the topics of a wiring, by topic; `kinds` are the types of all."""
-    raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
+    origin: Provenance,
+    lost: Mapping[str, int],
+    offset: float | None,
+    place: str,
+) -> Recording:
+    """Make the recording of an arm of the messages of its topics, in whatever lots they come.
+
+    Parameters
+    ----------
+    lots : iterable of Lot
+        With the fields that `wanted_fields` names.
+    robot : Robot
+    wiring : Wiring
+    quantities : collection of str
+        Of `RAVEN_FIELDS`.
+    origin : Provenance
+        What is known of where they come from.
+    lost : mapping of str to int
+        What could not be read, by reason; counted while `lots` are drawn.
+    offset : float, optional
+        As `read_bag` takes it.
+    place : str
+        Where they come from, for messages.
+
+    Raises
+    ------
+    RecordingError
+        If a topic has no message, or one that is no joint state of the robot.
+    """
     told = {wiring.state: "measured", wiring.truth: "truth"} | {
         name: crtk_name(name).partition("_")[0] for name in wiring.others
     }
-    wanted = {
-        name: raven if kinds[name].endswith(_RAVEN_TYPE) else _JOINT_FIELDS for name in told if name
-    }
-    series = {name: _Series() for name in wanted}
-    for name, places, stamps, fields, texts in _lots(paths, wanted, lost):
-        if wanted[name] is raven:
+    series = {name: _Series() for name in told if name}
+    for name, places, stamps, fields, texts in lots:
+        if "runlevel" in fields:
             columns = raven_state_columns(robot, fields, quantities)
             columns["state/run_level"] = fields["runlevel"][:, 0].astype(np.float64)
         else:
@@ -465,22 +510,11 @@ def _read_series(
             try:
                 columns = joint_state_columns(robot, told[name], names, fields, wiring.profile)
             except RobotError as error:
-                raise RecordingError(f"{paths[0]}: {name}: {error}") from None
+                raise RecordingError(f"{place}: {name}: {error}") from None
         series[name].add(places, stamps, columns)
-    return series
-
-
-def _assemble(
-    paths: Sequence[Path],
-    robot: Robot,
-    wiring: Wiring,
-    series: Mapping[str, _Series],
-    lost: Counter[str],
-    offset: float | None,
-) -> Recording:
     for name in filter(None, (wiring.state, wiring.truth)):
         if not series[name].stamps:
-            raise RecordingError(f"{paths[0]}: {name} has no message that can be read")
+            raise RecordingError(f"{place}: {name} has no message that can be read")
     base = int(series[wiring.state].stamps[0][0])
     dropped: dict[str, int] = {}
     state = _stream(series[wiring.state], base, "state", dropped)
@@ -491,15 +525,8 @@ def _assemble(
             columns |= _at(state.t, other, [name for name in other.columns if name not in columns])
     dropped |= _keep_known(columns)
     dropped |= lost  # counted to the end of the files, which is now
-    provenance = Provenance(
-        robot.name,
-        robot.arm,
-        source=", ".join(path.name for path in paths),
-        sha256=_hash(paths),
-        session=paths[0].name.partition(".")[0],
-        rates=nominal_rates(state=state.t),
-        dropped=dropped,
-        notes=_notes(wiring),
+    provenance = replace(
+        origin, rates=nominal_rates(state=state.t), dropped=dropped, notes=_notes(wiring)
     )
     recording = Recording.from_columns(columns, provenance)
     if wiring.truth:

@@ -20,14 +20,18 @@ from truejoint.compiled import compiled, jit
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import CableConstants, PlantConstants
 from truejoint.simulation.forceps.parameters import Friction, Jaw
+from truejoint.simulation.friction import (
+    N_ELEMENTS,
+    guide_travel,
+    maxwell_slip,
+    stribeck_peak,
+)
 
 N_STATES = 8  # that Runge and Kutta integrate
-N_ELEMENTS = 4  # of Maxwell slip at each contact
 TRAVEL, CREEP, JAW_STUCK = 0, 2, 4  # places in the history behind the states
 SLIDER_STUCK = JAW_STUCK + N_ELEMENTS
 WHEEL = SLIDER_STUCK + N_ELEMENTS
 N_HISTORY = WHEEL + 1
-_FIRST_SHARE = 1.0 / sum(1.0 / (i + 1) for i in range(N_ELEMENTS))
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
 
 
@@ -60,22 +64,6 @@ def drive_stretch(
     if force < -pretension:  # slack: the gear is unloaded and the cable follows freely
         return distance + compliance * pretension, 0.0, 1.0
     return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
-
-
-@jit(inline="always")
-def guide_travel(
-    before: float, behind: float, ratio: float, stiffness_before: float, stiffness_behind: float
-) -> float:
-    """By how much a cable slides over a guide, towards what lies before it [m].
-
-    Tensions [N] before and behind stand at most in `ratio`, exp(mu phi) of the capstan equation;
-    stiffnesses [N/m] are those of the two pieces. Closed form, so that no stiffness is too high.
-    """
-    if before > ratio * behind:
-        return (before - ratio * behind) / (stiffness_before + ratio * stiffness_behind)
-    if behind > ratio * before:
-        return (ratio * before - behind) / (stiffness_behind + ratio * stiffness_before)
-    return 0.0
 
 
 @jit(inline="always")
@@ -178,48 +166,6 @@ def creep(force: float, crept: float, cable: CableConstants, dt: float) -> float
 def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
     """Rate [1/s] of a Bouc-Wen state with n = 1 and beta = gamma = 1/2; it stays in [-1, 1]."""
     return (speed - 0.5 * (abs(speed) * yielded + speed * abs(yielded))) / distance
-
-
-@jit(inline="always")
-def stribeck_peak(speed: float, f: Friction) -> float:
-    """Friction at a speed over Coulomb friction, but for its viscous part."""
-    ratio = speed / f.stribeck_velocity
-    if abs(ratio) < 6.0:
-        return 1.0 + (f.stribeck_ratio - 1.0) * math.exp(-ratio * ratio)
-    return 1.0
-
-
-@jit(inline="always")
-def maxwell_slip(
-    position: float,
-    speed: float,
-    level: float,
-    f: Friction,
-    damping: float,
-    stuck: Array,
-    first: int,
-    keep: bool,
-) -> float:
-    """Friction [N or Nm] of `N_ELEMENTS` springs in parallel, each with a slip of its own.
-
-    They share the Coulomb `level` evenly and slip at distances like 1 : 2 : 3 : 4, such that
-    together they begin as stiff as a bristle of LuGre. ``stuck[first:]`` is where each would be
-    without force, which `keep` moves; `damping` is that of a bristle, by what still sticks.
-    """
-    peak = stribeck_peak(speed, f)
-    pull, sticking = 0.0, 0.0
-    for i in range(N_ELEMENTS):
-        share = _FIRST_SHARE / (i + 1)  # of the stiffness
-        distance = f.presliding / (N_ELEMENTS * share)
-        strain = (position - stuck[first + i]) / distance
-        if abs(strain) < peak:
-            sticking += share
-        else:
-            strain = math.copysign(peak, strain)
-        if keep:
-            stuck[first + i] = position - strain * distance
-        pull += strain
-    return level / N_ELEMENTS * pull + (damping * sticking + f.viscous) * speed
 
 
 @jit(inline="always")

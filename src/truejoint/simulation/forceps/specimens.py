@@ -9,32 +9,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cache
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError, unknown
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.parameter_file import shipped_sections
+from truejoint.simulation.parameter_file import Spread, shipped_spreads
 
 SPECIMENS: Final = tuple(ForcepsParameters.SPECIMENS)
 PRIORS: Final = ("lugre", "capstan", "between", "mixed")
 MAX_POPULATION: Final = 100_000
-
-
-class Spread(NamedTuple):
-    """Range [low, high] of one property; drawn evenly, or evenly in its logarithm."""
-
-    low: float
-    high: float
-    scale: str
-
-    def draw(self, rng: np.random.Generator) -> float:
-        """One value."""
-        if self.scale == "log":
-            return float(np.exp(rng.uniform(math.log(self.low), math.log(self.high))))
-        return float(rng.uniform(self.low, self.high))
 
 
 def specimen(name: str = "nominal") -> ForcepsParameters:
@@ -52,7 +38,7 @@ def prior(law: str = "lugre") -> dict[str, Spread]:
     differs under that law, and is laid over ``"lugre"``.
     """
     file = {"lugre": "prior.toml", "capstan": "capstan_prior.toml"}[law]
-    return {name: Spread(**v) for name, v in shipped_sections(f"forceps/{file}").items()}
+    return shipped_spreads(f"forceps/{file}")
 
 
 def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsParameters]:

@@ -101,6 +101,11 @@ class Raven2Twin:
         return float(self._state.ticks[kernel.CLOCK]) * kernel.DT
 
     @property
+    def encoder_zero(self) -> Array:
+        """Angles (7,) of the motor shafts that the last homing counts from [rad]."""
+        return self._state.encoder_zero.copy()
+
+    @property
     def load(self) -> float:
         """Mass that hangs on the tool [kg]."""
         return float(self._state.slow[kernel.LOAD])

@@ -58,8 +58,7 @@ def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
 
 def built(forceps: Plain) -> ForcepsParameters:
     """Specimen of its plain values."""
-    flat = {f"{section}.{key}": v for section, vs in forceps.items() for key, v in vs.items()}
-    return ForcepsParameters.read().with_values(flat)
+    return ForcepsParameters.from_dict(forceps)
 
 
 def record(

@@ -1,0 +1,182 @@
+"""The measured Maryland grasper over wrist posture: coupling, friction, and a calibration's reach.
+
+    python -m benchmarks.wrist_tool [--part identified|held-out ...]
+
+identified  Coupling of the jaw to its disc and to the pitch, stretch and capstan friction of its
+            cables, from MRDLab/mis-tool-characterization, folders Tool_4_Maryland_L_Pitch_2, 3, 4:
+            the wrist's pitch held by hand at +30, 0, -30 deg, 16 files each.
+held-out    Calibrated at pitch 0, judged at the other postures. The zero of the jaw differs by 2-3
+            deg from file to file, so that either one offset of each file is taken off, or the
+            first 2 s of its truth set the zero.
+
+Prints Markdown tables. Angles in deg.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from truejoint import calibrate
+from truejoint.calibration import Calibration
+from truejoint.calibration.zero import zeroed
+from truejoint.estimators import RichPlay
+from truejoint.recordings import Recording
+from truejoint.recordings.datasets import DATASETS, read_dataset
+from truejoint.robots import get_robot
+
+Array = NDArray[np.float64]
+
+PITCH = {2: 30.0, 3: 0.0, 4: -30.0}  # [deg] by protractor, to 2-3 deg
+FIT_RATE = 40.0
+REZERO = 2.0
+"""Time at the start of a file whose truth sets the zero [s]."""
+SLIDING = 0.15
+"""Speed of the jaw [rad/s] above which its cables slide everywhere."""
+PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
+METHODS = {
+    "linear": ("linear", ["measured/jaw", "effort/jaw"]),
+    "linear in play operators": ("linear", list(DATASETS["davinci_grasper_umn"].features)),
+    "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"]),
+    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"]),
+    "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"]),
+}
+
+
+def folder(number: int) -> list[Recording]:
+    """Files of one posture."""
+    return read_dataset("davinci_grasper_umn", f"Tool_4_Maryland_L_Pitch_{number}/*")
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What the closing and the opening strokes of a posture say."""
+
+    slopes: tuple[float, float]  # spindle torque per jaw torque, closing and opening
+    constants: tuple[float, float]  # [Nm]
+
+    @property
+    def exponent(self) -> float:
+        """``mu phi`` of the capstan equation, over the whole cable."""
+        return 0.5 * float(np.log(self.slopes[0] / self.slopes[1]))
+
+    @property
+    def ratio(self) -> float:
+        """Spindle torque per jaw torque without friction."""
+        return float(np.sqrt(self.slopes[0] * self.slopes[1]))
+
+
+def strokes(recordings: Sequence[Recording]) -> Stroke:
+    """Fit spindle torque against jaw torque in either direction of sliding."""
+    rows: dict[bool, list[Array]] = {True: [], False: []}
+    for recording in recordings:
+        driver = recording.column("driver/jaw")
+        speed = savgol_filter(driver, 201, 2, deriv=1, delta=1e-3)
+        spindle, jaw = recording.column("effort/jaw"), recording.column("truth_effort/jaw")
+        # The jaw is braked: its torque opposes its motion, and the spindle's goes with it.
+        for closing in (True, False):
+            sliding = (speed < -SLIDING) if closing else (speed > SLIDING)
+            rows[closing].append(np.column_stack([spindle[sliding], jaw[sliding]])[::10])
+    slopes, constants = [], []
+    for closing in (True, False):
+        spindle, jaw = np.vstack(rows[closing]).T
+        slope, constant = np.polyfit(jaw, spindle, 1)
+        slopes.append(abs(float(slope)))
+        constants.append(float(constant))
+    return Stroke((slopes[0], slopes[1]), (constants[0], constants[1]))
+
+
+def lines(recordings: Sequence[Recording]) -> Array:
+    """Offset [rad], jaw per spindle and stretch [rad/Nm] of each file (n, 3)."""
+    found = []
+    for recording in recordings:
+        driver, effort = recording.column("driver/jaw"), recording.column("effort/jaw")
+        design = np.column_stack([np.ones_like(driver), driver, effort])
+        found.append(np.linalg.lstsq(design, recording.column("truth/jaw"), rcond=None)[0])
+    return np.array(found)
+
+
+def identified() -> None:
+    """Print coupling and friction of each posture, and what the instrument's file says."""
+    matrix = get_robot("wrist", "420172").transmission.inverse  # type: ignore[union-attr]
+    per_disc, per_pitch = float(matrix[1, 1]), float(-matrix[1, 0])
+    print("\n| pitch | jaw per disc | stretch [deg/Nm] | offset | mu phi | ratio | slopes |")
+    print("|---|---|---|---|---|---|---|")
+    offsets, exponents, gains = [], [], []
+    for number, pitch in PITCH.items():
+        recordings = folder(number)
+        own, stroke = lines(recordings), strokes(recordings)
+        middle, spread = np.mean(own, axis=0), np.std(own, axis=0)
+        offsets.append(np.degrees(middle[0]))
+        exponents.append(stroke.exponent)
+        gains.append(-middle[1])
+        print(
+            f"| {pitch:+.0f} | {-middle[1]:.3f} +- {spread[1]:.3f} | "
+            f"{np.degrees(middle[2]):.1f} | {offsets[-1]:.1f} +- {np.degrees(spread[0]):.1f} | "
+            f"{stroke.exponent:.3f} | {stroke.ratio:.3f} | "
+            f"{stroke.slopes[0]:.2f} {stroke.slopes[1]:.2f} |",
+            flush=True,
+        )
+    slope = abs(float(np.polyfit(list(PITCH.values()), offsets, 1)[0]))
+    print(f"\njaw per disc {np.mean(gains):.3f}, published {per_disc:.3f}", end="; ")
+    print(f"jaw per pitch {slope:.3f}, published {per_pitch:.3f}", end="; ")
+    print(f"mu phi {np.mean(exponents):.3f} +- {np.std(exponents):.3f}")
+
+
+def off(model: Calibration, recordings: Sequence[Recording]) -> tuple[Array, Array]:
+    """RMS error [deg] of each file, one offset of it taken off, and re-zeroed (n,)."""
+    centred, rezeroed = [], []
+    for recording in recordings:
+        truth = recording.column("truth/jaw")
+        error = model.correct(recording)[:, 0] - truth
+        centred.append(np.std(error))
+        after = recording.t - recording.t[0] > REZERO
+        again = zeroed(model, recording, REZERO).correct(recording)[:, 0] - truth
+        rezeroed.append(np.sqrt(np.mean(again[after] ** 2)))
+    return np.degrees(centred), np.degrees(rezeroed)
+
+
+def held_out() -> None:
+    """Print the errors at each posture of models fitted at pitch 0, half of whose files judge."""
+    by_pitch = {pitch: folder(number) for number, pitch in PITCH.items()}
+    print("\n| fitted at pitch 0 | " + " | ".join(f"{p:+.0f} offset off | re-zeroed"
+          for p in PITCH.values()) + " |")  # fmt: skip
+    print("|---|" + "---|---|" * len(PITCH))
+    for name, (estimator, features) in METHODS.items():
+        cells = []
+        for pitch, recordings in by_pitch.items():
+            if pitch:
+                model = fitted(by_pitch[0.0], estimator, features)
+                found = off(model, recordings)
+            else:  # each half judged by a model of the other
+                halves = [recordings[::2], recordings[1::2]]
+                pairs = [off(fitted(a, estimator, features), b) for a, b in (halves, halves[::-1])]
+                found = tuple(np.concatenate(pair) for pair in zip(*pairs, strict=True))  # type: ignore[assignment]
+            cells += [f"{np.sqrt(np.mean(values**2)):.2f}" for values in found]
+        print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+
+
+def fitted(
+    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str]
+) -> Calibration:
+    """Calibrate with a zero for each file, as the files have."""
+    model = calibrate(recordings, estimator, features=features, zero="recording", fit_rate=FIT_RATE)
+    return model.fitted_for(rezeroing=True)
+
+
+def main() -> None:
+    """Print the tables."""
+    parts = {"identified": identified, "held-out": held_out}
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--part", nargs="+", choices=list(parts), default=list(parts))
+    for name in parser.parse_args().part:
+        parts[name]()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,57 @@
+"""`truejoint plate`: a block with dimples to print and touch, sized for a robot."""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import out, result_json, say
+from truejoint.errors import CalibrationError
+from truejoint.files import write_all_atomically
+
+
+def plate(
+    robot: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT", help="Robot model, or a robot file.", autocompletion=complete.robots
+        ),
+    ],
+    output: Annotated[
+        Path, typer.Option("--out", "-o", help="Folder for plate.stl, plate.svg and plate.toml.")
+    ] = Path(),
+    arm: options.Arm = "",
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
+    from truejoint.calibration.plate import plate_text  # noqa: PLC0415  # NumPy
+    from truejoint.calibration.plate_shape import design_plate, plate_stl, plate_svg  # noqa: PLC0415
+
+    shape = design_plate(truejoint.get_robot(robot, arm))
+    made = shape.plate()
+    output.mkdir(parents=True, exist_ok=True)
+    files = {
+        output / "plate.stl": partial(Path.write_bytes, data=plate_stl(shape)),
+        output / "plate.svg": partial(Path.write_text, data=plate_svg(shape), encoding="utf-8"),
+        output / "plate.toml": partial(Path.write_text, data=plate_text(made), encoding="utf-8"),
+    }
+    write_all_atomically(files, overwrite=force, error=CalibrationError)
+    reached, cells = int(shape.reached.sum()), shape.level.size
+    x, y, z = (1e3 * shape.translation).tolist()
+    if as_json:
+        places = {"rotation": shape.rotation.tolist(), "translation": shape.translation.tolist()}
+        result_json({"files": [str(path) for path in files], "dimples": reached, **places})
+        return
+    size = " x ".join(f"{1e3 * v:g}" for v in shape.size)
+    out.print(f"{output}: {made.name}, {size} mm, {reached} of {cells} dimples in reach")
+    out.print(
+        f"Stand the corner beside dimple 1 about ({x:.0f}, {y:.0f}, {z:.0f}) mm from the base's "
+        "origin, the dimples looking against the tool's way in."
+    )
+    say("print it at 100 %, measure along x, and enter measured_mm in plate.toml")

@@ -1,0 +1,188 @@
+"""`truejoint touch`: take an arm's tip into the dimples of a block that tell most."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+import truejoint
+from truejoint.cli import options
+from truejoint.cli.console import command_line, out, print_table, say
+from truejoint.errors import CommandRefused
+from truejoint.files import check_target, write_atomically
+from truejoint.units import shown
+
+if TYPE_CHECKING:
+    from truejoint.calibration import BlockPose, Touches
+    from truejoint.calibration.touch_guide import Guide, Stop
+    from truejoint.recordings import Recorder
+
+    Seat = Callable[[Stop], float]
+
+_BLOCK, _ZERO = 30, 6  # touches that find a block, and that re-zero a model by it
+_AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
+
+
+def touch(
+    model: options.Model,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Touches to write (.csv), their recording (.parquet) beside them. "
+            "Without it the plan alone is printed.",
+        ),
+    ] = None,
+    plate: Annotated[
+        Path | None, typer.Option(help="Plate file: touches that find where the block stands.")
+    ] = None,
+    bolted: Annotated[
+        Path | None, typer.Option(help="Pose of a bolted block: touches that re-zero the model.")
+    ] = None,
+    touches: Annotated[
+        int | None,
+        typer.Option(min=3, max=200, help="How many at most; default: 30 and, with --bolted, 6."),
+    ] = None,
+    until_mm: Annotated[
+        float,
+        typer.Option(min=0.0, help="Stop when the tip is stated to be as near as this [mm]."),
+    ] = 0.0,
+    by_hand: Annotated[
+        bool,
+        typer.Option(
+            "--by-hand", help="Look on, over ROS, while you steer the arm; a prompt a touch."
+        ),
+    ] = False,
+    namespace: Annotated[str, typer.Option(help="Of the arm's topics, with --by-hand.")] = "",
+    ros: Annotated[int, typer.Option(min=1, max=2, help="ROS 1 or 2, with --by-hand.")] = 1,
+    twin: Annotated[str, typer.Option(help="Specimen of the simulated robot.")] = "nominal",
+    seed: options.Seed = 0,
+    force: options.Force = False,
+) -> None:
+    """Touch a block's dimples: which, in which order, and from which sides.
+
+    A simulated arm is homed and driven; with --by-hand you steer, and say when the tip is seated.
+    From the fourth touch on each is compared with what the others say, and one that does not fit is
+    asked for once more.
+    """
+    from truejoint.calibration.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
+    from truejoint.calibration.touch_guide import Guide, design_pose  # noqa: PLC0415
+
+    if (plate is None) == (bolted is None):
+        raise CommandRefused("touch takes --plate, to find a block, or --bolted, to re-zero by one")
+    calibration = truejoint.read_calibration(model)
+    robot = truejoint.get_robot(calibration.robot, calibration.arm)
+    pose = (
+        design_pose(read_plate(plate), robot) if plate is not None else read_pose(bolted or Path())
+    )
+    most = touches or (_BLOCK if plate is not None else _ZERO)
+    guide = Guide(calibration, robot, pose, most, finds_block=plate is not None, seed=seed)
+    if output is None:
+        _print_plan(guide)
+        return
+    for path in (output, output.with_suffix(".parquet")):
+        check_target(path, overwrite=force)
+    opened = _by_hand(robot, namespace, ros) if by_hand else _simulated(model, pose, twin, seed)
+    with (
+        opened as (device, seat),
+        truejoint.recordings.Recorder(
+            device, path=output.with_suffix(".parquet"), overwrite=force, session=output.stem,
+            command=command_line(),
+        ) as recorder,
+    ):  # fmt: skip
+        made = follow_guide(guide, recorder, seat, output, until_mm / 1e3)
+    out.print(f"{output}: {len(made)} touches of {pose.plate.name}")
+    following = "bolt" if plate is not None else "rezero"
+    option = f"--plate {plate}" if plate is not None else f"--bolted {bolted}"
+    say(f"next: truejoint {following} {model} --touches {output} {option} -o ...")
+
+
+def follow_guide(
+    guide: Guide, recorder: Recorder, seat: Seat, output: Path, until: float
+) -> Touches:
+    """Touch what a guide says until all is touched, or the tip is stated to be within `until` [m].
+
+    `seat` seats the tip and gives the time at which that is done. Each touch is written at once.
+    """
+    while (stop := guide.next_stop()) is not None:
+        t = seat(stop)
+        verdict = guide.take(stop, t, recorder.recording())
+        _write(guide.touches(), output)
+        if verdict.off is not None:
+            off = shown(verdict.off, "m")
+            say(f"  dimple {stop.dimple}: {off} off what the others say; touch it once more")
+        if verdict.tip_sd is not None:
+            near = shown(verdict.tip_sd, "m")
+            say(f"  {verdict.count} touches: tip within {near} (one deviation)")
+            if verdict.tip_sd <= until:
+                break
+    return guide.touches()
+
+
+def _write(touches: Touches, output: Path) -> None:
+    rows = zip(touches.t, touches.dimple, strict=True)
+    text = "t,dimple\n" + "".join(f"{t:.4f},{dimple}\n" for t, dimple in rows)
+    write = partial(Path.write_text, data=text, encoding="utf-8")
+    write_atomically(output, write, overwrite=True, error=CommandRefused)
+
+
+def _print_plan(guide: Guide) -> None:
+    rows = []
+    count = 1
+    while (stop := guide.next_stop()) is not None:
+        rows.append((str(count), stop.dimple, stop.words))
+        guide.skip(stop)
+        count += 1
+    print_table(("touch", "dimple", "come with"), rows, title="Touches, in order")
+
+
+@contextmanager
+def _simulated(
+    model: Path, pose: BlockPose, twin: str, seed: int
+) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
+    """Arm of a twin, homed, and a hand that steers it to a block at `pose`."""
+    from truejoint.motion.touching import SimulatedHand  # noqa: PLC0415
+
+    with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:
+        truejoint.read_calibration(model).check_robot(device.robot)
+        say(f"Homing {device.robot.title}, simulated ...")
+        device.enable()
+        device.home()
+        hand = SimulatedHand(device, pose.rotation, pose.translation, seed=seed)
+
+        def seat(stop: Stop) -> float:
+            t = hand.touch(pose.scale * stop.point, stop.side)
+            device.wait(_AFTER)
+            return t
+
+        yield device, seat
+        hand.close()
+
+
+@contextmanager
+def _by_hand(
+    robot: truejoint.robots.Robot, namespace: str, ros: int
+) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
+    """Arm that others steer over ROS, and a person who says when its tip is seated."""
+    from truejoint.cli.node import as_node  # noqa: PLC0415
+    from truejoint.crtk.backends.ros import RosBackend  # noqa: PLC0415
+
+    with as_node("truejoint_touch", ros) as transport:
+        backend = RosBackend(transport, robot, namespace=namespace)
+        with truejoint.crtk.Arm(backend, controls=False) as device:
+            yield device, partial(prompted, device)
+
+
+def prompted(device: truejoint.crtk.Arm, stop: Stop, **how: Any) -> float:
+    """Ask a person to seat the tip; gives the time of the state when that is said."""
+    typer.prompt(f"dimple {stop.dimple}, come with {stop.words}; seated?", default="", **how)
+    t = float(device.measured_js().t)
+    threading.Event().wait(_AFTER)
+    return t

@@ -1,0 +1,102 @@
+"""A Gaussian process by a few inducing points: a sum of bells, one kernel for each output.
+
+Where the features leave what it was fitted to, every bell is 0 and the mean is predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, matrix, vector, wide
+from truejoint.layout import Layout, Memory
+from truejoint.models.family import Family, Params, Shape, integer
+from truejoint.models.network import scaling_shapes
+from truejoint.models.products import BLOCK, padded, standardise, weighted
+
+MAX_POINTS: Final = 4096
+
+LAYOUT: Final = Layout()
+WIDTH: Final = LAYOUT.integer("width", "inducing points, filled up to a multiple of 4")
+MEAN: Final = LAYOUT.array("mean", "of each feature in training")
+INVERSE_SCALE: Final = LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used")
+TARGET_MEAN: Final = LAYOUT.array("target_mean", "of each output")
+TARGET_SCALE: Final = LAYOUT.array("target_scale", "of each output")
+INVERSE_LENGTHS: Final = LAYOUT.array("inverse_lengths", "of each output and feature")
+POINTS: Final = LAYOUT.array("points", "of each output, a row for each feature, in lengths")
+WEIGHTS: Final = LAYOUT.array("weights", "of each output and point")
+SCALED: Final = LAYOUT.array("scaled", "standardised features")
+LENGTHS: Final = LAYOUT.array("lengths", "features in lengths of one output")
+BELLS: Final = LAYOUT.array("bells", "of each point")
+
+
+@compiled
+def gaussian_process_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict a weighted sum of ``exp(-d**2 / 2)``, `d` the distance to each point in lengths."""
+    k, n, width = x.shape[0], out.shape[0], numbers[WIDTH]
+    mean = vector(memory, numbers[MEAN], k)
+    scaled, lengths = vector(memory, numbers[SCALED], k), vector(memory, numbers[LENGTHS], k)
+    bells = vector(memory, numbers[BELLS], width)
+    standardise(x, mean, vector(memory, numbers[INVERSE_SCALE], k), scaled)
+    for j in range(n):
+        inverse = vector(memory, numbers[INVERSE_LENGTHS] + j * k, k)
+        for i in range(k):
+            lengths[i] = scaled[i] * inverse[i]
+        add_squares(lengths, matrix(memory, numbers[POINTS] + j * k * width, k, width), bells)
+        for i in range(width):
+            bells[i] = math.exp(-0.5 * bells[i])
+        total = weighted(bells, vector(memory, numbers[WEIGHTS] + j * width, width))
+        out[j] = memory[numbers[TARGET_MEAN] + j] + memory[numbers[TARGET_SCALE] + j] * total
+
+
+@compiled
+@wide
+def add_squares(x: Array, points: Array, out: Array) -> None:
+    """Add up squared distances (m,) of `x` (k,) from the columns of `points` (k, m), from 0 on."""
+    for j in range(points.shape[1]):
+        out[j] = 0.0
+    for i in range(points.shape[0]):
+        own, row = x[i], points[i]
+        for j in range(points.shape[1]):
+            away = own - row[j]
+            out[j] += away * away
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    points = int(params["points"])
+    return {
+        **scaling_shapes(n_features, n_outputs),
+        "inverse_lengths": (n_outputs, n_features),
+        "points": (points, n_features),
+        "weights": (n_outputs, points),
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory:
+    width = int(params["points"]) + -int(params["points"]) % BLOCK
+    points = np.array([padded((arrays["points"] * own).T) for own in arrays["inverse_lengths"]])
+    return LAYOUT.pack(
+        width=width,
+        **{name: arrays[name] for name in scaling_shapes(k, n)},
+        inverse_lengths=arrays["inverse_lengths"],
+        points=points,
+        weights=padded(arrays["weights"]),
+        scaled=np.zeros(k),
+        lengths=np.zeros(k),
+        bells=np.zeros(width),
+    )
+
+
+FAMILY: Final = Family(
+    "gaussian_process",
+    rules={"points": integer(2, MAX_POINTS)},
+    shapes=_shapes,
+    pack=_pack,
+    row=gaussian_process_row,
+)

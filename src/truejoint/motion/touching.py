@@ -1,0 +1,134 @@
+"""Touching the dimples of a block with a simulated arm, as a person who steers it would."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk import Arm, StateBlock, TruthBlock
+from truejoint.errors import CommandRefused, RobotError
+from truejoint.robots import Robot
+from truejoint.robots.reach import reach
+from truejoint.simulation import TwinOutput
+
+AWAY: Final = 2.0
+"""How far off its dimple a tip waits, in seconds of the workspace's speed."""
+REST: Final = 1.0
+"""For how long the tip rests in its dimple [s]."""
+_HASTE: Final = 1.5  # between dimples, times the laboratory's speeds
+_SHORT: Final = 0.15  # of the way in that is left until the tip is looked at
+_LOOKS: Final = 4
+_SETTLING: Final = 0.3  # [s] before a look
+
+
+def joints_at(robot: Robot, point: Array, seed: Array) -> Array:
+    """Positions (n_joints,) [rad or m] that take the tool's tip to a `point` (3,) [m] of the base.
+
+    The positioning joints go there, the others stay as in `seed` (n_joints,). Raises RobotError if
+    they cannot, or not within their limits.
+    """
+    found, there = reach(robot, point[None], seed)
+    joint: Array = found[0]
+    inside = (joint >= robot.lower) & (joint <= robot.upper)
+    if not (there.all() and inside.all()):
+        x, y, z = 1e3 * point
+        names = [n for n, good in zip(robot.joint_names, inside, strict=True) if not good]
+        raise RobotError(
+            f"the tip cannot reach ({x:.1f}, {y:.1f}, {z:.1f}) mm"
+            + (f": {', '.join(names)} beyond the limits" if names else "")
+        )
+    return joint
+
+
+@dataclass(eq=False)
+class SimulatedHand:
+    """Steers a simulated arm's tip into dimples, by looking where its joints really are.
+
+    Parameters
+    ----------
+    arm : Arm
+        Of a digital twin, enabled and homed.
+    rotation, translation : ndarray, shape (3, 3) and (3,)
+        Pose of the block in the arm's base [m].
+    seat_sd : float
+        How far off its dimple a tip rests, per axis [m].
+    seed : int
+
+    Raises
+    ------
+    CommandRefused
+        If the arm does not say where its joints really are: only a twin does.
+    """
+
+    arm: Arm
+    rotation: Array
+    translation: Array
+    seat_sd: float = 2e-4
+    seed: int = 0
+    _true: Array | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        self._rng = np.random.default_rng([self.seed, 29])
+        self._columns = self.arm.robot.index(self.arm.robot.positioning)
+        self.arm.subscribe(self._look)
+        self.arm.wait(0.01)
+        if self._true is None:
+            raise CommandRefused(
+                f"{self.arm.robot.title} does not say where its joints really are; touch by hand"
+            )
+
+    def close(self) -> None:
+        """Look no more."""
+        self.arm.unsubscribe(self._look)
+
+    def touch(self, point: Array, side: Array) -> float:
+        """Rest in the dimple at `point` (3,) [m] of the block; gives the rest's end [s].
+
+        `side` (n_positioning,) of -1 and 1 is where each joint comes from. The tip rests where a
+        hand seats it. The time is on the arm's clock. Raises RobotError if the dimple is out of
+        reach.
+        """
+        robot, columns = self.arm.robot, self._columns
+        seat = self.rotation @ point + self.translation
+        seat = seat + self.seat_sd * self._rng.standard_normal(3)
+        goal = joints_at(robot, seat, self.arm.setpoint_js().position)
+        away = np.zeros(len(goal))
+        away[columns] = side * AWAY * self._speed()
+        self._go(goal - self._lost() + away, self._haste())
+        self._go(goal - self._lost() + _SHORT * away, None)
+        for _ in range(_LOOKS):
+            self._go(goal - self._lost(), None)
+        self.arm.wait(REST)
+        return self.arm.time
+
+    def _go(self, goal: Array, speed: Array | None) -> None:
+        robot = self.arm.robot
+        self.arm.move_jp(np.clip(goal, robot.lower, robot.upper), speed).wait()
+
+    def _speed(self) -> Array:
+        space = self.arm.robot.workspace
+        return np.full(len(self._columns), 0.02) if space is None else space.speed
+
+    def _haste(self) -> Array | None:
+        """Speeds (n_joints,) between dimples, the tool's as ever."""
+        if self.arm.robot.workspace is None:
+            return None
+        speed = np.array([min(joint.max_speed, 0.17) for joint in self.arm.robot.joints])
+        speed[self._columns] = _HASTE * self._speed()
+        return speed
+
+    def _lost(self) -> Array:
+        """By how much the joints (n_joints,) are ahead of their set-points, once settled."""
+        self.arm.wait(_SETTLING)
+        assert self._true is not None  # noqa: S101  # looked for when it was made
+        now = self.arm.setpoint_js().position
+        lost = np.zeros(len(now))
+        lost[self._columns] = self._true - now[self._columns]
+        return lost
+
+    def _look(self, block: StateBlock | TruthBlock) -> None:
+        if isinstance(block, TwinOutput):
+            self._true = block.joint[-1]

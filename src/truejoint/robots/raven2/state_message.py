@@ -1,0 +1,88 @@
+"""What RAVEN-II's state message holds beside what a recorder keeps: all of it follows from that.
+
+Fields and their meaning: uw-biorobotics/raven2:msg/raven_state.msg and src/raven/local_io.cpp; the
+message has them of both arms, here are those of one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Final, Literal, cast
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV, drives
+from truejoint.robots.robot import Robot
+
+COMMAND_RATE: Final = 500.0
+"""Commands a second of the laboratory's controller (peng2024, IV-A)."""
+
+_COUNT: Final = 2.0 * math.pi / ENCODER_COUNTS_PER_REV
+_OPERATING: Final = 3.0  # run level with the pedal down
+_AXES: Final = ("x", "y", "z")
+_ENTRIES: Final = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+
+
+def state_message(
+    robot: Robot, t: Array, recorded: Mapping[str, Array], encoder_zero: Array
+) -> dict[str, Array]:
+    """Columns (n,) of the state message by the names that the reader of its files gives them.
+
+    Motor set-points, encoder counts and offsets, DAC counts, tool pose and set-point, what the
+    robot makes of its Jacobian, run levels, sequence number and time. As on the robot,
+    ``jacobian_force`` repeats the velocity, and what is of the unused channel is zero.
+
+    Parameters
+    ----------
+    robot : Robot
+        One arm of a RAVEN-II.
+    t : ndarray, shape (n,)
+        Since the robot was switched on [s].
+    recorded : mapping of str to ndarray, shape (n,)
+        ``measured``, ``velocity``, ``effort``, ``setpoint`` and ``motor`` of every joint, in SI.
+    encoder_zero : ndarray, shape (7,)
+        What a homing has set the motor encoders' zeros to [rad].
+    """
+    side = cast("Literal['left', 'right']", robot.arm)
+    names = robot.joint_names
+
+    def of(quantity: str) -> Array:
+        return np.column_stack([recorded[f"{quantity}/{name}"] for name in names])
+
+    assert robot.transmission is not None and robot.kinematics is not None  # noqa: S101, PT018
+    own = drives(side)
+    steps = np.array([drive.torque_per_amp / drive.dac_per_amp for drive in own])
+    offset = np.rint(np.asarray(encoder_zero) / _COUNT)
+    measured, setpoint = of("measured"), of("setpoint")
+    by_channel = {
+        "motor_setpoint": setpoint @ robot.transmission.matrix.T,
+        "encoder": np.rint(of("motor") / _COUNT + offset),
+        "encoder_offset": np.broadcast_to(offset, measured.shape),
+        "dac": np.rint(of("effort") / steps),
+    }
+    found = {}
+    for quantity, values in by_channel.items():
+        for channel in robot.channels:
+            known = channel in names
+            column = values[:, names.index(channel)] if known else np.zeros(len(t))
+            found[f"{quantity}/{channel}"] = column
+    for ending, joint in (("", measured), ("_setpoint", setpoint)):
+        pose = robot.kinematics.forward(joint)
+        found |= _columns(f"tool{ending}", _AXES, pose[:, :3, 3])
+        found |= _columns(f"rotation{ending}", _ENTRIES, pose[:, :3, :3].reshape(-1, 9))
+    found["grasp_setpoint/jaw"] = (
+        setpoint[:, names.index("jaw1")] + setpoint[:, names.index("jaw2")]
+    )
+    jacobian = robot.kinematics.jacobian(measured)
+    moving = np.einsum("nij,nj->ni", jacobian, of("velocity"))
+    for name in ("jacobian_velocity", "jacobian_force"):
+        found |= _columns(name, (*_AXES, "rx", "ry", "rz"), moving)
+    constant = {"arm/type": 0.0, "state/run_level": _OPERATING, "state/sub_level": 0.0}
+    found |= {name: np.full(len(t), value) for name, value in constant.items()}
+    return {**found, "state/last_seq": np.floor(t * COMMAND_RATE), "state/time": np.asarray(t)}
+
+
+def _columns(quantity: str, names: tuple[str, ...], values: Array) -> dict[str, Array]:
+    return {f"{quantity}/{name}": values[:, k] for k, name in enumerate(names)}

@@ -1,0 +1,90 @@
+"""Wristed instruments by model number, as mechanisms of cables."""
+
+from __future__ import annotations
+
+import math
+import tomllib
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.robots.cable_mechanism import CableMechanism, Contact, Node, Pin, loops
+from truejoint.robots.catalogue import INSTRUMENTS
+from truejoint.robots.robot import Joint, Robot, Workspace
+
+JOINTS: Final = ("pitch", "jaw1", "jaw2")
+"""Of the two jaws, yaw is the mean and the opening ``jaw2 - jaw1``."""
+
+# What no file states. The jaw's radius is a guess from a shaft of 8 mm; the pins', and what turns
+# on them, are of the size that makes the frictions and frequencies of such a wrist.
+_JAW_RADIUS: Final = 2.8e-3  # [m] of the cables' path on the jaws
+_PITCH_PIN: Final = Pin(inertia=1.5e-6, radius=0.9e-3, friction=1.5e-3)
+_JAW_PIN: Final = Pin(inertia=4e-7, radius=0.9e-3, friction=0.6e-3)
+# Three tenths of the compliance are before the guides, as much in the shaft, the rest behind the
+# wrist's pulleys, around which a cable wraps 1.6 rad. The guides' angle counts as 1 rad: what is
+# known is the friction of all of them.
+_SEGMENTS: Final = (0.3, 0.3, 0.4)
+_NODES: Final = (Node(1.0), Node(1.6, "pitch"))
+# A push at the tip turns the pitch by 19 mm and the yaw, half of either jaw, by 10 mm.
+_ARMS: Final = {"pitch": {"pitch": 19e-3}, "yaw": {"jaw1": 5e-3, "jaw2": 5e-3}}
+_TOP_SPEED: Final = math.radians(180.0)  # [rad/s]
+_HALF_OPEN: Final = math.radians(10.0)  # [rad] of either jaw at home
+
+
+def joints_from_discs(pitch: Any, yaw: Any, jaw: Any) -> Array:
+    """Angles of `JOINTS` per angle of the three discs (3, 3), of those of pitch, yaw and opening.
+
+    Examples
+    --------
+    >>> joints_from_discs([1, 0, 0], [-0.5, 0.4, 0.4], [0, -0.8, 0.8]).tolist()
+    [[1.0, 0.0, 0.0], [-0.5, 0.8, 0.0], [-0.5, 0.0, 0.8]]
+    """
+    rows = np.array([pitch, yaw, jaw], dtype=np.float64)
+    return np.array([rows[0], rows[1] - 0.5 * rows[2], rows[1] + 0.5 * rows[2]])
+
+
+def instrument(values: Mapping[str, Any]) -> CableMechanism:
+    """Mechanism of an instrument of the table: two cables from each disc to what it turns."""
+    discs = np.linalg.inv(joints_from_discs(*(values[key] for key in ("pitch", "yaw", "jaw"))))
+    # All discs are alike, and as large as makes the jaws' radius.
+    radius = _JAW_RADIUS / float(np.abs(discs[:, 1:]).max())
+    radii = dict.fromkeys(JOINTS, radius)
+    return CableMechanism(
+        dict(zip(JOINTS, (_PITCH_PIN, _JAW_PIN, _JAW_PIN), strict=True)),
+        radii,
+        loops(discs, JOINTS, radii, segments=_SEGMENTS, nodes=_NODES),
+        Contact({"jaw1": -1.0, "jaw2": 1.0}),
+        _ARMS,
+    )
+
+
+@cache
+def build(name: str) -> Robot:
+    """Robot of the instrument called `name`, which is a model number or one of RAVEN's tools."""
+    text = files(__package__).joinpath(INSTRUMENTS).read_text(encoding="utf-8")
+    row = next(r for r in tomllib.loads(text).values() if name in map(str, r["names"]))
+    limit = {key: math.radians(value) for key, value in row["limits_deg"].items()}
+    jaw = limit["yaw"] + 0.5 * limit["jaw"]
+    reach = np.array([0.75 * limit["pitch"], 0.4 * jaw, 0.4 * jaw])
+    apart = np.radians(5.0)  # a calibration's jaws never meet
+    return Robot(
+        "wrist",
+        (
+            Joint("pitch", "revolute", -limit["pitch"], limit["pitch"], 0.0, _TOP_SPEED),
+            Joint("jaw1", "revolute", -jaw, jaw, -_HALF_OPEN, _TOP_SPEED),
+            Joint("jaw2", "revolute", -jaw, jaw, _HALF_OPEN, _TOP_SPEED),
+        ),
+        arm=name,
+        effort="motor",
+        workspace=Workspace(
+            JOINTS,
+            np.array([-reach[0], -reach[1], apart]),
+            np.array([reach[0], -apart, reach[2]]),
+            np.full(3, math.radians(60.0)),
+        ),
+        cable_mechanism=instrument(row),
+    )

@@ -1,0 +1,157 @@
+"""An instrument's parameters as the arrays that its compiled dynamics read."""
+
+from __future__ import annotations
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.simulation.wrist.parameters import MAXWELL_SLIP, WristParameters
+
+SUBSTEPS: Final = 4  # of the integrator in a set-point's period: 4 kHz
+
+
+class ContactLaw(NamedTuple):
+    """Friction of a pin for `maxwell_slip`, which takes its level apart."""
+
+    presliding: float
+    viscous: float
+    stribeck_ratio: float
+    stribeck_velocity: float
+
+
+class PlantConstants(NamedTuple):
+    """C cables of N nodes at most, J joints, M motors."""
+
+    dt: float  # [s] of a step
+    motor_of: Integers  # (C,), -1 where a cable ends at a spring
+    capstan: Array  # (C,) [m] that a cable gets per radian of its motor, with its sign
+    n_moved: Integers  # (C,) joints that a cable turns, which the next four list first
+    moved: Integers  # (C, J)
+    moments: Array  # (C, J) [m/rad]
+    sine: Array  # (C, J) [m] of an eccentric pulley's part in sin of a joint
+    cosine: Array  # (C, J) [m] and in cos - 1
+    n_nodes: Integers  # (C,)
+    stiffness: Array  # (C, N + 1) [N/m] of the segments
+    slack: Array  # (C, N + 1) [m] of stretch at pretension
+    ratio: Array  # (C, N) of the tensions before and behind, at the zeros
+    wrap_joint: Integers  # (C, N), -1 where no joint changes it
+    wrap_slope: Array  # (C, N) mu, with the sign in which the joint adds to it
+    inertia: Array  # (J,) [kg m2]
+    damping: Array  # (J,) [Nm s/rad]
+    friction: Array  # (J,) [Nm] constant
+    per_tension: Array  # (J,) [m] friction per tension on the pin
+    presliding: float  # [rad]
+    is_maxwell_slip: bool
+    law: ContactLaw
+    opening: Array  # (J,) of the jaws, per joint; zeros where nothing meets
+    contact: Array  # (2,) stiffness [Nm/rad], damping [Nm s/rad]
+    n_motors: int
+    motor_step: Array  # (2, 2): how far angle and speed are off, a step later
+    motor_lag: float  # [s] by which a motor follows a ramp
+    coulomb: float  # [Nm] of every motor
+    motor_viscous: float  # [Nm s/rad]
+    motor_presliding: float  # [rad]
+
+
+class Drawn(NamedTuple):
+    """What of one instrument's sensors strays; (M,) each, tensions (C,)."""
+
+    effort_gain: Array
+    tension_gain: Array
+    tension_offset: Array
+    motor_zero: Array  # [rad]
+
+
+def plant_constants(
+    p: WristParameters, mechanism: CableMechanism, substeps: int = SUBSTEPS
+) -> tuple[PlantConstants, Drawn]:
+    """Constants of one instrument, its single parts drawn with ``variation.seed``."""
+    rng = np.random.default_rng(p.variation.seed)
+    cables, joints, motors = mechanism.cables, mechanism.joint_names, tuple(mechanism.motors)
+    n_cables, n_joints, n_motors = len(cables), len(joints), len(motors)
+    most = max(len(cable.nodes) for cable in cables)
+    nominal = mechanism.moments
+    # The two cables of a loop lie in the same grooves, so that their radii are one draw a motor.
+    loop = np.array([motors.index(c.motor) if c.motor else n_motors + n
+                     for n, c in enumerate(cables)])  # fmt: skip
+    n_loops = int(loop.max()) + 1
+    groove = 1.0 + p.variation.moment * rng.standard_normal((n_loops, n_joints))
+    capstan = 1.0 + p.variation.capstan * rng.standard_normal(n_motors)
+    size = p.variation.eccentricity * np.abs(rng.standard_normal((n_loops, n_joints)))
+    phase = rng.uniform(-math.pi, math.pi, (n_loops, n_joints))
+    whole = p.cables.stiffness * (1.0 + p.variation.stiffness * rng.standard_normal(n_cables))
+    drawn = Drawn(
+        p.sensors.effort_gain * rng.standard_normal(n_motors),
+        p.sensors.tension_gain * rng.standard_normal(n_cables),
+        p.sensors.tension_offset * rng.standard_normal(n_cables),
+        p.homing.assembly * rng.standard_normal(n_motors),
+    )
+    side = np.sign(nominal)
+    eccentric = side * size[loop]
+    moved = np.argsort(side == 0.0, axis=1, kind="stable")
+    stiffness = np.ones((n_cables, most + 1))
+    wrap, slope = np.zeros((n_cables, most)), np.zeros((n_cables, most))
+    joint_of = np.full((n_cables, most), -1)
+    for c, cable in enumerate(cables):
+        compliance = np.array(cable.segments) / whole[c]
+        if cable.spring:
+            compliance[0] += 1.0 / cable.spring
+        stiffness[c, : len(compliance)] = 1.0 / compliance
+        for n, node in enumerate(cable.nodes):
+            mu = p.cables.wrist_friction if node.joint else p.cables.guide_friction
+            wrap[c, n] = mu * node.wrap
+            if node.joint:
+                joint_of[c, n] = joints.index(node.joint)
+                slope[c, n] = -mu * side[c, joint_of[c, n]]
+    pins = list(mechanism.pins.values())
+    radii = np.array(list(mechanism.motors.values())) * capstan
+    met = mechanism.contact
+    dt = SETPOINT_DT / substeps
+    f = p.joint_friction
+    constants = PlantConstants(
+        dt=dt,
+        motor_of=np.array([motors.index(c.motor) if c.motor else -1 for c in cables]),
+        capstan=np.array(
+            [c.sign * radii[motors.index(c.motor)] if c.motor else 0.0 for c in cables]
+        ),
+        n_moved=np.count_nonzero(side, axis=1),
+        moved=moved,
+        moments=np.take_along_axis(nominal * groove[loop], moved, 1),
+        sine=np.take_along_axis(eccentric * np.cos(phase[loop]), moved, 1),
+        cosine=np.take_along_axis(eccentric * np.sin(phase[loop]), moved, 1),
+        n_nodes=np.array([len(cable.nodes) for cable in cables]),
+        stiffness=stiffness,
+        slack=p.cables.pretension / stiffness,
+        ratio=np.exp(wrap),
+        wrap_joint=joint_of,
+        wrap_slope=slope,
+        inertia=np.array([pin.inertia for pin in pins]),
+        damping=np.full(n_joints, f.viscous),
+        friction=f.constant * np.array([pin.friction for pin in pins]),
+        per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
+        presliding=f.presliding,
+        is_maxwell_slip=f.law == MAXWELL_SLIP,
+        law=ContactLaw(f.presliding, 0.0, 1.0, 1.0),
+        opening=np.zeros(n_joints) if met is None else mechanism.row(met.opening),
+        contact=np.zeros(2) if met is None else np.array([met.stiffness, met.damping]),
+        n_motors=n_motors,
+        motor_step=_motor_step(p, dt),
+        motor_lag=2.0 * p.motor.damping_ratio / (2.0 * math.pi * p.motor.bandwidth),
+        coulomb=p.motor.coulomb,
+        motor_viscous=p.motor.viscous,
+        motor_presliding=p.motor.presliding,
+    )
+    return constants, drawn
+
+
+def _motor_step(p: WristParameters, dt: float) -> Array:
+    """Transition (2, 2) over `dt` of ``e'' = -w**2 e - 2 z w e'``, exact."""
+    from scipy.linalg import expm  # noqa: PLC0415  # takes longer to import than the rest
+
+    w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
+    return np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]) * dt))

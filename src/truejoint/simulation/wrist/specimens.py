@@ -1,0 +1,50 @@
+"""Populations of wristed instruments, to judge methods on many of them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from truejoint.errors import TruejointError, unknown
+from truejoint.simulation.parameter_file import shipped_spreads
+from truejoint.simulation.wrist.parameters import WristParameters
+
+FAMILIES: Final = ("cable_only", "endowrist", "measured")
+MIXED: Final = "mixed"
+MAX_POPULATION: Final = 100_000
+
+
+def population(count: int, seed: int = 0, family: str = MIXED) -> list[WristParameters]:
+    """`count` virtual instruments of a family, or ``"mixed"``: of the families by turns.
+
+    The same seed gives the same instruments, and a larger population begins with the smaller one.
+    ``"cable_only"`` has bare cables, ``"endowrist"`` rods in the shaft, ``"measured"`` is like the
+    tool of MRDLab/mis-tool-characterization.
+
+    Raises TruejointError if the count is not 1 to 100000, or there is no such family.
+
+    Examples
+    --------
+    >>> len(population(2, seed=1, family="endowrist"))
+    2
+    """
+    if not 1 <= count <= MAX_POPULATION:
+        raise TruejointError(f"a population of {count}; it must be 1 to {MAX_POPULATION}")
+    if family not in (*FAMILIES, MIXED):
+        raise TruejointError(unknown("family", family, (*FAMILIES, MIXED)))
+    streams = np.random.SeedSequence(seed).spawn(count)
+    return [_drawn(s, family_of(n, family)) for n, s in enumerate(streams)]
+
+
+def family_of(number: int, family: str = MIXED) -> str:
+    """Family of instrument `number` of a population."""
+    return FAMILIES[number % len(FAMILIES)] if family == MIXED else family
+
+
+def _drawn(stream: np.random.SeedSequence, family: str) -> WristParameters:
+    rng = np.random.default_rng(stream)
+    spreads = shipped_spreads("wrist/prior.toml") | shipped_spreads(f"wrist/{family}_prior.toml")
+    values: dict[str, float] = {name: spread.draw(rng) for name, spread in spreads.items()}
+    seed = int(rng.integers(2**31))
+    return WristParameters.read().with_values({**values, "variation.seed": seed})

@@ -1,0 +1,261 @@
+"""The virtual wrist: joint angles wanted in, what its sensors and an oracle would show out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.array_types import Array
+from truejoint.errors import CommandRefused, RobotError, TruejointError
+from truejoint.robots import Robot, get_robot
+from truejoint.robots.blocks import TruthBlock
+from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
+from truejoint.simulation.twin import (
+    TwinOutput,
+    checked_load,
+    checked_seed,
+    checked_ticks,
+    glide,
+    hold,
+)
+from truejoint.simulation.wrist.constants import SUBSTEPS, plant_constants
+from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.wrist.plant import advance, at_rest, empty_log, new_work
+from truejoint.units import GRAVITY
+
+MAX_LOAD: Final = 0.3
+"""Heaviest load that hangs on the tip [kg]; cables go slack above."""
+
+_SETTLING: Final = 0.5  # [s] at rest
+_HOMING_SPEED: Final = math.radians(30.0)  # [rad/s]
+_BEYOND: Final = 0.2  # [rad] that a set-point may lie beyond a limit, where a loop asks for it
+
+
+class WristTwin:
+    """Digital twin of an instrument's wrist, or of any robot that states its cables.
+
+    A `truejoint.simulation.Twin`. What it measures are motors and their efforts; the measured
+    joints are those of cables that give nowhere. With ``sensors.tensions`` the cables' tensions at
+    the motors are in `extra`, ``tension/<cable>`` [N]; what only a simulation knows is beside them:
+    ``truth_exact/<joint>``, ``truth_load/grip`` and ``truth_load/<arm>``, torques [Nm].
+
+    `load` [kg] hangs on the tip and pulls the first arm's joints down. `tip_force` may give forces
+    (n, n_arms) [N], one column for each of the mechanism's arms, and `held` the opening [rad] (n,)
+    of what is between the jaws, both at times (n,) [s] of the twin; without `held` the jaws meet
+    each other. The seed is that of sensors and homing; single parts are drawn with
+    ``variation.seed``.
+
+    Raises TruejointError if the seed or the load is out of range, RobotError if the robot states no
+    cables.
+
+    Examples
+    --------
+    >>> twin = WristTwin(seed=1)
+    >>> twin.home().measured.shape[1]
+    3
+    """
+
+    PARAMETERS: ClassVar[type[WristParameters]] = WristParameters
+
+    def __init__(
+        self,
+        parameters: WristParameters | None = None,
+        *,
+        arm: str = "",
+        seed: int = 0,
+        load: float = 0.0,
+        robot: str = "wrist",
+        substeps: int = SUBSTEPS,
+    ) -> None:
+        self.parameters: Final = WristParameters.read() if parameters is None else parameters
+        self.robot: Final[Robot] = get_robot(robot, arm)
+        mechanism, transmission = self.robot.cable_mechanism, self.robot.transmission
+        if mechanism is None or transmission is None:
+            raise RobotError(f"{self.robot.title} states no cables; add [cable_mechanism]")
+        self._transmission = transmission
+        self._cable_names = tuple(cable.name for cable in mechanism.cables)
+        self._arms = {name: mechanism.row(arm) for name, arm in mechanism.arms.items()}
+        self._meets = mechanism.contact is not None
+        self.seed: Final = checked_seed(seed)
+        self.load = load
+        self.tip_force: Callable[[Array], Array] | None = None
+        self.held: Callable[[Array], Array] | None = None
+        self.homing_count = 0
+        self._substeps = substeps
+        self._constants, self._drawn = plant_constants(self.parameters, mechanism, substeps)
+        self._state, self._work = at_rest(self._constants), new_work(self._constants)
+        # A stream each, so that changing one sensor leaves the others alone.
+        names = ("motor", "effort", "tension", "truth")
+        streams = np.random.SeedSequence(seed).spawn(len(names))
+        self._noise = {n: np.random.default_rng(s) for n, s in zip(names, streams, strict=True)}
+        self._zero = self._registered()
+        self._ticks = 0
+        self._command = np.zeros(len(self.robot.joints))
+        self._goal = self._zero.copy()  # of the motors, where they stand
+        self._state.motor[:] = self._goal
+        self._reading = np.zeros(self._constants.n_motors)
+
+    @property
+    def load(self) -> float:
+        """Mass that hangs on the tip [kg]."""
+        return self._load
+
+    @load.setter
+    def load(self, mass: float) -> None:
+        self._load = checked_load(mass, MAX_LOAD)
+
+    @property
+    def time(self) -> float:
+        """Time since the instrument was switched on [s]."""
+        return self._ticks * SETPOINT_DT
+
+    @property
+    def commanded(self) -> Array:
+        """Joint angles (n_joints,) [rad] of the latest set-point."""
+        return self._command
+
+    def home(self) -> TwinOutput:
+        """Give all of `homing` in one piece."""
+        return TwinOutput.whole(list(self.homing()))
+
+    def homing(self) -> Generator[TwinOutput]:
+        """Go to the zeros, engage the instrument there anew, and go to the home pose.
+
+        Each engagement leaves other zeros of the motors (``homing.registration``).
+        """
+        zero, home = np.zeros_like(self._command), self.robot.home
+        way = self._way(self._command, zero)
+        yield from map(self.run, in_grains(np.vstack([way, hold(zero, _SETTLING)])))
+        self.homing_count += 1
+        self._zero = self._registered()
+        way = self._way(zero, home)
+        yield from map(self.run, in_grains(np.vstack([way, hold(home, _SETTLING)])))
+
+    def run(self, setpoint: ArrayLike) -> TwinOutput:
+        """Follow joint angles (n, n_joints) [rad], one row a millisecond; reached at its end.
+
+        Raises CommandRefused if the shape is wrong, or a value is not finite or far beyond a
+        joint's limit, and TruejointError if the plant leaves the finite numbers.
+        """
+        joints = checked_rows(self.robot, setpoint, "run")
+        self._check_limits(joints)
+        t = np.arange(self._ticks, self._ticks + len(joints) + 1, dtype=np.float64) * SETPOINT_DT
+        goal = self._transmission.motor_from_joint(joints) + self._zero
+        goal = np.ascontiguousarray(np.vstack([self._goal, goal]))
+        force, held = self._acting(t)
+        log = empty_log(len(joints), self._constants)
+        arms = np.array(list(self._arms.values())).reshape(-1, len(self.robot.joints))
+        advance(
+            self._constants, self._state, self._work, goal,
+            np.ascontiguousarray(force @ arms), held,
+            self._substeps, log,
+        )  # fmt: skip
+        if not np.isfinite(log.joint).all():
+            row = int(np.argmax(~np.isfinite(log.joint).all(axis=1)))
+            raise TruejointError(
+                f"the simulated wrist diverged at {t[1 + row]:.3f} s; its parameters or the force "
+                "at the tip are beyond what its step can follow"
+            )
+        motor = log.motor - self._zero + self._white("motor", log.motor.shape, "motor_noise")
+        before = np.vstack([self._reading, motor])
+        speed = np.diff(before, axis=0) / SETPOINT_DT
+        if len(joints):
+            self._command, self._goal, self._reading = joints[-1], goal[-1], motor[-1]
+        self._ticks += len(joints)
+        effort = log.effort * (1.0 + self._drawn.effort_gain)
+        effort += self._white("effort", effort.shape, "effort_noise")
+        reference = log.joint + self._white("truth", log.joint.shape, "reference_noise")
+        return TwinOutput(
+            t=t[1:],
+            name=self.robot.channels,
+            measured=self._transmission.joint_from_motor(motor),
+            velocity=self._transmission.joint_from_motor(speed),
+            effort=effort,
+            setpoint=joints,
+            motor=motor,
+            motor_velocity=speed,
+            extra={**self._tensions(log.tension), **self._known(log.joint, log.grip, force[1:])},
+            truth=TruthBlock(t[1:], self.robot.positioning, reference),
+            joint=log.joint,
+        )
+
+    def idle(self, duration: float) -> None:
+        """Let `duration` [s] pass with the motors held; raises TruejointError if it is no time."""
+        self._ticks += checked_ticks(duration)
+
+    def _registered(self) -> Array:
+        """Zeros (n_motors,) [rad] of an engagement: the assembly's, and its own error."""
+        own = np.random.default_rng((self.seed, self.homing_count))
+        spread = self.parameters.homing.registration
+        return np.asarray(
+            self._drawn.motor_zero + spread * own.standard_normal(len(self._drawn.motor_zero))
+        )
+
+    def _way(self, start: Array, end: Array) -> Array:
+        """Set-points (n, n_joints) from one pose to the other."""
+        return glide(start, end, 0.1 + math.pi / 2 * float(abs(end - start).max()) / _HOMING_SPEED)
+
+    def _acting(self, t: Array) -> tuple[Array, Array]:
+        """Give forces at the tip (n, n_arms) [N] and the opening at which jaws meet (n,) [rad]."""
+        force = np.zeros((len(t), len(self._arms)))
+        if self._arms:
+            force[:, 0] = -GRAVITY * self._load
+        if self.tip_force is not None:
+            force += _shaped(self.tip_force(t), force.shape, "tip_force")
+        held = np.zeros(len(t))
+        if self.held is not None:
+            held = _shaped(self.held(t), held.shape, "held")
+        return force, np.ascontiguousarray(held)
+
+    def _white(self, stream: str, shape: tuple[int, ...], noise: str) -> Array:
+        size: float = getattr(self.parameters.sensors, noise)
+        return np.asarray(size * self._noise[stream].standard_normal(shape))
+
+    def _tensions(self, tension: Array) -> dict[str, Array]:
+        """Tensions that are measured, by column."""
+        which = self.parameters.sensors.tensions
+        if which == "none":
+            return {}
+        read = tension * (1.0 + self._drawn.tension_gain) + self._drawn.tension_offset
+        read += self._white("tension", tension.shape, "tension_noise")
+        motors = [self._constants.motor_of[n] for n in range(len(self._cable_names))]
+        return {
+            f"tension/{name}": read[:, n]
+            for n, name in enumerate(self._cable_names)
+            if which == "both" or motors[n] not in motors[:n]
+        }
+
+    def _known(self, joint: Array, grip: Array, force: Array) -> dict[str, Array]:
+        """Name what only a simulation knows, by column."""
+        exact = {
+            f"truth_exact/{name}": joint[:, k].copy()
+            for k, name in enumerate(self.robot.joint_names)
+        }
+        grips = {"truth_load/grip": grip} if self._meets else {}
+        arms = {
+            f"truth_load/{name}": force[:, k] * float(np.abs(arm).sum())
+            for k, (name, arm) in enumerate(self._arms.items())
+        }
+        return {**exact, **grips, **arms}
+
+    def _check_limits(self, joints: Array) -> None:
+        beyond = (joints < self.robot.lower - _BEYOND) | (joints > self.robot.upper + _BEYOND)
+        if beyond.any():
+            row, k = np.argwhere(beyond)[0]
+            joint = self.robot.joints[k]
+            raise CommandRefused(
+                f"the setpoint of {joint.name} reaches {math.degrees(joints[row, k]):.1f} deg; its "
+                f"limits are {math.degrees(joint.lower):.1f} and {math.degrees(joint.upper):.1f} "
+                "deg: scale it down"
+            )
+
+
+def _shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise TruejointError(f"{name} gave shape {array.shape}; want {shape}, a row for each time")
+    return array

@@ -1,0 +1,1 @@
+"""Studies on virtual RAVEN-II arms: every table and figure of peng2024."""

@@ -1,0 +1,167 @@
+"""Sessions on virtual RAVEN-II arms: homing, zig-zags to calibrate on, random tests."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, cast
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.calibration import Calibration, calibrate
+from truejoint.crtk import Arm, SimulatedBackend
+from truejoint.errors import StudyError
+from truejoint.evaluation.metrics import rmse
+from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
+from truejoint.recordings import Recorder, Recording
+from truejoint.simulation import Twin
+from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
+
+Plain = Mapping[str, Mapping[str, Any]]
+"""A specimen as plain values, which `Part.arguments` can hold."""
+Models = Mapping[str, Sequence[Calibration]]
+"""Fitted models by method."""
+Errors = dict[str, list[list[float]]]
+"""RMSE (models, 3) [rad, rad, m] by method."""
+
+JOINTS: Final = ("shoulder", "elbow", "insertion")
+SCALES: Final = np.array([np.degrees(1.0), np.degrees(1.0), 1e3])
+"""From rad, rad, m to the units of `TITLES`."""
+TITLES: Final = ("shoulder [deg]", "elbow [deg]", "insertion [mm]")
+MODELS: Final = ("dnn", "poly2", "linear")
+METHODS: Final = (*MODELS, "offset", "raw")
+BEST: Final = "J2-J3"
+"""Direction that peng2024 takes for all but Table I."""
+PUBLISHED: Final = "published"
+"""J1-J2-J3 in the box of the laboratory's own generator; see `zigzag`."""
+HOUR: Final = 3600.0  # [s]
+STATE_RATE: Final = 30.0  # [Hz], peng2024, IV-A
+_LONG_RATE: Final = 10.0  # [Hz], of hours
+_IDLE_TEST: Final = 600.0  # [s]
+TEST_SEED: Final = 1_000_000
+"""Between the seed of an arm and that of its test motion."""
+
+
+def specimens(names: Sequence[str]) -> dict[str, Plain]:
+    """Plain values of shipped specimens, or of TOML files, by a title for each."""
+    return {Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names}
+
+
+def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
+    """Arm of a specimen that was just switched on and homed, and the twin behind it."""
+    flat = {f"{section}.{key}": v for section, vs in raven.items() for key, v in vs.items()}
+    parameters = Raven2Parameters.read().with_values(flat)
+    twin = Raven2Twin(parameters, seed=seed)
+    arm = Arm(SimulatedBackend(cast("Twin", twin)))
+    arm.enable()
+    arm.home()
+    return arm, twin
+
+
+def record(arm: Arm, trajectory: Trajectory, rate: float = STATE_RATE) -> Recording:
+    """Record an arm along a trajectory, `rate` rows a second [Hz]."""
+    with Recorder(arm, rate, session=trajectory.name) as recorder:
+        follow(arm, trajectory)
+    return recorder.recording()
+
+
+def zigzags(arm: Arm, divisions: Sequence[int], direction: str = BEST) -> list[Recording]:
+    """Record a zig-zag of each sparsity 1 / `divisions`."""
+    published = direction == PUBLISHED
+    named = DIRECTIONS[-1] if published else direction
+    paths = [zigzag(arm.robot, named, 1.0 / n, published=published) for n in divisions]
+    return [record(arm, path) for path in paths]
+
+
+def combination(text: str) -> tuple[int, ...]:
+    """Divisions of a combination of sparsities, such as ``"4+5+6"`` for 1/4, 1/5 and 1/6."""
+    try:
+        divisions = tuple(int(part) for part in text.split("+"))
+    except ValueError:
+        divisions = ()
+    if not divisions or min(divisions) < 1 or len(set(divisions)) < len(divisions):
+        raise StudyError(f"sparsities {text!r:.60}: write 4+5+6 for 1/4, 1/5 and 1/6 together")
+    return divisions
+
+
+def training_sets(
+    arm: Arm, sets: Sequence[str], direction: str = BEST
+) -> dict[str, list[Recording]]:
+    """Zig-zags of every combination in `sets`; each sparsity is recorded once."""
+    wanted = {text: combination(text) for text in sets}
+    divisions = sorted({n for one in wanted.values() for n in one})
+    recorded = dict(zip(divisions, zigzags(arm, divisions, direction), strict=True))
+    return {text: [recorded[n] for n in own] for text, own in wanted.items()}
+
+
+def seconds_of(training: Sequence[Recording]) -> float:
+    """Time that recordings took [s]."""
+    return sum(one.duration for one in training)
+
+
+def random_test(arm: Arm, seconds: float, seed: int, rate: float = STATE_RATE) -> Recording:
+    """Record random motion with the speed profile of the laboratory's controller."""
+    path = random_motion(arm.robot, seconds, seed, profile=PROFILES[1])
+    return record(arm, path, rate)
+
+
+def fitted(
+    training: Sequence[Recording], networks: int, seed: int, **how: Any
+) -> dict[str, list[Calibration]]:
+    """Fit so many networks, the polynomial, the linear model and the fixed offset, by method.
+
+    `how` is as `calibrate` takes it.
+    """
+    own = [calibrate(training, "dnn", random_state=seed + k, **how) for k in range(networks)]
+    first = own[0] if own else calibrate(training, "linear", **how)
+    others = {name: [model] for name, model in first.baselines.items()}
+    return {name: ones for name, ones in {"dnn": own, **others}.items() if ones}
+
+
+def judged(models: Models, recording: Recording) -> Errors:
+    """RMSE of models, and of the raw positions, on a recording that none of them saw."""
+    recording = recording.with_truth(JOINTS)
+    truth = recording.columns("truth", JOINTS)
+    found = {
+        name: [rmse(model.correct(recording) - truth).tolist() for model in ones]
+        for name, ones in models.items()
+    }
+    return {**found, "raw": [rmse(recording.error(JOINTS)).tolist()]}
+
+
+def working(arm: Arm, hours: int, seed: int) -> list[Recording]:
+    """Random motion without a break, by hour; ten rows a second are enough to judge by."""
+    return cut_by_hour(random_test(arm, hours * HOUR, seed, _LONG_RATE), hours)
+
+
+def work(arm: Arm, seconds: float, seed: int) -> None:
+    """Random motion that nobody records."""
+    follow(arm, random_motion(arm.robot, seconds, seed, profile=PROFILES[1]))
+
+
+def resting(arm: Arm, hours: int, seed: int) -> list[Recording]:
+    """Ten minutes of random motion at the start of every hour, the brakes on in between.
+
+    The motion is the same each time, so that hours differ by what became of the arm.
+    """
+    found = []
+    for hour in range(hours):
+        if hour:
+            arm.disable()
+            arm.wait(HOUR - _IDLE_TEST)
+            arm.enable()
+            arm.wait(1.0)  # until it has reported where it is now
+        found.append(random_test(arm, _IDLE_TEST, seed, _LONG_RATE))
+    return found
+
+
+def cut_by_hour(recording: Recording, hours: int) -> list[Recording]:
+    """Cut a recording of so many hours into them."""
+    hour = np.minimum(((recording.t - recording.t[0]) / HOUR).astype(int), hours - 1)
+    return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]
+
+
+def shown(errors: Errors, method: str) -> Array:
+    """RMSE (3,) of a method, mean over its models, in the units of `TITLES`."""
+    return np.asarray(np.mean(errors[method], axis=0) * SCALES)

@@ -1,0 +1,163 @@
+"""Table V of peng2024: what fitting and inferring take."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from truejoint.calibration import calibrate
+from truejoint.errors import StudyError
+from truejoint.evaluation.digits import fixed
+from truejoint.runtime import Corrector
+from truejoint.studies.raven2 import sessions as s
+from truejoint.studies.raven2.rivals import RIVALS
+from truejoint.studies.study import (
+    Part,
+    PartResult,
+    Settings,
+    Statement,
+    Summary,
+    check_counts,
+    check_names,
+)
+from truejoint.studies.table import Table, reported
+
+SERVO: Final = 1e-3
+"""Period of RAVEN-II's servo loop [s]."""
+_COLD: Final = 300  # samples before times count
+_BOUNDS: Final = {"dnn": 50.0, "linear": 2.0}  # [s], peng2024, Table V
+_RATIO: Final = 160.0  # of the network's inference time to the linear model's (abstract)
+
+
+def parts(settings: Settings) -> Sequence[Part]:
+    """One: times of one machine are only comparable one after the other."""
+    known = [name for name in RIVALS if name not in ("gpr", "forest")]
+    check_names("model", settings["models"], known)
+    check_counts(settings, "samples", "repeats")
+    s.combination(settings["training"])
+    if settings["samples"] < 1000:
+        raise StudyError(f"samples={settings['samples']}; give 1000 or more")
+    (raven,) = s.specimens(("peng2024",)).values()
+    common = {name: settings[name] for name in ("models", "training", "samples", "repeats")}
+    return (Part("timing", measure, {"raven": raven, "seed": settings.seed, **common}),)
+
+
+def measure(
+    raven: s.Plain,
+    models: Sequence[str],
+    seed: int,
+    training: str,
+    samples: int,
+    repeats: int,
+) -> PartResult:
+    """Time fits, and the control loop's corrections sample by sample [s]."""
+    arm, _ = s.homed(raven, seed)
+    sets = s.training_sets(arm, (training,))[training]
+    test = s.random_test(arm, samples / s.STATE_RATE + 2.0, s.TEST_SEED + seed)
+    calibrate([one.rows(slice(0, 400)) for one in sets], "linear")  # libraries and kernels
+    few = test.rows(slice(0, 2))  # the shortest table, as a framework's call for a sample
+    found = {}
+    for name in models:
+        fits = []
+        for _ in range(repeats):
+            # Processor time: what else the machine does shall not count.
+            began = time.process_time()
+            model = calibrate(sets, name)
+            fits.append(time.process_time() - began)
+        corrector = Corrector(model)
+        rows = test.table[list(corrector.signals)].to_numpy()[:samples]
+        each = np.empty(len(rows))
+        for i, (t, row) in enumerate(zip(test.t, rows, strict=False)):
+            began = time.perf_counter()
+            corrector.step(t, row)
+            each[i] = time.perf_counter() - began
+        whole = np.empty(50)
+        for i in range(len(whole)):
+            began = time.perf_counter()
+            model.correct(few)
+            whole[i] = time.perf_counter() - began
+        found[name] = {
+            "fit": float(np.median(fits)),
+            "step": float(np.median(each[_COLD:])),
+            "step_99": float(np.quantile(each[_COLD:], 0.99)),
+            "table": float(np.median(whole)),
+        }
+    rows_fitted = sum(len(one) for one in sets)
+    return PartResult({"models": found, "rows": rows_fitted})
+
+
+def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+    """Table V beside the paper's."""
+    found = results["timing"].numbers["models"]
+    rows = []
+    for name, times in found.items():
+        bound = reported("peng2024", "V", "training time", name, "all").get("upper bound")
+        paper = reported("peng2024", "V", "inference one sample", name, "all").get("mean")
+        rows.append(
+            (
+                RIVALS[name].title,
+                fixed(times["fit"], 2),
+                "" if bound is None else f"< {bound:g}",
+                fixed(1e6 * times["step"], 2),
+                fixed(1e6 * times["step_99"], 2),
+                fixed(1e6 * times["table"], 0),
+                "" if paper is None else f"{1e3 * paper:g}",
+            )
+        )
+    header = (
+        "model", "fit [s of CPU]", "paper", "a sample in the loop [us]", "99 %",
+        "a call on a table [us]",
+        "paper [us]",
+    )  # fmt: skip
+    notes = (
+        f"{results['timing'].numbers['rows']} rows, sparsities {settings['training']}; medians, "
+        "one thread, of the machine that ran this, with whatever else it did.",
+        "The paper's are of a 2.2 GHz Xeon and a framework's call for each sample.",
+    )
+    table = Table("peng2024 Table V: time", header, tuple(rows), notes)
+    judged = [c.judged(found) for c in CLAIMS] if {"dnn", "linear"} <= set(found) else []
+    return Summary((table,), claims=judged)
+
+
+def _fits(found: Mapping[str, Mapping[str, float]]) -> tuple[bool | None, str]:
+    holds = all(found[name]["fit"] < most for name, most in _BOUNDS.items())
+    return holds, ", ".join(f"{name} {found[name]['fit']:.2f} s" for name in _BOUNDS)
+
+
+def _servo(name: str) -> Callable[[Mapping[str, Mapping[str, float]]], tuple[bool | None, str]]:
+    def judge(found: Mapping[str, Mapping[str, float]]) -> tuple[bool | None, str]:
+        late = found[name]["step_99"]
+        return late < SERVO, f"{1e6 * late:.1f} us at 99 %"
+
+    return judge
+
+
+def _too_slow(found: Mapping[str, Mapping[str, float]]) -> tuple[bool | None, str]:
+    holds, text = _servo("dnn")(found)
+    return not holds, text
+
+
+def _ratio(found: Mapping[str, Mapping[str, float]]) -> tuple[bool | None, str]:
+    ratio = found["dnn"]["step"] / found["linear"]["step"]
+    text = (
+        f"{ratio:.1f} times; what took 61 ms there is a framework's overhead a call, not the "
+        f"12,103 weights, which take {1e6 * found['dnn']['step']:.1f} us compiled"
+    )
+    return ratio > _RATIO / 2.0, text
+
+
+CLAIMS: Final = (
+    Statement("fitting takes < 50 s (network), < 2 s (linear)", "peng2024, Table V", _fits),
+    Statement(
+        "the linear model keeps up with the 1 kHz servo loop", "peng2024, III", _servo("linear")
+    ),
+    Statement("the network is too slow for the 1 kHz servo loop", "peng2024, III", _too_slow),
+    Statement(
+        "the linear model infers about 160 times faster than the network",
+        "peng2024, abstract",
+        _ratio,
+    ),
+)

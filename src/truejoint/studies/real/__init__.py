@@ -1,0 +1,1 @@
+"""Studies on recordings of real joints that laboratories published."""

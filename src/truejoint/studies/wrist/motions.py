@@ -1,0 +1,117 @@
+"""Motions of a wrist that a calibration sees, others that judge it, and what loads its tip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.recordings import Recording
+from truejoint.recordings.wrist import record_wrist
+from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.simulation.twin import glide
+from truejoint.simulation.wrist.twin import WristTwin
+
+# Centre and half width [rad] of pitch, yaw and opening: the jaws stay apart by 8 deg and more.
+_CENTRE: Final = np.radians([0.0, 0.0, 24.0])
+_REACH: Final = np.radians([55.0, 45.0, 16.0])
+_TONES: Final = 6  # of a random multi-sine, each joint
+_BAND: Final = (0.04, 0.5)  # [Hz]
+_SPEED: Final = math.radians(60.0)  # [rad/s] at the middle of a step
+_REST: Final = (0.2, 1.0)  # [s] between steps
+_RAMP: Final = 0.3  # [s] in which a grip builds up
+_PRESSED: Final = (0.06, 0.2)  # [rad] that closing jaws are held open by what they grip
+_FREE: Final = -0.3  # [rad] by which what is between them is out of their reach
+_FORCE: Final = 2.0  # [N] of a push at the tip, at most
+_PUSH: Final = (0.6, 2.0)  # [s]
+
+
+def joints(pose: Array) -> Array:
+    """Joint angles (n, 3) of pitch, yaw and opening (n, 3) [rad]."""
+    pitch, yaw, opening = pose.T
+    return np.column_stack([pitch, yaw - 0.5 * opening, yaw + 0.5 * opening])
+
+
+def multi_sine(seconds: float, seed: int) -> Array:
+    """Random sum of sines: pitch, yaw and opening (n, 3) [rad] at 1 kHz, over the whole reach."""
+    rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, SETPOINT_DT)
+    waves = []
+    for _ in range(3):
+        rates = np.exp(rng.uniform(*np.log(_BAND), _TONES))
+        phases, sizes = rng.uniform(0.0, 2.0 * math.pi, _TONES), rng.uniform(0.5, 1.0, _TONES)
+        wave = sum(
+            size * np.sin(2.0 * math.pi * rate * t + phase)
+            for rate, phase, size in zip(rates, phases, sizes, strict=True)
+        )
+        waves.append(wave / np.abs(wave).max())
+    return np.asarray(_CENTRE + _REACH * np.column_stack(waves))
+
+
+def steps(seconds: float, seed: int) -> Array:
+    """Minimum-jerk steps between random poses, each followed by a rest, (n, 3) as `multi_sine`."""
+    rng, length = np.random.default_rng(seed), round(seconds / SETPOINT_DT)
+    pose, parts, rows = _CENTRE.copy(), [], 0
+    while rows < length:
+        end = _CENTRE + 0.9 * _REACH * rng.uniform(-1.0, 1.0, 3)
+        duration = max(0.2, 1.875 * float(np.abs(end - pose).max()) / _SPEED)
+        s = np.arange(1, round(duration / SETPOINT_DT) + 1) * SETPOINT_DT / duration
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        rest = round(rng.uniform(*_REST) / SETPOINT_DT)
+        parts += [pose + blend[:, None] * (end - pose), np.tile(end, (rest, 1))]
+        rows, pose = rows + len(s) + rest, end
+    return np.asarray(np.vstack(parts)[:length])
+
+
+def loaded(twin: WristTwin, pose: Array, seed: int) -> None:
+    """Load a twin that follows `pose` (n, 3) from now on: grips half of the time, and pushes."""
+    rng, start, n = np.random.default_rng([seed, 1]), twin.time, len(pose)
+    t = np.arange(n) * SETPOINT_DT
+    pressed, force = np.full(n, _FREE), np.zeros((n, 2))
+    at = 0.5
+    while at < t[-1]:
+        length = rng.uniform(1.0, 4.0)
+        up = np.clip(np.minimum(t - at, at + length - t) / _RAMP, 0.0, 1.0)
+        pressed = np.maximum(pressed, _FREE + (rng.uniform(*_PRESSED) - _FREE) * up)
+        at += 2.0 * length
+    for k in range(force.shape[1]):
+        at = 1.0
+        while at < t[-1]:
+            length, size = rng.uniform(*_PUSH), rng.uniform(-_FORCE, _FORCE)
+            inside = (t > at) & (t < at + length)
+            force[:, k] += inside * size * np.sin(math.pi * (t - at) / length) ** 2
+            at += length + rng.uniform(0.5, 3.0)
+    held = pose[:, 2] + pressed
+    twin.held = _from(start, held)
+    twin.tip_force = _from(start, force)
+
+
+def record(
+    twin: WristTwin, motion: Callable[[float, int], Array], seconds: float, seed: int, load: bool
+) -> Recording:
+    """Record a homed twin along a motion, unloaded or under the loads of `loaded`.
+
+    It glides to where the motion begins, which is not recorded.
+    """
+    pose = motion(seconds, seed)
+    path = joints(pose)
+    twin.run(glide(twin.commanded, path[0], 1.5))
+    if load:
+        loaded(twin, pose, seed)
+    kind = f"{motion.__name__} {'loaded' if load else 'free'} {seed}"
+    try:
+        return record_wrist(twin, path, session=kind)
+    finally:
+        twin.held = twin.tip_force = None
+
+
+def _from(start: float, values: Array) -> Callable[[Array], Array]:
+    """Give rows of `values`, one a millisecond from `start` [s] on, at times of a twin."""
+
+    def at(t: Array) -> Array:
+        rows = np.clip(np.rint((t - start) / SETPOINT_DT).astype(np.int64), 0, len(values) - 1)
+        return values[rows]
+
+    return at

@@ -1,0 +1,108 @@
+"""Plate and pose files: they come back as they were, and what cannot be is refused."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from truejoint.calibration import (
+    BlockPose,
+    Plate,
+    read_plate,
+    read_pose,
+    write_plate,
+    write_pose,
+)
+from truejoint.errors import CalibrationError
+
+POINTS = {"1": np.array([0.0, 0.01, 0.02]), "12": np.array([0.04, -0.03, 0.0])}
+PLATE = Plate("stairs", "raven2", POINTS, 0.08, 0.0803)
+
+
+def pose() -> BlockPose:
+    root = np.random.default_rng(0).normal(size=(6, 6))
+    return BlockPose(
+        PLATE, "raven2", "left", Rotation.from_rotvec([1.0, 2.0, -0.5]).as_matrix(),
+        np.array([0.1, -0.2, 0.3]), root @ root.T, 1.002, 3e-4,
+        np.array([1e-3, 2e-3, 1e-4]), "2026-11-22T10:00:00", "h 1", "abc",
+    )  # fmt: skip
+
+
+def test_a_plate_comes_back_from_its_file(tmp_path):
+    for plate in (PLATE, Plate("unmeasured", "raven2", POINTS, 0.08)):
+        path = tmp_path / f"{plate.name}.toml"
+        write_plate(plate, path)
+        again = read_plate(path)
+        assert (again.name, again.robot) == (plate.name, plate.robot)
+        assert again.calliper == pytest.approx(0.08)
+        assert again.measured == pytest.approx(plate.measured, nan_ok=True)
+        assert list(again.points) == ["1", "12"]
+        for number, point in POINTS.items():
+            assert again.points[number] == pytest.approx(point, abs=1e-9)
+
+
+def test_the_calliper_says_how_large_the_print_is():
+    assert PLATE.scale == pytest.approx(0.0803 / 0.08)
+    unmeasured = Plate("unmeasured", "raven2", POINTS, 0.08)
+    assert unmeasured.scale == 1.0
+    assert unmeasured.scale_sd > 10 * PLATE.scale_sd
+    assert math.isnan(unmeasured.measured)
+
+
+def test_a_pose_comes_back_bit_for_bit(tmp_path):
+    path = tmp_path / "pose.toml"
+    write_pose(pose(), path)
+    again = read_pose(path)
+    for name in ("rotation", "translation", "covariance", "joint_sd"):
+        assert np.array_equal(getattr(again, name), getattr(pose(), name))
+    for name in ("robot", "arm", "scale", "scale_sd", "found", "homing_id", "model_sha256"):
+        assert getattr(again, name) == getattr(pose(), name)
+    assert again.title == "stairs in the base of raven2 left"
+    with pytest.raises(CalibrationError, match="exists already"):
+        write_pose(pose(), path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("calliper_mm = 80", "calliper_mm = 0", "calliper length"),
+        ("calliper_mm = 80", 'calliper_mm = "80"', "want a number"),
+        ("measured_mm = 80.3", "measured_mm = 70", "measure again"),
+        ("name = ", "title = ", "not known"),
+        ("[points_mm]", "[points]", "not known"),
+        ("[0.0000, 10.0000, 20.0000]", "[0.0, 10.0]", "1 x 3 numbers"),
+        ("[0.0000, 10.0000, 20.0000]", "[0.0, 10.0, 2e4]", "less than 1 m"),
+        ('robot = "raven2"\n', "", "robot is missing"),
+    ],
+)
+def test_a_plate_file_that_is_none_is_refused(tmp_path, old, new, said):
+    path = tmp_path / "plate.toml"
+    write_plate(PLATE, path)
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(CalibrationError, match=said):
+        read_plate(path)
+
+
+@pytest.mark.parametrize("key", ["rotation", "covariance"])
+def test_a_pose_that_was_edited_is_refused(tmp_path, key):
+    path = tmp_path / "pose.toml"
+    write_pose(pose(), path)
+    size = 3 if key == "rotation" else 6
+    wrong = [[-1.0] * size for _ in range(size)]
+    text = "\n".join(
+        f"{key} = {wrong}" if line.startswith(key) else line
+        for line in path.read_text().splitlines()
+    )
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=f"{key} is none"):
+        read_pose(path)
+
+
+def test_a_plate_without_dimples_is_none():
+    with pytest.raises(CalibrationError, match="no dimples"):
+        Plate("empty", "raven2", {}, 0.08)

@@ -1,0 +1,102 @@
+"""A guided run: dimples in reach, each touch judged by those before it, stated errors that fall."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
+
+from truejoint import Calibration
+from truejoint.calibration import Plate, design_plate
+from truejoint.calibration.touch_guide import Guide, Stop, Verdict, design_pose, reachable
+from truejoint.errors import CalibrationError
+
+
+@pytest.fixture(scope="module")
+def model() -> Calibration:
+    return fitted()
+
+
+@pytest.fixture(scope="module")
+def block() -> Touched:
+    return touched(24)
+
+
+@pytest.fixture(scope="module")
+def plate(block: Touched) -> Plate:
+    return replace(block.plate, translation=block.translation + 0.005)
+
+
+def run(guide: Guide, plate: Plate, wrong: int = -1) -> tuple[list[Stop], list[Verdict]]:
+    """Touch all that is asked for; the touch number `wrong` is in another dimple."""
+    stops, seated, verdicts = [], [], []
+    while (stop := guide.next_stop()) is not None:
+        stops.append(stop)
+        other = next(n for n in plate.points if n not in (stop.dimple, *seated))
+        seated.append(other if len(stops) == wrong else stop.dimple)
+        made = touched(plate=plate, dimples=seated, seed=3)
+        verdicts.append(guide.take(stop, made.touches.t[-1], made.recording))
+    return stops, verdicts
+
+
+@pytest.mark.parametrize("finds_block", [True, False])
+def test_the_stated_error_falls_touch_by_touch(model, block, plate, finds_block):
+    pose = design_pose(plate, ROBOT)
+    if not finds_block:  # the block has been found
+        known = {"translation": block.translation, "covariance": 1e-8 * np.eye(6)}
+        pose = replace(pose, joint_sd=np.array([1e-3, 1e-3, 1e-4]), **known)
+    guide = Guide(model, ROBOT, pose, 10, finds_block=finds_block)
+    stops, verdicts = run(guide, plate)
+    assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 10
+    assert [v.tip_sd is None for v in verdicts] == [True] * 3 + [False] * 7
+    sd = [v.tip_sd for v in verdicts[3:]]
+    assert all(after < before * 1.05 for before, after in pairwise(sd))
+    assert sd[-1] < 0.8 * sd[0]
+    assert {v.off for v in verdicts} == {None}
+
+
+def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, plate):
+    guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 10, finds_block=True)
+    stops, verdicts = run(guide, plate, wrong=6)
+    assert len(stops) == 11
+    assert verdicts[5].off > 2e-3
+    assert [v.off for k, v in enumerate(verdicts) if k != 5] == [None] * 10
+    assert stops[10].dimple == stops[5].dimple
+    assert stops[10].is_again
+    assert len(guide.touches()) == 10
+
+
+def test_sides_are_told_in_words(model, plate):
+    guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 8, finds_block=False)
+    sides = []
+    while (stop := guide.next_stop()) is not None:
+        rising = [f"{joint} rising" in stop.words for joint in ROBOT.positioning]
+        assert rising == [side < 0 for side in stop.side]
+        sides.append(stop.side)
+        guide.skip(stop)
+    assert (np.sum(sides, axis=0) == 0).all()
+
+
+def test_only_dimples_in_reach_are_asked_for():
+    made = design_plate(ROBOT).plate()
+    pose = design_pose(made, ROBOT)
+    names, joint = reachable(ROBOT, pose)
+    assert names == tuple(made.points)
+    tip = ROBOT.kinematics.forward(joint)[:, :3, 3]
+    assert tip == pytest.approx(made.at(names) @ pose.rotation.T + pose.translation, abs=1e-8)
+    away = replace(pose, translation=pose.translation + 1.0)
+    with pytest.raises(CalibrationError, match="out of reach"):
+        reachable(ROBOT, away)
+
+
+def test_a_plate_or_a_model_of_another_robot_is_refused(model, plate):
+    with pytest.raises(CalibrationError, match="is for forceps"):
+        design_pose(replace(plate, robot="forceps"), ROBOT)
+    pose = replace(design_pose(plate, ROBOT), arm="right")
+    with pytest.raises(CalibrationError, match="the block is"):
+        Guide(model, ROBOT, pose, 6, finds_block=False)
+    with pytest.raises(CalibrationError, match="30 touches of 24 dimples"):
+        Guide(model, ROBOT, design_pose(plate, ROBOT), 30, finds_block=False)

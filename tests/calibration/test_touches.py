@@ -1,0 +1,183 @@
+"""Touched dimples: where the block stands, the zero that touches give, and what is refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.calibration.test_tip_rows import prior, rows_of
+from tests.calibration.touched_arm import ROTATION, Touched, fitted, touched, wandering
+from tests.calibration.touched_arm import recorded as record
+
+from truejoint import Calibration
+from truejoint.calibration import (
+    BlockPose,
+    Plate,
+    Touches,
+    find_block,
+    read_touches,
+    rezeroed_by_touch,
+)
+from truejoint.calibration.touches import touched_zero, with_estimated_errors
+from truejoint.errors import CalibrationError
+
+HOMING = (0.002, 0.006, -3e-4)
+
+
+@pytest.fixture(scope="module")
+def model() -> Calibration:
+    return fitted()
+
+
+@pytest.fixture(scope="module")
+def first() -> Touched:
+    return touched(24)
+
+
+@pytest.fixture(scope="module")
+def pose(model: Calibration, first: Touched) -> BlockPose:
+    return find_block(model, first.recording, first.touches, first.plate)[0]
+
+
+def test_the_pose_of_the_first_day_is_where_the_block_stands(pose, first):
+    turn = np.linalg.norm(pose.rotation.T @ ROTATION - np.eye(3)) / np.sqrt(2)
+    sd = np.sqrt(np.diag(pose.covariance))
+    assert turn < 4 * sd[:3].max() < 0.02
+    assert (np.abs(pose.translation - first.translation) < 4 * sd[3:]).all()
+    assert pose.scale == pytest.approx(1.0, abs=4 * pose.scale_sd)
+    assert (pose.robot, pose.arm, pose.homing_id) == ("raven2", "left", "1")
+
+
+def test_a_print_that_is_small_is_found(model, first):
+    nominal = {n: p / 0.995 for n, p in first.plate.points.items()}
+    plate = Plate("unmeasured", "raven2", nominal, 0.08)
+    found = find_block(model, first.recording, first.touches, plate)[0]
+    assert found.scale == pytest.approx(0.995, abs=4 * found.scale_sd)
+    assert found.scale_sd < 2.5e-3
+    measured = replace(plate, measured=0.995 * 0.08)
+    held = find_block(model, first.recording, first.touches, measured)[0]
+    assert held.scale == pytest.approx(0.995, abs=3 * measured.scale_sd)
+
+
+def test_touches_after_a_homing_give_its_zero(model, pose, first):
+    today = touched(8, 5, offset=HOMING, plate=first.plate, homing_id="2")
+    again, found = rezeroed_by_touch(model, today.recording, today.touches, pose)
+    assert (np.abs(again.offset - HOMING) < 4 * found.sd[:3]).all()
+    assert (found.sd[:3] < [2e-3, 2e-3, 3e-4]).all()
+    motion = record(wandering(600, 8), np.array(HOMING))
+    truth = motion.columns("truth", model.joints)
+    before, after = (
+        np.sqrt(((one.correct(motion) - truth) ** 2).mean(axis=0)) for one in (model, again)
+    )
+    assert (after < 0.7 * before).all()
+    facts = again.metadata["rezeroed"]
+    assert (facts["truth"], facts["homing_id"], facts["rows"]) == ("touch", "2", 8)
+    assert again.metadata["homing_ids"] == ["2"]
+    for name in model.baselines:
+        assert again.offsets[name] == pytest.approx(again.offset)
+
+
+def test_what_it_states_of_the_zero_holds(model, pose, first):
+    squares, runs = np.zeros(3), 20
+    for seed in range(runs):
+        today = touched(6, seed, offset=HOMING, noise=2e-4, plate=first.plate)
+        found = touched_zero(model, today.recording, today.touches, pose)
+        squares += ((found.state.coefficients - HOMING) / found.sd[:3]) ** 2
+    assert (squares < 2.2 * runs).all()  # chi2 of 20 exceeds this once in 2500
+
+
+def test_errors_beyond_the_trainings_are_seen():
+    stated, factors = np.array([1e-3, 1e-3, 1e-4]), []
+    for seed in range(5):
+        rows = replace(rows_of(30, seed, noise=2e-4), joint_sd=stated)
+        off = 4.0 * stated * np.random.default_rng(seed).standard_normal((30, 3))
+        joint = rows.joint.copy()
+        joint[:, :3] += off
+        found = with_estimated_errors(replace(rows, joint=joint), prior())
+        factors.append(found.joint_sd[0] / stated[0])
+        assert found.joint_sd == pytest.approx(factors[-1] * stated)
+    assert 2.8 <= np.median(factors) <= 5.6
+    exact = replace(rows_of(30, noise=2e-4), joint_sd=stated)
+    assert with_estimated_errors(exact, prior()).joint_sd == pytest.approx(stated)
+
+
+def test_a_badly_seated_touch_is_left_out_and_named(model, pose, first):
+    today = touched(8, 5, offset=HOMING, plate=first.plate)
+    dimple = list(today.touches.dimple)
+    other = next(n for n in first.plate.points if n not in dimple)
+    dimple[3] = other
+    wrong = replace(today.touches, dimple=tuple(dimple))
+    again, found = rezeroed_by_touch(model, today.recording, wrong, pose)
+    assert again.metadata["rezeroed"]["left_out"] == [other]
+    assert (np.abs(again.offset - HOMING) < 4 * found.sd[:3]).all()
+
+
+@pytest.mark.parametrize("shift", [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01], [0.1, 0.1, 0]])
+def test_a_block_that_has_moved_is_refused(model, pose, first, shift):
+    today = touched(10, 5, plate=first.plate)
+    there = replace(pose, translation=pose.translation + shift)
+    with pytest.raises(
+        CalibrationError, match=r"do not (fit|settle)|has the block moved|leave open"
+    ):
+        touched_zero(model, today.recording, today.touches, there)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"arm": "right"}, "the model is of"),
+        ({"model_sha256": "other"}, "with another calibration"),
+    ],
+)
+def test_the_pose_of_another_arm_or_model_is_refused(model, pose, first, change, said):
+    with pytest.raises(CalibrationError, match=said):
+        touched_zero(model, first.recording, first.touches, replace(pose, **change))
+
+
+def test_touches_that_cannot_be_are_refused(model, pose, first):
+    few = touched(2, plate=first.plate)
+    with pytest.raises(CalibrationError, match="2 different dimples"):
+        touched_zero(model, few.recording, few.touches, pose)
+    with pytest.raises(CalibrationError, match="touch 6 or more"):
+        find_block(model, few.recording, few.touches, first.plate)
+    strange = replace(first.touches, dimple=("99", *first.touches.dimple[1:]))
+    with pytest.raises(CalibrationError, match="has no dimple '99'"):
+        touched_zero(model, first.recording, strange, pose)
+    late = replace(first.touches, t=tuple(t + 100.0 for t in first.touches.t))
+    with pytest.raises(CalibrationError, match="is it the recording of these touches"):
+        touched_zero(model, first.recording, late, pose)
+    early = replace(first.touches, t=tuple(t + 0.3 for t in first.touches.t[:-1]),
+                    dimple=first.touches.dimple[:-1])  # fmt: skip
+    with pytest.raises(CalibrationError, match=r"moves by .* while dimple"):
+        touched_zero(model, first.recording, early, pose)
+    bare = replace(model, effort_baseline=None)
+    with pytest.raises(CalibrationError, match="how large its errors are"):
+        touched_zero(bare, first.recording, first.touches, pose)
+    with pytest.raises(CalibrationError, match="above 0"):
+        touched_zero(model, first.recording, first.touches, pose, touch_sd=0.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "want t,dimple"),
+        ("time,number\n1,2\n", "want t,dimple"),
+        ("t,dimple\n", "no touches"),
+        ("t,dimple\none,2\n", "line 2"),
+        ("t,dimple\n1.0\n", "line 2"),
+        ("t,dimple\n2.0,3\n1.0,4\n", "must go up"),
+        ("t,dimple\nnan,3\n", "must go up"),
+    ],
+)
+def test_a_file_that_is_not_of_touches_is_refused(tmp_path, text, said):
+    path = tmp_path / "touches.csv"
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=said):
+        read_touches(path)
+
+
+def test_touches_come_back_from_their_file(tmp_path):
+    path = tmp_path / "touches.csv"
+    path.write_text("t, dimple, side\n1.5, 7, +-+\n\n3.25, 12, ---\n")
+    assert read_touches(path) == Touches((1.5, 3.25), ("7", "12"), str(path))

@@ -1,0 +1,39 @@
+"""`truejoint doctor live`, on topics within this process."""
+
+from __future__ import annotations
+
+from tests.recordings.said import PROFILE, STATE, SaidRos, told_session
+
+from truejoint.crtk import ros
+
+LIVE = ("doctor", "live", "--robot", "raven2", "--profile", PROFILE.name)
+
+
+class Interrupted(SaidRos):
+    """Says all, and then somebody presses Ctrl-C."""
+
+    @property
+    def is_over(self) -> bool:
+        self.say_all(told_session())
+        raise KeyboardInterrupt
+
+    @is_over.setter
+    def is_over(self, value: bool) -> None:
+        pass
+
+
+def test_it_says_what_it_heard_until_ctrl_c(call, monkeypatch):
+    monkeypatch.setattr(ros, "open_transport", lambda *_: Interrupted())
+    found = call(*LIVE)
+    assert found.code == 0, found.out + found.err
+    assert "stopped after" in found.err
+    lines = found.out.splitlines()
+    assert lines[0].startswith(f"good link: {STATE} 29.")
+    assert len(lines) == 15
+
+
+def test_what_is_for_a_live_link_alone_is_refused_elsewhere(call, tmp_path):
+    for more in (("--seconds", "3"), ("--ros", "2")):
+        refused = call("doctor", tmp_path / "run.parquet", *more)
+        assert refused.code == 2
+        assert "--seconds and --ros are for `truejoint doctor live`" in refused.err

@@ -1,0 +1,123 @@
+"""`truejoint plate`, `bolt` and `rezero`: the whole way of a block, and what is refused."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import typer
+from tests.calibration.touched_arm import Touched, fitted, touched
+
+import truejoint
+from truejoint.calibration import write_plate
+from truejoint.cli.touch import prompted
+from truejoint.recordings import write_parquet
+
+
+def kept(made: Touched, path: Path) -> None:
+    """Write touches, and the recording beside them."""
+    rows = zip(made.touches.t, made.touches.dimple, strict=True)
+    path.write_text("t,dimple\n" + "".join(f"{t!r},{n}\n" for t, n in rows))
+    write_parquet(made.recording, path.with_suffix(".parquet"))
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp("block")
+    first = touched(24)
+    truejoint.write_calibration(fitted(), folder / "model.safetensors")
+    write_plate(first.plate, folder / "plate.toml")
+    kept(first, folder / "first.csv")
+    kept(touched(6, 4, offset=(0.0, 0.006, 0.0), plate=first.plate, homing_id="2"),
+         folder / "today.csv")  # fmt: skip
+    return folder
+
+
+def test_a_block_is_bolted_and_a_model_re_zeroed_by_it(call, folder, tmp_path):
+    pose, model = tmp_path / "pose.toml", tmp_path / "today.safetensors"
+    bolted = call("bolt", folder / "model.safetensors", "--touches", folder / "first.csv",
+                  "--plate", folder / "plate.toml", "-o", pose)  # fmt: skip
+    assert bolted.code == 0, bolted.err
+    assert "test block in the base of raven2 left, within" in bolted.out
+    arguments = [folder / "model.safetensors", "--touches", folder / "today.csv", "--bolted", pose]
+    done = call("rezero", *arguments, "-o", model)
+    assert done.code == 0, done.err
+    assert "re-zeroed by 6 touches" in done.out
+    again = truejoint.read_calibration(model)
+    assert again.offset[1] == pytest.approx(0.006, abs=0.003)
+    assert again.metadata["rezeroed"]["homing_id"] == "2"
+    told = call("rezero", *arguments, "-o", model, "--force", "--json")
+    facts = json.loads(told.out)
+    assert facts["offset"] == again.metadata["rezeroed"]["offset"]
+    assert facts["left_out"] == []
+
+
+def test_what_does_not_go_together_is_one_line(call, folder, tmp_path):
+    common = [folder / "model.safetensors", "--touches", folder / "today.csv"]
+    for command, said in (
+        (["rezero", *common, "--bolted", folder / "plate.toml"], "is not known"),
+        (["rezero", *common, "--bolted", folder / "none.toml"], "none.toml"),
+        (["bolt", *common, "--plate", folder / "first.csv"], "is not TOML"),
+        (["bolt", *common[:2], folder / "model.safetensors", "--plate", folder / "plate.toml"],
+         "t,dimple"),
+        (["bolt", *common, "--plate", folder / "plate.toml", "--recording", folder / "no.parquet"],
+         "no such file"),
+    ):  # fmt: skip
+        result = call(*command, "-o", tmp_path / "out.safetensors")
+        assert result.code == 2
+        assert said in result.err
+        assert len(result.err.strip().splitlines()[-1:]) == 1
+        assert "Traceback" not in result.err
+
+
+def test_a_block_is_designed(call, tmp_path):
+    result = call("plate", "raven2", "-o", tmp_path / "block")
+    assert result.code == 0, result.err
+    assert "dimples in reach" in result.out
+    assert {p.name for p in (tmp_path / "block").iterdir()} == {
+        "plate.stl", "plate.svg", "plate.toml",
+    }  # fmt: skip
+    assert "exists already" in call("plate", "raven2", "-o", tmp_path / "block").err
+    assert call("plate", "davinci_grasper", "-o", tmp_path / "other").code == 2
+
+
+def test_a_plan_names_each_dimple_once(call, folder):
+    result = call("touch", folder / "model.safetensors", "--plate", folder / "plate.toml",
+                  "--touches", "8")  # fmt: skip
+    assert result.code == 0, result.err
+    numbers = [line.split("│")[2].strip() for line in result.out.splitlines() if "rising" in line
+               or "falling" in line]  # fmt: skip
+    assert len(set(numbers)) == 8
+
+
+def test_a_simulated_arm_touches_what_re_zeroes_its_model(call, session, tmp_path):
+    block = tmp_path / "block"
+    assert call("plate", "raven2", "-o", block).code == 0
+    model = session / "m.st"
+    common = [model, "--plate", block / "plate.toml"]
+    made = call("touch", *common, "--touches", "6", "-o", tmp_path / "first.csv")
+    assert made.code == 0, made.err
+    assert made.err.count("tip within") == 3
+    bolted = call("bolt", *common, "--touches", tmp_path / "first.csv", "-o", tmp_path / "p.toml")
+    assert bolted.code == 0, bolted.err
+    again = call("touch", model, "--bolted", tmp_path / "p.toml", "--seed", "3", "--until-mm", "9",
+                 "-o", tmp_path / "today.csv")  # fmt: skip
+    assert again.code == 0, again.err
+    assert len((tmp_path / "today.csv").read_text().splitlines()) == 5  # near enough after four
+    done = call("rezero", model, "--touches", tmp_path / "today.csv", "--bolted",
+                tmp_path / "p.toml", "-o", tmp_path / "m.safetensors")  # fmt: skip
+    assert done.code == 0, done.err
+    refused = call("touch", model, "-o", tmp_path / "none.csv")
+    assert refused.code == 2
+    assert "--plate, to find a block, or --bolted" in refused.err
+
+
+def test_a_person_is_asked_once_a_touch(monkeypatch):
+    asked, stop = [], SimpleNamespace(dimple="17", words="shoulder rising")
+    monkeypatch.setattr(typer, "prompt", lambda text, **_: asked.append(text))
+    device = SimpleNamespace(measured_js=lambda: SimpleNamespace(t=4.25))
+    monkeypatch.setattr("truejoint.cli.touch._AFTER", 0.0)
+    assert prompted(device, stop) == 4.25
+    assert asked == ["dimple 17, come with shoulder rising; seated?"]

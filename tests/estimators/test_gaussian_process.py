@@ -1,0 +1,74 @@
+"""The Gaussian process: its likelihood, its kernel, and what it does far from its rows."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.optimize import check_grad
+from sklearn.gaussian_process import GaussianProcessRegressor
+from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators.gaussian_process import GaussianProcess, likeliest_kernel, unlikelihood
+
+
+def waves(n: int = 150, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
+    """Features (n, 3) of which the last tells nothing, and a target that is not linear in them."""
+    rng = np.random.default_rng(0)
+    X = rng.normal(size=(n, 3))
+    y = np.sin(2.0 * X[:, 0]) + 0.3 * X[:, 1] ** 2
+    return X, (y - y.mean()) / y.std() + noise * rng.normal(size=n)
+
+
+def test_the_likelihood_and_its_gradient_are_those_of_scikit_learn():
+    X, y = waves(60)
+    theta = np.log([0.7, 2.0, 30.0, 1.3, 0.02])
+    kernel = ConstantKernel(1.3) * RBF([0.7, 2.0, 30.0]) + WhiteKernel(0.02)
+    peer = GaussianProcessRegressor(kernel, optimizer=None).fit(X, y)
+    order = [1, 2, 3, 0, 4]  # theirs begins with the variance
+    value, slope = peer.log_marginal_likelihood(theta[[3, 0, 1, 2, 4]], eval_gradient=True)
+    ours = unlikelihood(theta, X, y)
+    assert ours[0] == pytest.approx(-value, rel=1e-6)  # theirs adds 1e-10 to the diagonal
+    np.testing.assert_allclose(ours[1], -slope[order], rtol=1e-6, atol=1e-9)
+    assert check_grad(*(lambda t, k=k: unlikelihood(t, X, y)[k] for k in (0, 1)), theta) < 1e-3
+
+
+def test_lengths_tell_which_features_matter_and_the_noise_is_found():
+    inverse, share = likeliest_kernel(*waves())
+    assert inverse[0] > inverse[1] > 10.0 * inverse[2]
+    assert 1e-4 < share < 0.05
+
+
+def test_a_point_for_each_row_is_the_exact_process():
+    X, y = waves(80, noise=0.3)
+    y = np.column_stack([y, X[:, 1] ** 2 + 0.5 * y])
+    model = GaussianProcess(points=80).fit(X, y)
+    for j, inverse in enumerate(model.inverse_lengths_):
+        scaled, target = (
+            (values - values.mean(axis=0)) / values.std(axis=0) for values in (X, y[:, j])
+        )
+        share = likeliest_kernel(scaled, target)[1]
+        peer = GaussianProcessRegressor(RBF(1.0), alpha=share, optimizer=None)
+        peer.fit(scaled * inverse, target)
+        expected = y[:, j].mean() + y[:, j].std() * peer.predict(scaled * inverse)
+        np.testing.assert_allclose(model.predict(X)[:, j], expected, atol=1e-3 * y[:, j].std())
+
+
+def test_far_from_its_rows_it_predicts_the_mean():
+    X, y = waves()
+    model = GaussianProcess(points=50).fit(X, y)
+    np.testing.assert_allclose(model.predict(np.full((1, 3), 1e4)), y.mean(), atol=1e-9)
+
+
+def test_a_feature_that_never_changes_is_not_learnt_of():
+    X, y = waves()
+    X = np.column_stack([X, np.full(len(X), 3.0)])
+    model = GaussianProcess(points=50).fit(X, y)
+    np.testing.assert_array_equal(
+        model.predict(X), model.predict(X + np.array([0.0, 0.0, 0.0, 5.0]))
+    )
+
+
+def test_wrong_points_are_refused():
+    with pytest.raises(CalibrationError, match="points is 1; it must be an integer from 2 to 4096"):
+        GaussianProcess(points=1).fit(*waves())

@@ -1,0 +1,176 @@
+"""Joints that several cables turn, as data: instruments by number, files of one's own."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from truejoint.errors import RobotError
+from truejoint.robots import Robot, adopt_robot, arm_names, catalogue, get_robot
+from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.simulation import make_twin
+
+TOOL = """
+name = "finger"
+
+[[joints]]
+name = "tip"
+unit = "deg"
+lower = -60
+upper = 60
+
+[cable_mechanism.pins]
+tip = { inertia = 1e-6, radius = 1e-3 }
+
+[cable_mechanism.motors]
+drive = 9.75e-3
+
+[[cable_mechanism.cables]]
+name = "pull"
+motor = "drive"
+moments = { tip = 4e-3 }
+segments = [0.5, 0.5]
+nodes = [{ wrap = 1.5 }]
+
+[[cable_mechanism.cables]]
+name = "back"
+spring = 656.6
+moments = { tip = -4e-3 }
+"""
+
+
+@pytest.fixture(autouse=True)
+def forgetful(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(catalogue, "_described", {})
+
+
+@pytest.mark.parametrize(
+    ("number", "discs", "pitch", "yaw", "opening"),
+    [  # ActuatorToJointPosition of each file, multiplied out by hand
+        ("400006", (0.1, 0.2, 0.5), 0.10186, -0.08306 + 0.6089 * 0.7, 1.2177 * 0.3),
+        ("420172", (0.1, 0.2, 0.5), 0.1, -0.0630273 + 0.457982 * 0.7, 0.915964 * 0.3),
+        ("420093", (0.1, 0.2, 0.5), 0.1, -0.05068 - 0.5135 * 0.7, 0.5279 * 0.3),
+        (
+            "420230",
+            (0.1, 0.2, 0.5),
+            0.1,
+            -0.0506756 + 0.513513 * 0.7,
+            0.527898 * 0.2 - 0.052789 * 5,
+        ),
+        ("raven_cadiere", (0.1, 0.2, 0.5), 0.1, -0.07 + 0.35, 0.3),
+    ],
+)
+def test_an_instrument_turns_as_its_file_says(
+    number: str, discs: tuple[float, ...], pitch: float, yaw: float, opening: float
+) -> None:
+    transmission = get_robot("wrist", number).transmission
+    assert transmission is not None
+    found, jaw1, jaw2 = transmission.joint_from_motor(discs)
+    assert found == pytest.approx(pitch)
+    assert 0.5 * (jaw1 + jaw2) == pytest.approx(yaw)
+    assert jaw2 - jaw1 == pytest.approx(opening, abs=1e-5)
+
+
+@pytest.mark.parametrize("number", arm_names("wrist"))
+def test_every_instrument_comes_back_from_plain_data(number: str) -> None:
+    robot = get_robot("wrist", number)
+    again = Robot.from_dict(json.loads(json.dumps(robot.to_dict())))
+    assert again.to_dict() == robot.to_dict()
+    assert again.cable_mechanism is not None
+    # What a loop's one cable gets its other gives, so that no pose stretches both.
+    moments = again.cable_mechanism.moments.reshape(-1, 2, 3)
+    np.testing.assert_array_equal(moments[:, 0], -moments[:, 1])
+
+
+@pytest.mark.parametrize(
+    ("asked", "near"), [("4200061", "420006"), ("raven_needle", "raven_needle_driver")]
+)
+def test_an_unknown_instrument_names_the_nearest(asked: str, near: str) -> None:
+    with pytest.raises(RobotError, match=f"no arm called '{asked}'; did you mean '{near}'"):
+        get_robot("wrist", asked)
+
+
+def test_a_file_of_ones_own_becomes_a_twin(tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    path.write_text(TOOL)
+    robot = get_robot(path)
+    assert robot.transmission is not None
+    assert robot.transmission.matrix[0, 0] == pytest.approx(4.0 / 9.75)
+    adopt_robot(robot.to_dict(), "a recording")
+    twin = make_twin(str(path), seed=1)
+    assert twin.home().measured[-1, 0] == pytest.approx(0.0, abs=0.01)
+
+
+def test_a_transmission_beside_the_cables_must_be_theirs(tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    path.write_text(TOOL.replace('name = "finger"', 'name = "finger"\ntransmission = [[2.0]]'))
+    with pytest.raises(RobotError, match="another than that of its cables; leave it out"):
+        get_robot(path)
+
+
+def plain() -> dict[str, Any]:
+    mechanism = get_robot("wrist").cable_mechanism
+    assert mechanism is not None
+    return json.loads(json.dumps(mechanism.to_dict()))
+
+
+def spoilt(*path: Any, value: Any) -> dict[str, Any]:
+    values = plain()
+    at = values
+    for key in path[:-1]:
+        at = at[key]
+    at[path[-1]] = value
+    return values
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (spoilt("cables", 0, "motor", value=""), "'pitch_a' ends nowhere; give it a motor"),
+        (spoilt("cables", 0, "moments", value={}), "'pitch_a' ends nowhere: it turns no joint"),
+        (spoilt("cables", 0, "spring", value=9.0), "ends at a motor and at a spring; keep one"),
+        (
+            spoilt("cables", 0, "motor", value="pich"),
+            "no motor called 'pich'; did you mean 'pitch'",
+        ),
+        (spoilt("cables", 1, "moments", value={"pitch": 9e-3}), "different moments; what one gets"),
+        (spoilt("cables", 0, "moments", value={"yaw": 1e-3}), "no joint called 'yaw'"),
+        (spoilt("cables", 0, "moments", value={"pitch": math.nan}), "want a finite number"),
+        (spoilt("cables", 0, "segments", value=[0.5, 0.2, 0.2]), "segments add up to 0.9"),
+        (spoilt("cables", 0, "segments", value=[1.0]), "1 segments and 2 nodes; want one segment"),
+        (spoilt("cables", 0, "sign", value=2), "sign is 2; want 1 or -1"),
+        (spoilt("cables", 0, "colour", value=2), "key 'colour' is not known"),
+        (spoilt("cables", 1, "name", value="pitch_a"), "'pitch_a' stands twice; keep one"),
+        (spoilt("cables", 0, "nodes", value=[{}, {"wrap": 1.0}]), "state wrap"),
+        (spoilt("cables", value=3), "cables are 3; want a list"),
+        (spoilt("cables", value=[]), "0 cables; want 1 to 64"),
+        (spoilt("motors", "spare", value=1e-3), "motor 'spare' winds up no cable"),
+        (spoilt("motors", "pitch", value=-1.0), "radius is -1.0; want a finite number above 0"),
+        (spoilt("pins", "pitch", "inertia", value="big"), "inertia is 'big'; want a finite number"),
+        (spoilt("contact", "stiffness", value=0), "stiffness is 0; want a finite number above 0"),
+        (spoilt("arms", "pitch", value={"nose": 1.0}), "no joint called 'nose'"),
+        (spoilt("arms", value=[1]), "want a table"),
+    ],
+)
+def test_what_cannot_be_is_refused(values: dict[str, Any], told: str) -> None:
+    with pytest.raises(RobotError, match=told) as error:
+        CableMechanism.from_dict(values)
+    assert "\n" not in str(error.value)
+
+
+def test_a_coupling_that_cannot_be_inverted_is_refused() -> None:
+    values = plain()
+    for cable in values["cables"][2:4]:  # the first jaw's cables turn the pitch alone
+        cable["moments"] = {"pitch": cable["sign"] * 2e-3}
+    with pytest.raises(RobotError, match="3 motors to 3 joints cannot be inverted"):
+        CableMechanism.from_dict(values)
+
+
+def test_pins_and_joints_are_the_same() -> None:
+    values = get_robot("wrist").to_dict()
+    values["cable_mechanism"]["pins"]["yaw"] = values["cable_mechanism"]["pins"].pop("jaw2")
+    with pytest.raises(RobotError, match=r"no joint called 'jaw2'|pins"):
+        Robot.from_dict(values)

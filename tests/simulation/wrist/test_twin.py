@@ -1,0 +1,124 @@
+"""The virtual wrist as an arm takes it."""
+
+import numpy as np
+import pytest
+
+from truejoint.crtk.backends.simulated import simulated_arm
+from truejoint.errors import CommandRefused, RobotError, TruejointError
+from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.wrist.specimens import FAMILIES, family_of, population
+from truejoint.simulation.wrist.twin import MAX_LOAD, WristTwin
+
+
+def path(rows=300):
+    return WristTwin().robot.home + np.linspace(0.0, 0.2, rows)[:, None] * np.array([1, -0.5, 0.5])
+
+
+def homed(**how):
+    twin = WristTwin(seed=3, **how)
+    twin.home()
+    return twin
+
+
+def test_a_motion_is_the_same_however_it_is_cut():
+    whole, cut = homed().run(path()), homed()
+    pieces = [cut.run(part) for part in np.array_split(path(), 7)]
+    for name in ("measured", "effort", "joint", "velocity"):
+        found = np.concatenate([getattr(piece, name) for piece in pieces])
+        np.testing.assert_array_equal(found, getattr(whole, name))
+
+
+def test_measured_is_what_rigid_cables_would_give_and_the_joints_lag():
+    twin = homed()
+    out = twin.run(path())
+    rigid = twin.robot.transmission.joint_from_motor(out.motor)
+    np.testing.assert_allclose(out.measured, rigid)
+    assert np.degrees(np.abs(out.joint - out.measured)).max() > 0.3
+
+
+def test_pitch_drags_the_jaws_by_their_coupling():
+    twin = homed()
+    motor = twin.run(twin.robot.home + np.linspace(0.0, 0.3, 400)[:, None] * [1.0, 0, 0]).motor
+    turned = motor[-1] - motor[0]
+    np.testing.assert_allclose(turned[1:] / turned[0], 0.688098, atol=0.02)
+
+
+def test_homing_draws_new_zeros_and_the_seed_repeats_them():
+    twin = homed()
+    first = twin._zero
+    twin.home()
+    assert np.abs(twin._zero - first).max() > 1e-4
+    np.testing.assert_array_equal(homed()._zero, first)
+
+
+def test_a_load_pulls_the_pitch_down_and_a_force_is_reported():
+    free, loaded = homed(), homed(load=0.2)
+    still = np.tile(free.robot.home, (400, 1))
+    assert loaded.run(still).joint[-1, 0] < free.run(still).joint[-1, 0] - 0.005
+    free.tip_force = lambda t: np.tile([1.0, 0.5], (len(t), 1))
+    extra = free.run(still).extra
+    assert extra["truth_load/pitch"][-1] == pytest.approx(19e-3)
+    assert extra["truth_load/yaw"][-1] == pytest.approx(5e-3)
+
+
+def test_jaws_close_on_what_is_held():
+    twin = homed()
+    twin.held = lambda t: np.full(len(t), 0.5)
+    assert twin.run(np.tile(twin.robot.home, (500, 1))).extra["truth_load/grip"][-1] > 0.05
+
+
+@pytest.mark.parametrize(
+    ("which", "columns"),
+    [
+        ("none", set()),
+        ("one", {"tension/pitch_a", "tension/jaw1_a", "tension/jaw2_a"}),
+        ("both", {f"tension/{j}_{e}" for j in ("pitch", "jaw1", "jaw2") for e in "ab"}),
+    ],
+)
+def test_tensions_are_read_where_they_are_measured(which, columns):
+    twin = WristTwin(WristParameters.read().with_values({"sensors.tensions": which}), seed=1)
+    out = twin.run(np.zeros((20, 3)))
+    assert {name for name in out.extra if name.startswith("tension/")} == columns
+
+
+def test_an_arm_moves_it():
+    arm = simulated_arm("wrist", "420006", seed=2)
+    arm.enable()
+    arm.home()
+    goal = arm.robot.home + np.array([0.2, -0.05, 0.05])
+    arm.move_jp(goal).wait()
+    np.testing.assert_allclose(arm.measured_js().position, goal, atol=0.01)
+
+
+def test_what_cannot_be_is_refused():
+    twin = WristTwin()
+    with pytest.raises(CommandRefused, match=r"pitch reaches 114\.6 deg; its limits are -70\.0"):
+        twin.run(np.array([[2.0, 0.0, 0.0]]))
+    with pytest.raises(TruejointError, match=r"load is 1.0 kg; it must lie in \[0, 0.3\]"):
+        twin.load = 1.0
+    twin.held = lambda t: np.zeros(3)
+    with pytest.raises(TruejointError, match=r"held gave shape \(3,\); want \(11,\)"):
+        twin.run(np.zeros((10, 3)))
+    with pytest.raises(RobotError, match="forceps states no cables"):
+        WristTwin(robot="forceps")
+    assert MAX_LOAD == 0.3
+
+
+def test_a_larger_population_begins_with_the_smaller_one():
+    few, many = population(2, seed=4), population(5, seed=4)
+    assert few == many[:2]
+    assert [family_of(n) for n in range(4)] == [*FAMILIES, FAMILIES[0]]
+    for n, specimen in enumerate(many):
+        low, high = {"cable_only": (25e3, 45e3), "endowrist": (70e3, 150e3)}.get(
+            family_of(n), (135e3, 180e3)
+        )
+        assert low <= specimen.cables.stiffness <= high
+    with pytest.raises(TruejointError, match="no family called 'rods'"):
+        population(1, family="rods")
+    with pytest.raises(TruejointError, match="a population of 0"):
+        population(0)
+
+
+def test_a_specimen_comes_back_from_plain_values():
+    specimen = population(1, seed=2)[0]
+    assert WristParameters.from_dict(specimen.to_dict()) == specimen

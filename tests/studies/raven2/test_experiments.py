@@ -1,0 +1,299 @@
+"""The studies of RAVEN-II, made small: what they compute, print and refuse."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.errors import StudyError
+from truejoint.estimators import registry
+from truejoint.estimators.network import WideNetwork
+from truejoint.studies import get_study, run_study, write_study
+from truejoint.studies.raven2 import (
+    ablation,
+    directions,
+    endurance,
+    homing,
+    rivals,
+    sparsity,
+    targets,
+)
+from truejoint.studies.raven2 import sessions as s
+
+RAVEN = s.specimens(("peng2024",))["peng2024"]
+FEW = {"specimens": "peng2024", "networks": 1}
+
+
+@pytest.fixture(scope="module")
+def session():
+    """Two short trainings on one arm, and a test."""
+    arm, _ = s.homed(RAVEN, 5)
+    return s.training_sets(arm, ("1", "1+2")), s.random_test(arm, 20.0, 1)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def quick():
+    """Hours of half a minute, and networks that have just begun to learn."""
+    hasty = registry._ESTIMATORS["dnn"]._replace(params={"epochs": 2})
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(s, "HOUR", 30.0)
+        patch.setattr(s, "_IDLE_TEST", 20.0)
+        patch.setitem(registry._ESTIMATORS, "dnn", hasty)
+        yield
+
+
+def drawn(result, folder):
+    files = write_study(result, folder)
+    pictures = [file for file in files if file.suffix == ".png"]
+    return pictures and all(file.read_bytes().startswith(b"\x89PNG\r\n") for file in pictures)
+
+
+def test_sparsities_are_recorded_once_for_all_combinations(session):
+    sets, _ = session
+    assert sets["1"][0] is sets["1+2"][0]
+    assert s.seconds_of(sets["1+2"]) == pytest.approx(
+        sets["1+2"][0].duration + sets["1+2"][1].duration
+    )
+
+
+def test_errors_are_those_of_the_models_on_rows_with_truth(session):
+    sets, test = session
+    models = s.fitted(sets["1"], 0, 0)
+    found = s.judged(models, test)
+    truth = test.columns("truth", s.JOINTS)
+    known = np.isfinite(truth).all(axis=1)
+    assert 0 < known.sum() < len(test)  # the encoders start and end at times of their own
+    for method, estimate in (
+        ("raw", test.columns("measured", s.JOINTS)),
+        ("linear", models["linear"][0].correct(test)),
+    ):
+        expected = np.sqrt(((estimate - truth)[known] ** 2).mean(axis=0))
+        assert found[method] == [pytest.approx(expected, rel=1e-12)]
+    assert s.shown(found, "raw") == pytest.approx(
+        np.array(found["raw"][0]) * [57.29578, 57.29578, 1e3]
+    )
+    error = truth - test.columns("measured", s.JOINTS)
+    training = np.concatenate([one.with_truth(s.JOINTS).error(s.JOINTS) for one in sets["1"]])
+    left = np.sqrt(((error[known] - training.mean(axis=0)) ** 2).mean(axis=0))
+    assert found["offset"] == [pytest.approx(left, rel=1e-3)]
+
+
+@pytest.fixture(scope="module")
+def table_1():
+    options = {"directions": "J1,J2-J3", "fine": "1+2", "coarse": "1", "minutes": 0.3}
+    return run_study("directions", FEW | options)
+
+
+def test_table_1_stands_beside_the_papers(table_1, tmp_path):
+    text = table_1.summary.tables[0].markdown()
+    row = next(line for line in text.splitlines() if "J2-J3, shoulder" in line)
+    assert "(0.104) |" in row  # the paper's network
+    assert "(2.103) |" in row  # and raw positions
+    percents = table_1.summary.tables[1].markdown()
+    assert "(12.1) |" in next(line for line in percents.splitlines() if "J2-J3, shoulder" in line)
+    here = table_1.parts["peng2024-J2-J3-0"].numbers["fine"]
+    share = 100 * here["dnn"][0][0] / here["offset"][0][0]
+    assert f"{share:.1f} (12.1)" in percents
+    assert drawn(table_1, tmp_path)
+    # Claims on the best direction need all seven.
+    assert table_1.summary.claims == []
+
+
+def test_directions_have_arms_and_tests_of_their_own(table_1):
+    study = get_study("directions")
+    parts = study.parts(study.settings("full"))
+    assert len({part.arguments["seed"] for part in parts}) == 7  # the same on both specimens
+    assert len(parts) == 14
+    raw = [part.numbers["fine"]["raw"] for part in table_1.parts.values()]
+    assert raw[0] != raw[1]
+
+
+def synthetic(errors):
+    """Errors of one session by method, the same in every joint."""
+    return [{method: [[value] * 3] for method, value in errors.items()}]
+
+
+def test_the_best_direction_is_found():
+    usual = {"dnn": 0.2, "poly2": 0.2, "linear": 0.2, "offset": 1.0, "raw": 4.0}
+    fine = {name: synthetic(usual) for name in directions.DIRECTIONS}
+    fine["J2-J3"] = synthetic({**usual, "dnn": 0.1, "poly2": 0.15, "linear": 0.15})
+    found = {claim.text: claim.judged(fine) for claim in directions.CLAIMS}
+    best = found["J2-J3 is the best direction over all joints and models"]
+    assert best.verdict == "agrees"
+    assert "J2-J3 13.3 %" in best.found
+    assert found["trained on J2-J3, the network errs least in every joint"].holds
+    assert found["joint 3: all models are best on J3"].holds is False
+    fine["J1"] = synthetic({**usual, "dnn": 0.05, "poly2": 0.05, "linear": 0.05})
+    best = directions.CLAIMS[0].judged(fine)
+    assert best.verdict == "does not agree"
+    assert "number 2 of 7" in best.found
+
+
+def test_six_hours_are_judged_hour_by_hour(tmp_path):
+    result = run_study("endurance", FEW | {"sets": "1,2", "hours": 2})
+    assert [len(part.numbers["hours"]) for part in result.parts.values()] == [2, 2, 2]
+    texts = [claim.text for claim in result.summary.claims]
+    assert texts == [claim.text for claim in endurance.CLAIMS]
+    assert drawn(result, tmp_path)
+
+
+def test_a_load_is_hung_on_the_tool_after_the_training():
+    off = [
+        endurance.last(RAVEN, "unloaded", load, 3, ("1",), 0, 1).numbers["hours"][0]["1"]
+        for load in (0.0, 0.5)
+    ]
+    # Half a kilogram pulls at the insertion's cable, by some 0.25 mm.
+    raw = [errors["raw"][0][2] for errors in off]
+    assert abs(raw[1] - raw[0]) > 1e-4
+    study = get_study("endurance")
+    loads = [part.arguments["load"] for part in study.parts(study.settings("small"))]
+    assert loads == [0.0, 0.0, 0.5]
+
+
+def test_hours_that_grow_are_told():
+    def session(*shoulder):
+        errors = {"dnn": 0.1, "poly2": 0.1, "linear": 0.1, "offset": 1.0}
+        return [
+            {
+                str(k): {m: [[value * growth, value, value]] for m, value in errors.items()}
+                for k in range(6)
+            }
+            for growth in shoulder
+        ]
+
+    found = {"idle": [session(1.0, 1.0)], "unloaded": [session(1, 2)], "loaded": [session(1, 4)]}
+    verdicts = {claim.text.split(":")[0]: claim.judged(found).holds for claim in endurance.CLAIMS}
+    assert verdicts["joint 1 drifts most"]
+    assert verdicts["idle for six hours, network, linear model and fixed offset hardly get worse"]
+    worse = {k: c.judged(found).holds for k, c in enumerate(endurance.CLAIMS) if "load" in c.text}
+    assert True in worse.values()
+    found["unloaded"] = [session(1, 1)]
+    again = {claim.text.split(":")[0]: claim.judged(found).holds for claim in endurance.CLAIMS}
+    assert not again["joint 1 drifts most"]
+
+
+def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
+    done = []
+    arm, twin = s.homed(RAVEN, 1)
+    monkeypatch.setattr(s, "homed", lambda *_: (arm, twin))
+    monkeypatch.setattr(type(arm), "home", lambda _: done.append("home"))
+    monkeypatch.setattr(s, "zigzags", lambda _, ns: [done.append(n) or n for n in ns])
+    monkeypatch.setattr(s, "random_test", lambda *_: done.append("test") or "test")
+    monkeypatch.setattr(s, "fitted", lambda training, *_: done.append(tuple(training)))
+    monkeypatch.setattr(s, "judged", lambda *_: {})
+    homing.home_again(RAVEN, seen=False, seed=1, networks=1, homings=2, seconds=1, divisions=(4, 5))
+    assert done == [4, 5, "test", "home", "test", "home", "test", (4, 5)]
+    done.clear()
+    homing.home_again(RAVEN, seen=True, seed=1, networks=1, homings=1, seconds=1, divisions=(4, 5))
+    assert done == [4, "test", "home", 5, "test", (4, 5)]
+
+
+def test_homings_are_judged_one_by_one(tmp_path):
+    options = {"training": "1+2", "homings": 1, "sessions": 1, "minutes": 0.3}
+    result = run_study("homing", FEW | options)
+    assert all(len(part.numbers["tests"]) == 2 for part in result.parts.values())
+    assert len(result.summary.claims) == len(homing.CLAIMS)
+    assert drawn(result, tmp_path)
+
+
+def test_either_target_is_the_same_to_the_linear_model():
+    result = run_study("targets", FEW | {"sets": "1", "hours": 1})
+    numbers = result.parts["peng2024-0"].numbers
+    assert set(numbers) == set(targets.TARGETS)
+    error, position = (np.array(numbers[one]["linear"]) for one in targets.TARGETS)
+    assert position == pytest.approx(error, rel=1e-6)
+    claims = {claim.text: claim for claim in result.summary.claims}
+    assert claims["linear and polynomial model are the same either way"].holds
+    assert "0.328" in result.summary.tables[0].markdown()
+
+
+def test_more_time_is_judged_by_the_seconds_it_takes(tmp_path):
+    result = run_study("sparsity", FEW | {"sets": "2,1", "repeats": 2, "minutes": 0.3})
+    conditions = [row[0] for row in result.summary.tables[0].rows]
+    assert conditions[0].startswith("1, ")  # the shorter one, though named last
+    assert conditions[3].startswith("2, ")
+    assert len(result.summary.claims) == len(sparsity.CLAIMS)
+    assert drawn(result, tmp_path)
+
+
+def test_the_tool_is_off_by_what_the_joints_make_of_it(session):
+    _, test = session
+    test = test.with_truth(s.JOINTS)
+    truth = test.columns("truth", s.JOINTS)
+    exact = rivals._judged(truth, test)
+    assert exact["tool"] == [0.0] * 4
+    millimetre = rivals._judged(truth + np.array([0.0, 0.0, 1e-3]), test)
+    assert millimetre["tool"][3] == pytest.approx(1e-3, rel=1e-9)  # straight along the shaft
+    assert np.linalg.norm(millimetre["tool"][:3]) == pytest.approx(1e-3, rel=1e-9)
+
+
+def test_rivals_stand_beside_those_of_the_paper():
+    options = {"specimens": "peng2024", "models": "linear,gpr", "training": "1+2", "hours": 3}
+    result = run_study("state-of-the-art", options)
+    joints, tool = (table.markdown() for table in result.summary.tables)
+    assert "Haghighipanah" in joints
+    assert "| 1.195 | 1.242 | 0.927 |" in joints
+    assert "Mahler" in tool
+
+
+def test_fits_and_samples_are_timed():
+    options = {"models": "linear,dnn", "training": "1", "samples": 1000, "repeats": 1}
+    result = run_study("timing", options)
+    for times in result.parts["timing"].numbers["models"].values():
+        assert 0.0 < times["step"] <= times["step_99"]
+        assert times["fit"] > 0.0
+    assert len(result.summary.claims) == 4
+
+
+def test_features_are_all_of_the_message(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        "truejoint.studies.raven2.features.WideNetwork",
+        lambda: WideNetwork(hidden_layer_sizes=(8, 8), epochs=2),
+    )
+    monkeypatch.setattr("truejoint.studies.raven2.features._FIT_RATE", 30.0)
+    result = run_study("features", FEW | {"sets": "1,2", "hours": 1})
+    numbers = result.parts["peng2024-0"].numbers
+    assert numbers["inputs"] == 122
+    assert "wide" in numbers["errors"]["2"]["all"]
+    assert "wide" not in numbers["errors"]["1"]["all"]
+    text = result.summary.tables[0].markdown()
+    assert "122 of one arm" in text
+    assert drawn(result, tmp_path)
+
+
+def test_groups_are_left_out_and_spoilt(tmp_path, monkeypatch):
+    monkeypatch.setattr("truejoint.studies.raven2.ablation._FIT_RATE", 30.0)
+    few = {name: ablation.GROUPS[name] for name in ("positions", "torques")}
+    monkeypatch.setattr(ablation, "GROUPS", few)
+    result = run_study("ablation", {"specimens": "peng2024", "training": "1", "minutes": 0.5})
+    errors = result.parts["peng2024-0"].numbers["errors"]
+    assert len(errors) == 10
+    assert np.mean(errors["selected, noise on positions"]["linear"]) > np.mean(
+        errors["16 selected"]["linear"]
+    )
+    assert drawn(result, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("study", "options", "message"),
+    [
+        ("directions", {"directions": "J4"}, "no direction called 'J4'"),
+        ("directions", {"fine": "4+x"}, "write 4\\+5\\+6"),
+        ("sparsity", {"sets": "2,4+4"}, "write 4\\+5\\+6"),
+        ("endurance", {"works": "resting"}, "no kind of work"),
+        ("endurance", {"load_g": "3000"}, "up to 2000"),
+        ("endurance", {"hours": "0"}, "hours=0"),
+        ("homing", {"training": "4"}, "two zig-zags or more"),
+        ("state-of-the-art", {"models": "lstm"}, "no model called 'lstm'"),
+        ("state-of-the-art", {"hours": "1"}, "at least 2"),
+        ("timing", {"samples": "10"}, "1000 or more"),
+        ("features", {"models": "deep"}, "no model called"),
+        ("real", {"estimators": "lstm"}, "no estimator called"),
+        ("real", {"datasets": "lab"}, "no data set called"),
+        ("real", {"features": "none"}, "no kind of features"),
+    ],
+)
+def test_wrong_options_are_one_line(study, options, message):
+    with pytest.raises(StudyError, match=message) as caught:
+        run_study(study, options)
+    assert "\n" not in str(caught.value)

@@ -1,0 +1,52 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint import calibrate, evaluate
+from truejoint.errors import RecordingError, StudyError
+from truejoint.evaluation.splits import recommended_sides
+from truejoint.recordings.datasets import DATASETS, locate
+from truejoint.studies import run_study, write_study
+from truejoint.studies.real.accuracy import HWANG, judge
+
+KUKA = "kuka_kr300_dual_encoder"
+DVRK = "dvrk_psm_berkeley"
+
+
+@pytest.fixture
+def here():
+    for name in (KUKA, DVRK):
+        try:
+            locate(name)
+        except RecordingError as error:
+            pytest.skip(str(error))
+
+
+@pytest.mark.usefixtures("here")
+def test_numbers_are_those_of_an_evaluation(tmp_path):
+    result = run_study("real", {"datasets": KUKA, "estimators": "linear"})
+    found = result.parts[f"{KUKA}-trajectory-linear"].numbers["rmse"]
+    training, testing = recommended_sides(DATASETS[KUKA], DATASETS[KUKA].split())
+    model = calibrate(training, "linear", features=DATASETS[KUKA].features)
+    evaluation = evaluate(model, testing)
+    for method in ("linear", "offset", "raw"):
+        expected = [evaluation.score(method, joint).rmse for joint in model.joints]
+        assert found[method][0] == pytest.approx(expected, rel=1e-9)
+    assert "axis1 [deg]" in result.summary.tables[0].markdown()
+    assert "MIT" in result.summary.tables[0].markdown()
+    assert write_study(result, tmp_path)[-1].suffix == ".png"
+
+
+@pytest.mark.usefixtures("here")
+def test_hwangs_split_learns_from_both_motions():
+    numbers = judge(DVRK, HWANG, "linear", [0]).numbers
+    assert len(numbers["joints"]) == 6
+    linear, offset = (np.array(numbers["rmse"][name][0]) for name in ("linear", "offset"))
+    assert (linear[:3] < offset[:3]).all()
+
+
+def test_recordings_that_are_not_here_are_named(monkeypatch, tmp_path):
+    monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
+    with pytest.raises(StudyError, match="truejoint datasets fetch kuka"):
+        run_study("real", {"datasets": KUKA})

@@ -1,0 +1,87 @@
+"""The study of wristed instruments: its motions, its loads, and what it must show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.errors import StudyError, TruejointError
+from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies import get_study
+from truejoint.studies.figures import png
+from truejoint.studies.wrist import motions
+from truejoint.studies.wrist.accuracy import judge, summarise
+
+FEW = {"free_s": "20", "loaded_s": "12", "test_s": "8", "count": "1", "family": "measured"}
+
+
+@pytest.fixture(scope="module")
+def result():
+    settings = get_study("wrist").settings("small", options=FEW)
+    (part,) = get_study("wrist").parts(settings)
+    return settings, {part.key: part.compute(**part.arguments)}
+
+
+def rms(result, method, test):
+    (part,) = result[1].values()
+    return np.degrees(part.numbers["errors"][method][test])
+
+
+def test_plays_know_what_the_coupling_and_a_line_do_not(result):
+    free = {key: rms(result, key, "free") for key in ("coupling", "linear_motor", "play_motor")}
+    assert (free["play_motor"] < 0.5 * free["linear_motor"]).all()
+    assert (free["linear_motor"] < free["coupling"]).all()
+
+
+def test_only_effort_sees_a_load(result):
+    blind, seen = (rms(result, key, "loaded") for key in ("play_motor", "play_effort"))
+    assert (seen < 0.6 * blind).all()
+
+
+def test_a_grip_is_told_from_none(result):
+    (part,) = result[1].values()
+    error, size = part.numbers["loads"]["loaded"]["grip"]
+    false, none = part.numbers["loads"]["free"]["grip"]
+    assert none == 0.0
+    assert false < 0.1 * size
+    assert error < 0.3 * size
+
+
+def test_its_table_and_figures_can_be_drawn(result):
+    summary = summarise(*result)
+    assert [row[0] for row in summary.tables[0].rows][:2] == ["coupling inverse", "linear, motors"]
+    assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())
+
+
+def test_motions_stay_within_what_they_say():
+    for motion in (motions.multi_sine, motions.steps):
+        pose = np.degrees(motion(20.0, 3))
+        assert len(pose) == 20_000
+        assert (np.abs(pose).max(axis=0) <= np.array([55.0, 45.0, 40.0]) + 1e-9).all()
+        assert pose[:, 2].min() >= 8.0 - 1e-9
+        speed = np.abs(np.diff(pose, axis=0)).max() / 1e-3
+        assert 10.0 < speed < 200.0
+    assert not np.array_equal(motions.steps(5.0, 1), motions.steps(5.0, 2))
+    joints = motions.joints(np.array([[0.1, 0.2, 0.3]]))
+    np.testing.assert_allclose(joints, [[0.1, 0.05, 0.35]])
+
+
+def test_a_load_grips_half_of_the_time_and_comes_off_again():
+    twin = WristTwin(seed=1)
+    twin.home()
+    run = motions.record(twin, motions.steps, 12.0, 5, load=True)
+    grip = run.column("truth_load/grip")
+    assert 0.2 < np.mean(grip > 0.01) < 0.7
+    assert 0.03 < grip.max() < 0.3
+    assert np.abs(run.column("truth_load/pitch")).max() <= 2.0 * 19e-3
+    free = motions.record(twin, motions.steps, 3.0, 6, load=False)
+    assert free.column("truth_load/grip").max() == 0.0
+
+
+def test_what_cannot_be_is_refused():
+    study = get_study("wrist")
+    with pytest.raises(StudyError, match="no method called 'plays'"):
+        study.parts(study.settings(options={"methods": "plays"}))
+    with pytest.raises(TruejointError, match="no family called 'rods'"):
+        study.parts(study.settings(options={"family": "rods"}))
+    assert judge.__module__ == study.module
