@@ -141,7 +141,7 @@ def test_a_stop_and_touched_points_stand_in_for_the_bases_pose() -> None:
     turned[:3, :3] = BASE[:3, :3] @ Rotation.from_rotvec([0.0, 0.0, 0.1]).as_matrix()
     loose = Registration(turned, np.repeat([0.2, 5e-5], 3), stops=stops, **marker)
     tracked, found = tracked_truth(robot, track, loose)
-    assert abs(base_error(found)[2]) < 0.01
+    assert abs(base_error(found)[2]) < 0.02
     assert (np.abs(truth_error(tracked, whole).mean(axis=0)) < 4 * found.pose_deviation).all()
 
 

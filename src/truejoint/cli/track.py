@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Final
 
 import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.inputs import Files, say_dropped, takes_files
 from truejoint.errors import RecordingError
 from truejoint.files import check_target
+
+_MANY: Final = 0.05  # strays, as a share of the readings
 
 
 @takes_files
@@ -78,6 +80,12 @@ def track(
         )
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
+    share = registered.strays / (registered.strays + registered.readings)
+    if share > _MANY:
+        say(
+            f"warn: {100 * share:.0f} % of the readings fit no place of the marker and were left "
+            "out; does the tracker confuse two markers at times?"
+        )
     if as_json:
         result_json({"recording": str(output), **registered.to_dict()})
         return
