@@ -141,7 +141,7 @@ def tracked_truth(
         coarse = offset - begins
     known = _Known.of(registration, robot, moving, track, coarse, delayed=offset is None)
     fit = _fit(moving, track, known)
-    _check_seen(source, fit, known, names)
+    _check_seen(source, fit, moving, names)
     truth, deviations, fits = _solve(moving, track, known, fit)
     inside = int(moving.inside(track.t + fit.offset).sum())
     strays = inside - int(fits.sum())
@@ -639,7 +639,7 @@ def _inverse(normal: Array) -> Array:
     return np.asarray(np.linalg.pinv(normal / scale, hermitian=True) / scale)
 
 
-def _check_seen(source: str, fit: _Fit, known: _Known, names: Sequence[str]) -> None:
+def _check_seen(source: str, fit: _Fit, motion: _Motion, names: Sequence[str]) -> None:
     """Refuse what leaves the zero of a joint open, saying what it is mixed up with."""
     state = fit.state
     terms = (len(state.coefficients) - 1) // len(names)
@@ -650,8 +650,7 @@ def _check_seen(source: str, fit: _Fit, known: _Known, names: Sequence[str]) -> 
     open_ = []
     for j, name in enumerate(names):
         zero = j * terms
-        expected = known.prior.precision[zero, zero] ** -0.5
-        if sds[zero] > _UNSEEN * expected:
+        if sds[zero] > _UNSEEN * motion.sd[zero]:
             alike = {
                 what: abs(fit.covariance[zero, i]) / max(sds[zero] * sds[i], 1e-300)
                 for what, i in others.items()

@@ -246,7 +246,10 @@ def _coarse_offset(
     peaks = [p for p in argrelmax(score)[0] if score[best] - score[p] < 2.0 * math.log(_RIVAL)]
     if near is not None:
         return float(offsets[min((best, *peaks), key=lambda place: abs(offsets[place] - near))])
-    rivals = [p for p in peaks if p != best]
+    # Noise makes ripples on one peak; another one lies behind a valley.
+    valleys = [score[min(p, best) : max(p, best) + 1].min() for p in peaks]
+    deep = math.log(_RIVAL)
+    rivals = [p for p, low in zip(peaks, valleys, strict=True) if score[p] - low > deep]
     if rivals:
         rival = max(rivals, key=lambda place: score[place])
         raise RecordingError(
