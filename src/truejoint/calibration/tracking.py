@@ -70,7 +70,7 @@ def tracked_truth(
 
     The delay is found coarsely as in `join_truth`, by the path of the tool, whatever frame it is
     seen in. Then the tracker's pose, the marker's place, the delay and corrections of the joints
-    (zero, slopes and squares in all of them, a play of its own) are fitted together; readings
+    (zero, slopes and squares in all of them, two plays of its own) are fitted together; readings
     further off than 4.5 deviations are left out. The truth of each reading that is left is the
     position of the joints that puts the marker there.
 
@@ -110,7 +110,8 @@ def tracked_truth(
     >>> recording = Recording.from_columns({"t": t, **moved}, "raven2")
     >>> points = robot.kinematics.forward(robot.home + way)[:, :3, 3]
     >>> points += 2e-4 * np.random.default_rng(0).standard_normal(points.shape)
-    >>> known = Registration(np.eye(4), np.full(6, 1e-3), marker=np.zeros(3))
+    >>> small = np.full(3, 1e-4)
+    >>> known = Registration(np.eye(4), np.full(6, 1e-3), marker=np.zeros(3), marker_sd=small)
     >>> tracked, found = tracked_truth(recording, truejoint.recordings.Track(t, points), known)
     >>> tracked.joints_of("truth"), bool(abs(found.clock.seconds) < 0.01)
     (('shoulder', 'elbow', 'insertion'), True)
