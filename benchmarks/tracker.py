@@ -13,7 +13,7 @@ of random motion each, how often intervals of 90 % of the transforms hold. Every
 in a file under ``--out`` and is not run again while that is there.
 
 With ``--camera`` it looks at the public recordings of a dVRK PSM whose tool a camera saw
-(`dvrk_psm_berkeley`): positions as published, put into a frame that nobody knows.
+(`dvrk_psm_berkeley`): positions as published, put into another frame, with noise.
 """
 
 from __future__ import annotations
@@ -196,8 +196,8 @@ def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
 
 
 def camera() -> None:
-    """Print what the dVRK's published positions say when their frame is taken away."""
-    print("| set | joint | published truth - found: bias, sd | noise, pose stated |")
+    """Print what the dVRK's published positions say of its joints, from another frame."""
+    print("| set | joint | found less published: mean, sd | stated: noise, pose |")
     print("|---|---|---|---|")
     folder = locate("dvrk_psm_berkeley")
     for name in ("random", "peg_transfer"):
