@@ -156,7 +156,7 @@ def test_bad_tracks_are_one_line_each() -> None:
         (replace(track, position=mirrored), Registration(), (), 0.0, "left-handed"),
         (replace(track, t=track.t + 1e4), known, (), 0.0, "--offset-s"),
         (track, known, ("shoulder", "shoulder"), None, "each named once"),
-        (track, known, ROBOT.joint_names[:4], None, "points tell 1 to 3 joints"),
+        (track, known, ROBOT.joint_names[:4], None, "tells 1 to 3 joints"),
         (track, replace(known, stops={"roll": (0.0, 0.0, 1.0)}), (), None, "none of the joints"),
         (track, known, ("roll",), None, "stand still"),
     ]

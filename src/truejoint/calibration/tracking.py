@@ -82,7 +82,7 @@ def tracked_truth(
     registration : Registration, optional
         What is known of the tracker.
     joints : sequence of str
-        Up to three for points, up to six for poses; by default those that mainly place the tool.
+        Up to three; by default the first of those that mainly place the tool.
     offset, near : float, optional
         Of the clocks [s], as in `join_truth`.
 
@@ -120,12 +120,11 @@ def tracked_truth(
     robot, source = recording.robot, track.source
     chain, link = _chain(robot, registration.link)
     names = tuple(joints) or robot.positioning[:3]
-    most = 3 if track.orientation is None else 6
     robot.index(names)
-    if not 1 <= len(names) <= most or len(set(names)) < len(names):
+    if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
         raise CalibrationError(
-            f"{source}: {'points' if most == 3 else 'poses'} tell 1 to {most} joints, each named "
-            f"once, not {', '.join(names)}"
+            f"{source}: the place of a marker tells 1 to 3 joints, each named once, not "
+            f"{', '.join(names)}"
         )
     moving = _Motion.of(recording, chain, names)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
@@ -677,32 +676,28 @@ def _solve(
 ) -> tuple[Array, tuple[Array, Array], Mask]:
     """Joints (n, n_joints) at every reading, their deviations, and which readings fit.
 
-    Up to three joints are found from the point alone, which tells more than its orientation.
+    From the point alone, which tells more than an orientation.
     """
-    stamps = track.t + fit.offset
-    points, turns = _brought(known, track)
-    if len(motion.columns) <= 3:
-        turns = None
-    noise = fit.noise if turns is not None else fit.noise[:1]
+    stamps, noise = track.t + fit.offset, float(fit.noise[0])
+    points, _ = _brought(known, track)
     still = fit.state.coefficients.copy()
     still[-1] = 0.0  # the stamps have it
     state = replace(fit.state, coefficients=still)
     rows = motion.rows(stamps, points)
-    distance = np.linalg.norm(rows.residual(state), axis=1) / noise[0]
+    distance = np.linalg.norm(rows.residual(state), axis=1) / noise
     fits = motion.inside(stamps) & (distance < _GATE)
     columns = list(motion.columns)
     joint = rows.corrected(state)
     bare = replace(state, coefficients=np.zeros_like(still))
     for _ in range(_SOLVES):
-        found = _equations(motion, replace(rows, joint=joint), turns, bare, fit.turn)
-        scale = 1.0 / np.repeat(noise, 3)
-        back = np.linalg.pinv(found.by_joint * scale[:, None]) * scale
+        found = _equations(motion, replace(rows, joint=joint), None, bare, fit.turn)
+        back = np.linalg.pinv(found.by_joint)
         joint[:, columns] -= (back @ found.residual[:, :, None])[:, :, 0]
-    spread = back[fits] * np.repeat(noise, 3)
     k = len(still)
     moved = back[fits] @ found.by_parameter[fits][:, :, k:]
     together = np.einsum("mia,ab,mib->mi", moved, fit.covariance[k:, k:], moved)
-    deviations = [np.sqrt(v.mean(axis=0)) for v in ((spread**2).sum(axis=2), together)]
+    single = noise**2 * (back[fits] ** 2).sum(axis=2)
+    deviations = [np.sqrt(variance.mean(axis=0)) for variance in (single, together)]
     return joint[:, columns], (deviations[0], deviations[1]), fits
 
 
