@@ -28,6 +28,7 @@ BENCHMARKS = (
     "clock_offset",
     "histories",
     "grasper",
+    "tracker",
     "moved_zeros",
     "told_mechanism",
     "play_widths",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import ClockOffset, Provenance, Recording, Stream, join_truth, joining
@@ -180,3 +181,35 @@ def test_strokes_that_are_all_alike_leave_the_offset_open_and_that_is_said() -> 
     _, clock = join_truth(recording, Stream(truth_t, truth), near=0.0)
     assert abs(clock.seconds) < 2.0 * clock.sd
     assert clock.sd > 0.02
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_path_finds_its_place_in_whatever_frame_it_is_seen(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    t, seen_t = np.arange(0.0, 60.0, 0.05), np.arange(5.0, 55.0, 0.02)
+    turn = Rotation.random(rng=random).as_matrix()
+    seen = path(seen_t, seed) @ turn.T + [1.0, -2.0, 3.0]
+    # Noise as large as a step: ripples on one peak are no second answer.
+    seen += 0.02 * random.standard_normal(seen.shape)
+    offset = joining.find_path_offset(t, path(t, seed), seen_t - 77.0, seen)
+    assert offset == pytest.approx(77.0, abs=0.1)
+    with pytest.raises(RecordingError, match="no offset of the clocks makes the truth follow"):
+        joining.find_path_offset(t, path(t, seed), seen_t, random.standard_normal(seen.shape))
+
+
+def test_a_path_that_repeats_itself_is_refused_unless_told_about_where() -> None:
+    t, seen_t = np.arange(0.0, 60.0, 0.05), np.arange(20.0, 40.0, 0.05)
+
+    def rounds(stamps: np.ndarray) -> np.ndarray:
+        turns = stamps[:, None] * [1.0, 2.0, 3.0]
+        return np.sin(2 * np.pi * turns / 10.0 + [0.0, 1.0, 2.0])
+
+    with pytest.raises(RecordingError, match="repeats itself"):
+        joining.find_path_offset(t, rounds(t), seen_t, rounds(seen_t))
+    found = joining.find_path_offset(t, rounds(t), seen_t, rounds(seen_t), near=9.0)
+    assert found == pytest.approx(10.0, abs=0.05)
+
+
+def path(t: np.ndarray, seed: int) -> np.ndarray:
+    """Way (n, 3) that does not repeat itself."""
+    return np.column_stack([angles(t, seed), angles(t, seed + 1000)[:, :1]])

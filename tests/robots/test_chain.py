@@ -99,3 +99,15 @@ def test_missing_joint_spoils_only_what_it_moves(chain: SerialChain) -> None:
     assert np.isfinite(frames[:5]).all()
     moves_tool = chain.axis_from_joint[:, 6].any()
     assert np.isnan(chain.forward(joint)).any() == moves_tool
+
+
+def test_a_chain_up_to_a_joint_ends_with_the_link_that_it_moves(chain: SerialChain):
+    joint = np.linspace(0.2, 0.5, chain.axis_from_joint.shape[1])
+    frames = frames_of(chain, joint)
+    for k in range(5):
+        np.testing.assert_allclose(chain.up_to(k).forward(joint), frames[k], atol=1e-12)
+        # A joint further out moves nothing of it.
+        assert not chain.up_to(k).jacobian(joint)[:, k + 1 :].any()
+    still = SerialChain(chain.axes[:2], np.eye(2, 3))
+    with pytest.raises(RobotError, match="moves no axis"):
+        still.up_to(2)

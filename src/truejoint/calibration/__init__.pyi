@@ -27,12 +27,16 @@ from .plate_shape import PlateShape as PlateShape
 from .plate_shape import design_plate as design_plate
 from .plate_shape import plate_stl as plate_stl
 from .plate_shape import plate_svg as plate_svg
+from .registration import Registered as Registered
+from .registration import Registration as Registration
+from .registration import read_registration as read_registration
 from .touch_calibration import TouchReport as TouchReport
 from .touch_calibration import calibrate_by_touch as calibrate_by_touch
 from .touches import Touches as Touches
 from .touches import find_block as find_block
 from .touches import read_touches as read_touches
 from .touches import rezeroed_by_touch as rezeroed_by_touch
+from .tracking import tracked_truth as tracked_truth
 from .zero import Zero as Zero
 from .zero import find_zero as find_zero
 from .zero import rezeroed as rezeroed

@@ -30,6 +30,7 @@ from truejoint.cli import (
     study,
     teleop,
     touch,
+    track,
     trajectory,
 )
 
@@ -54,6 +55,7 @@ for command, example in (
     (correct.correct, "left_arm.safetensors session/random.parquet -o corrected.csv"),
     (columns.columns, "run.csv --robot raven2 -o map.toml"),
     (join.join, "robot.csv encoders.csv --robot raven2 -o session.parquet"),
+    (track.track, "robot.parquet points.csv --registration tracker.toml -o session.parquet"),
     (bags.extract, "state.bag encoders.bag --robot raven2 -o session.parquet"),
     (bags.bag, "session.parquet -o session.bag"),
     (doctor.doctor, "session.bag --robot raven2"),

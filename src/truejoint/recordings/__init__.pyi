@@ -33,3 +33,5 @@ from .recording import Provenance as Provenance
 from .recording import Recording as Recording
 from .synchronise import Stream as Stream
 from .synchronise import synchronise as synchronise
+from .tracker import Track as Track
+from .tracker import read_track as read_track

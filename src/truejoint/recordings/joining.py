@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -197,7 +197,7 @@ def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -
     joints = tuple(joints[k] for k in moving)
     measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
     found = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
-    coarse = _coarse_offset(state.t, measured, truth.t, found, joints, near)
+    coarse = _coarse_offset(state.t, measured, truth.t, found, ", ".join(joints), near, _each_joint)
     with threadpool_limits(
         1, user_api="blas"
     ):  # many small regressions, of which each would wait for its threads
@@ -206,34 +206,47 @@ def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -
     return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)
 
 
+def find_path_offset(
+    t: Array, path: Array, truth_t: Array, truth: Array, near: float | None = None
+) -> float:
+    """Shift [s] of the stamps of a path (m, 3) that lays it over another (n, 3) by one rigid move.
+
+    To a step of either; the frames of the two paths need not be known. Raises RecordingError as
+    `join_truth` does where no shift fits or several do.
+    """
+    return _coarse_offset(t, path, truth_t, truth, "the tool", near, _turned)
+
+
 def _coarse_offset(
     t: Array,
     measured: Array,
     truth_t: Array,
     truth: Array,
-    joints: Sequence[str],
+    who: str,
     near: float | None,
+    likeness: Callable[[Array, Array, Integers], tuple[Array, Array]],
 ) -> float:
-    """Shift [s] at which truth and measured positions are most alike, to a step of either."""
+    """Shift [s] at which truth and measured positions are most alike, to a step of either.
+
+    `likeness` takes both on one grid, and lags, and tells for each lag a score and the share of
+    motion that the truth explains.
+    """
     spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
     steps = [float(np.median(np.diff(stamps))) for stamps in (t, truth_t)]
     dt = max(*steps, max(spans) / _MAX_GRID)
     grids = [np.arange(round(span / dt) + 1) * dt for span in spans]
     least = int(_LEAST_OVERLAP * min(len(grid) for grid in grids))
     lags = np.arange(least - len(grids[1]), len(grids[0]) - least + 1)
-    fit = np.zeros(len(lags))
-    score = np.zeros(len(lags))
-    for k in range(len(joints)):
-        ours = np.interp(grids[0], t - t[0], measured[:, k])
-        theirs = np.interp(grids[1], truth_t - truth_t[0], truth[:, k])
-        explained = _explained(ours, theirs, lags)
-        score -= np.log(1.0 - explained)
-        fit = np.maximum(fit, explained)
+    ours, theirs = (
+        np.column_stack([np.interp(grid, stamps - stamps[0], column) for column in values.T])
+        for grid, stamps, values in ((grids[0], t, measured), (grids[1], truth_t, truth))
+    )
+    score, fit = likeness(ours, theirs, lags)
     best = int(np.argmax(score))
     if fit[best] < _LEAST_FIT:
         raise RecordingError(
-            f"no offset of the clocks makes the truth follow {', '.join(joints)} (at best "
-            f"{100 * fit[best]:.0f} % of a joint's motion); are both of one motion, with the same "
+            f"no offset of the clocks makes the truth follow {who} (at best "
+            f"{100 * fit[best]:.0f} % of its motion); are both of one motion, with the same "
             "joints and signs? else state the offset"
         )
     offsets = t[0] - truth_t[0] + lags * dt
@@ -241,7 +254,10 @@ def _coarse_offset(
     peaks = [p for p in argrelmax(score)[0] if score[best] - score[p] < 2.0 * math.log(_RIVAL)]
     if near is not None:
         return float(offsets[min((best, *peaks), key=lambda place: abs(offsets[place] - near))])
-    rivals = [p for p in peaks if p != best]
+    # Noise makes ripples on one peak; another one lies behind a valley.
+    valleys = [score[min(p, best) : max(p, best) + 1].min() for p in peaks]
+    deep = math.log(_RIVAL)
+    rivals = [p for p, low in zip(peaks, valleys, strict=True) if score[p] - low > deep]
     if rivals:
         rival = max(rivals, key=lambda place: score[place])
         raise RecordingError(
@@ -251,10 +267,42 @@ def _coarse_offset(
     return float(offsets[best])
 
 
-def _explained(ours: Array, theirs: Array, lags: Integers) -> Array:
-    """Squared correlation, if it is positive, at `lags`: rows by which `theirs` begins later.
+def _each_joint(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
+    """Log of the residual variances of all joints (n, k), and the best explained joint's share."""
+    explained = np.array([_explained(*pair, lags) for pair in zip(ours.T, theirs.T, strict=True)])
+    return -np.log(1.0 - explained).sum(axis=0), explained.max(axis=0)
 
-    Over the rows that overlap, by FFT (Padfield, IEEE Trans. Image Process. 21(5), 2012).
+
+def _turned(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
+    """Share of the motion of a path (n, 3) that another explains, turned as fits best.
+
+    The best turn leaves what the singular values of the paths' covariance say (Kabsch, Acta Cryst.
+    A32, 1976).
+    """
+    pairs = [[_moments(one, other, lags) for other in theirs.T] for one in ours.T]
+    covariance = np.array([[pair[0] for pair in row] for row in pairs]).transpose(2, 0, 1)
+    spread = sum(pairs[k][k][1] + pairs[k][k][2] for k in range(3))
+    sizes = np.linalg.svd(covariance, compute_uv=False)
+    mirrored = np.linalg.det(covariance) < 0
+    alike = sizes.sum(axis=1) - 2.0 * sizes[:, 2] * mirrored
+    fit = np.clip(2.0 * alike / np.maximum(spread, 1e-9 * np.max(spread)), 0.0, 1.0 - 1e-12)
+    # Residual variances of three axes, as of three joints.
+    return -3.0 * np.log(1.0 - fit), fit
+
+
+def _explained(ours: Array, theirs: Array, lags: Integers) -> Array:
+    """Squared correlation, if it is positive, at `lags`: rows by which `theirs` begins later."""
+    covariance, variance, of_theirs = _moments(ours, theirs, lags)
+    # Where one stands still there is nothing to compare, but for rounding.
+    moves = (variance > 1e-9 * variance.max()) & (of_theirs > 1e-9 * of_theirs.max())
+    product = np.where(moves, variance * of_theirs, np.inf)
+    return np.clip(np.maximum(covariance, 0.0) ** 2 / product, 0.0, 1.0 - 1e-12)
+
+
+def _moments(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array, Array]:
+    """Covariance and both variances, each times the rows that overlap, at `lags`.
+
+    By FFT (Padfield, IEEE Trans. Image Process. 21(5), 2012).
     """
     size = next_fast_len(len(ours) + len(theirs) - 1, real=True)
     ours, theirs = ours - ours.mean(), theirs - theirs.mean()
@@ -269,10 +317,7 @@ def _explained(ours: Array, theirs: Array, lags: Integers) -> Array:
     covariance = across(ours, theirs) - mine * their / count
     variance = across(ours**2, other) - mine**2 / count
     of_theirs = across(one, theirs**2) - their**2 / count
-    # Where one stands still there is nothing to compare, but for rounding.
-    moves = (variance > 1e-9 * variance.max()) & (of_theirs > 1e-9 * of_theirs.max())
-    product = np.where(moves, variance * of_theirs, np.inf)
-    return np.clip(np.maximum(covariance, 0.0) ** 2 / product, 0.0, 1.0 - 1e-12)
+    return covariance, variance, of_theirs
 
 
 def _fine_offset(

@@ -196,7 +196,8 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
         with pq.ParquetFile(
             source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
         ) as file:
-            _check_size(source, file, texts)
+            check_size(source, file)
+            _check_columns(source, file.schema_arrow, texts)
             header = _header(source, file.schema_arrow)
             table = file.read(use_threads=False)
         columns = {
@@ -223,8 +224,9 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
     return header, columns, unhashed
 
 
-def _check_size(source: Path, file: Any, texts: Collection[str]) -> None:
-    metadata, schema = file.metadata, file.schema_arrow
+def check_size(source: Path, file: Any) -> None:
+    """Refuse, with RecordingError, a Parquet file of more than is read."""
+    metadata = file.metadata
     values = metadata.num_rows * metadata.num_columns
     if metadata.num_columns > _MAX_COLUMNS or values > MAX_VALUES:
         raise RecordingError(
@@ -237,6 +239,9 @@ def _check_size(source: Path, file: Any, texts: Collection[str]) -> None:
             f"{source}: its {size} bytes unpack to {8 * values}, which no measurement does; "
             "is it one?"
         )
+
+
+def _check_columns(source: Path, schema: Any, texts: Collection[str]) -> None:
     kinds = {name: pa.string() for name in texts}
     other = [f.name for f in schema if f.type != kinds.get(f.name, pa.float64())]
     if other:

@@ -92,6 +92,17 @@ class SerialChain:
             "the joints are; approach it in smaller steps"
         )
 
+    def up_to(self, joint: int) -> SerialChain:
+        """Chain as far as the link that the joint with that place in a joint vector moves.
+
+        `forward` and `jacobian` are then of that link. Raises RobotError if the joint moves none.
+        """
+        moved = np.flatnonzero(self.axis_from_joint[:, joint])
+        if not moved.size:
+            raise RobotError(f"joint {joint} moves no axis of the chain; name another one")
+        count = int(moved[-1]) + 1
+        return SerialChain(self.axes[:count], self.axis_from_joint[:count])
+
     def _frames(self, joint: ArrayLike, last: int) -> Array:
         """Frames of the last axes (..., last, 4, 4)."""
         rows, shape = self._rows(joint)

@@ -1,0 +1,252 @@
+"""Where a tracker stands beside a robot: what a person states of it, and what was found."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truejoint.array_types import Array
+from truejoint.errors import CalibrationError, unknown
+from truejoint.recordings.joining import ClockOffset
+from truejoint.robots import Robot
+from truejoint.summary import Summarised
+from truejoint.toml_file import read_toml
+from truejoint.units import display_unit
+
+_MARKER_SD: Final = 0.05  # m, of a marker of which nothing is stated
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a person knows of a tracker beside a robot.
+
+    Attributes
+    ----------
+    base : ndarray, shape (4, 4), optional
+        Pose of the robot's base frame in the tracker's [m]; None where it is to be found.
+    base_sd : ndarray, shape (6,)
+        Standard deviations of it about and along the axes of the base [rad, then m].
+    touched : ndarray, shape (n, 2, 3)
+        Points of the base that the tracker has seen, in the base's frame and in the tracker's [m].
+    touched_sd : float
+        Per axis [m].
+    link : str
+        Joint whose link carries the marker; empty for the tool behind the last one.
+    marker : ndarray, shape (3,), optional
+        Place of the marker in the frame of that link [m].
+    marker_sd : ndarray, shape (3,)
+        [m].
+    stops : mapping
+        By joint, its measured and its true position where that is known, at a hard stop or in a
+        fixture, and the standard deviation [rad or m].
+
+    Examples
+    --------
+    >>> Registration(marker=np.zeros(3), stops={"shoulder": (0.01, 0.0, 0.001)}).base is None
+    True
+    """
+
+    base: Array | None = None
+    base_sd: Array = field(default_factory=lambda: np.full(6, np.inf))
+    touched: Array = field(default_factory=lambda: np.empty((0, 2, 3)))
+    touched_sd: float = 1e-3
+    link: str = ""
+    marker: Array | None = None
+    marker_sd: Array = field(default_factory=lambda: np.full(3, _MARKER_SD))
+    stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registered(Summarised):
+    """Where a tracker stands, what it sees, and how sure that is.
+
+    Attributes
+    ----------
+    base_from_tracker : ndarray, shape (4, 4)
+        Pose of the tracker's frame in the robot's base [m].
+    base_sd : ndarray, shape (6,)
+        Standard deviations of the turn about and the shift along the base's axes at its origin
+        [rad, then m].
+    link : str
+        Joint whose link carries the marker.
+    link_from_marker : ndarray, shape (4, 4)
+        Pose of the marker on it [m]; its turn is the identity for points.
+    marker_sd : ndarray, shape (3,)
+        [m].
+    clock : ClockOffset
+        What to add to the tracker's stamps to have the robot's; its delay is part of it.
+    noise : float
+        Standard deviation per axis of the points about the fit [m].
+    joints : tuple of str
+        Whose truth was found.
+    noise_deviation : ndarray, shape (n_joints,)
+        What that noise makes of a single truth, root mean square over the motion [rad or m].
+    pose_deviation : ndarray, shape (n_joints,)
+        What all truths may be off by together, as the transforms are known no better [rad or m].
+    readings, strays : int
+        Readings that fit, and those that were left out as they do not.
+
+    Examples
+    --------
+    >>> one, place = np.ones(1), np.eye(4)
+    >>> known = place, np.ones(6), "roll", place, np.ones(3), truejoint.recordings.ClockOffset(0.0)
+    >>> Registered(*known, 3e-4, ("elbow",), ("rad",), one, one, 90, 2).summary()["readings"]
+    '90, 2 strays left out, noise 0.3 mm per axis'
+    """
+
+    base_from_tracker: Array
+    base_sd: Array
+    link: str
+    link_from_marker: Array
+    marker_sd: Array
+    clock: ClockOffset
+    noise: float
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    noise_deviation: Array
+    pose_deviation: Array
+    readings: int
+    strays: int
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
+        sd = None if math.isnan(self.clock.sd) else self.clock.sd
+        return plain | {"clock": {"seconds": self.clock.seconds, "sd": sd}}
+
+    def summary(self) -> dict[str, str]:
+        """Give transforms with their deviations, delay, noise, and the deviation of each truth."""
+        turn = Rotation.from_matrix(self.base_from_tracker[:3, :3]).as_rotvec(degrees=True)
+        shift = 1e3 * self.base_from_tracker[:3, 3]
+        marker = 1e3 * self.link_from_marker[:3, 3]
+        deviations = []
+        rows = zip(self.joints, self.units, self.noise_deviation, self.pose_deviation, strict=True)
+        for joint, unit, noise, pose in rows:
+            shown = display_unit(unit)
+            deviations.append(
+                f"{joint} {noise * shown.scale:.2g} and {pose * shown.scale:.2g} {shown.name}"
+            )
+        return {
+            "tracker": f"at {_listed(shift, '.2f')} mm of the base, turned {_listed(turn, '.3f')} "
+            "deg",
+            "± (1 sd)": f"{_listed(1e3 * self.base_sd[3:], '.2g')} mm, "
+            f"{_listed(np.rad2deg(self.base_sd[:3]), '.2g')} deg",
+            "marker": f"at {_listed(marker, '.2f')} mm ± {_listed(1e3 * self.marker_sd, '.2g')} mm "
+            f"of the link that {self.link} moves",
+            "clock": repr(self.clock).partition("(")[2].removesuffix(")"),
+            "readings": f"{self.readings}, {self.strays} strays left out, noise "
+            f"{1e3 * self.noise:.2g} mm per axis",
+            "truth ±": "; ".join(deviations) + " (of one reading, and of all together)",
+        }
+
+
+def _listed(values: Array, form: str) -> str:
+    return f"({', '.join(format(float(v), form) for v in values)})"
+
+
+_KEYS: Final[Mapping[str, tuple[str, ...]]] = {
+    "base": ("position_mm", "quaternion", "sd_mm", "sd_deg"),
+    "marker": ("link", "position_mm", "sd_mm"),
+    "touched": ("base_mm", "tracker_mm"),
+    "stops": ("joint", "measured", "true", "sd"),
+}
+
+
+def read_registration(path: Path, robot: Robot) -> Registration:
+    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
+
+    Raises CalibrationError naming the key and the rule that it breaks, RobotError for a joint that
+    `robot` does not have.
+
+    Examples
+    --------
+    >>> text = '[marker]\nlink = "roll"\nposition_mm = [0, 0, 8]\nsd_mm = 0.2'
+    >>> _ = Path("tracker.toml").write_text(text)
+    >>> read_registration(Path("tracker.toml"), get_robot("raven2")).marker
+    array([0.   , 0.   , 0.008])
+    """
+    values = read_toml(path, CalibrationError)
+    known = (*_KEYS, "touched_sd_mm")
+    for key in values:
+        if key not in known:
+            raise CalibrationError(f"{path}: {unknown('key', key, known)}")
+    stated: dict[str, Any] = {}
+    if "base" in values:
+        table = _table(path, "base", values["base"])
+        pose = np.eye(4)
+        pose[:3, 3] = 1e-3 * _numbers(path, "base.position_mm", table.get("position_mm"), 3)
+        turn = _numbers(path, "base.quaternion", table.get("quaternion"), 4)
+        if not abs(np.linalg.norm(turn) - 1.0) < 1e-2:
+            raise CalibrationError(
+                f"{path}: base.quaternion is of length {np.linalg.norm(turn):.3g}; give x, y, z, w "
+                "of a unit quaternion"
+            )
+        pose[:3, :3] = Rotation.from_quat(turn).as_matrix()
+        sd = [_positive(path, f"base.{key}", table.get(key)) for key in ("sd_deg", "sd_mm")]
+        stated |= {"base": pose, "base_sd": np.repeat([math.radians(sd[0]), 1e-3 * sd[1]], 3)}
+    if "marker" in values:
+        table = _table(path, "marker", values["marker"])
+        link = table.get("link", "")
+        if link:
+            robot.joint(str(link))
+        stated["link"] = str(link)
+        if "position_mm" in table:
+            place = _numbers(path, "marker.position_mm", table["position_mm"], 3)
+            sd_mm = _positive(path, "marker.sd_mm", table.get("sd_mm"))
+            stated |= {"marker": 1e-3 * place, "marker_sd": np.full(3, 1e-3 * sd_mm)}
+    if "touched" in values:
+        rows = [_table(path, "touched", row) for row in _list(path, "touched", values["touched"])]
+        pairs = [
+            [_numbers(path, f"touched.{key}", row.get(key), 3) for key in _KEYS["touched"]]
+            for row in rows
+        ]
+        sd_mm = _positive(path, "touched_sd_mm", values.get("touched_sd_mm"))
+        stated |= {"touched": 1e-3 * np.array(pairs), "touched_sd": 1e-3 * sd_mm}
+    stops = {}
+    for row in _list(path, "stops", values.get("stops", [])):
+        table = _table(path, "stops", row)
+        joint = robot.joint(str(table.get("joint", "")))
+        scale = display_unit(joint.unit).scale
+        where = [
+            float(_numbers(path, f"stops.{key}", [table.get(key)], 1)[0]) / scale
+            for key in ("measured", "true")
+        ]
+        sd_joint = _positive(path, "stops.sd", table.get("sd")) / scale
+        stops[joint.name] = (where[0], where[1], sd_joint)
+    return Registration(**stated, stops=stops)
+
+
+def _table(path: Path, name: str, value: Any) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise CalibrationError(f"{path}: {name} is {value!r:.40}; want a table")
+    for key in value:
+        if key not in _KEYS[name]:
+            raise CalibrationError(f"{path}: {name}: {unknown('key', key, _KEYS[name])}")
+    return value
+
+
+def _list(path: Path, name: str, value: Any) -> Sequence[Any]:
+    if not isinstance(value, list):
+        raise CalibrationError(f"{path}: {name} is {value!r:.40}; write [[{name}]] for each")
+    return value
+
+
+def _numbers(path: Path, name: str, value: Any, count: int) -> Array:
+    good = isinstance(value, list) and len(value) == count
+    if not good or not all(type(v) in (int, float) and math.isfinite(v) for v in value):
+        raise CalibrationError(f"{path}: {name} is {value!r:.60}; want {count} numbers")
+    return np.array(value, dtype=np.float64)
+
+
+def _positive(path: Path, name: str, value: Any) -> float:
+    if type(value) not in (int, float) or not 0.0 < value < math.inf:
+        raise CalibrationError(
+            f"{path}: {name} is {value!r:.40}; state a standard deviation above 0"
+        )
+    return float(value)

@@ -1,0 +1,94 @@
+"""`truejoint track`: points or poses of a tracker become the truth of the joints."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Final
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import out, progress, result_json, say
+from truejoint.cli.inputs import Files, say_dropped, takes_files
+from truejoint.errors import RecordingError
+from truejoint.files import check_target
+
+_MANY: Final = 0.05  # strays, as a share of the readings
+
+
+@takes_files
+def track(
+    robot_file: Annotated[
+        str,
+        typer.Argument(
+            metavar="ROBOT",
+            help="Recording of the robot, or its bag.",
+            autocompletion=complete.recordings,
+        ),
+    ],
+    points: Annotated[
+        Path,
+        typer.Argument(
+            metavar="POINTS",
+            help="CSV or Parquet with t, x, y, z[, qx, qy, qz, qw], or a bag.",
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--out", "-o", help="Recording to write, .parquet.")],
+    topic: Annotated[
+        str, typer.Option(help="Topic of the tracker in a bag; default: the only one.")
+    ] = "",
+    unit: Annotated[str, typer.Option(help="Of the points in a file: m or mm.")] = "m",
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="TOML file of what is known of the tracker; see docs/tracker.md."),
+    ] = None,
+    joint: Annotated[
+        list[str] | None,
+        typer.Option(help="Joint to be found, once for each; default: those that place the tool."),
+    ] = None,
+    near_s: Annotated[
+        float | None,
+        typer.Option(help="About how large the offset is, where the motion repeats itself [s]."),
+    ] = None,
+    offset_s: Annotated[
+        float | None,
+        typer.Option(
+            help="What to add to the stamps of POINTS to have those of ROBOT [s]. "
+            "Default: found by the motion, with the tracker's delay."
+        ),
+    ] = None,
+    force: options.Force = False,
+    as_json: options.Json = False,
+    *,
+    files: Files,
+) -> None:
+    """Turn what a tracker or a camera saw of the tool into the truth of the joints."""
+    if near_s is not None and offset_s is not None:
+        raise RecordingError("--near-s and --offset-s: give one of the two")
+    check_target(output, overwrite=force)
+    seen = truejoint.recordings.read_track(points, topic, unit)
+    found = files.find([robot_file])()
+    if len(found) != 1:
+        raise RecordingError(f"{robot_file}: {len(found)} recordings; track takes one at a time")
+    known = None
+    if registration is not None:
+        known = truejoint.calibration.read_registration(registration, found[0].robot)
+    with progress("Finding where the tracker stands, and what it says of the joints"):
+        recording, registered = truejoint.calibration.tracked_truth(
+            found[0], seen, known, joint or (), offset=offset_s, near=near_s
+        )
+    truejoint.write_parquet(recording, output, overwrite=force)
+    say_dropped(recording)
+    share = registered.strays / (registered.strays + registered.readings)
+    if share > _MANY:
+        say(
+            f"warn: {100 * share:.0f} % of the readings fit no place of the marker and were left "
+            "out; does the tracker confuse two markers at times?"
+        )
+    if as_json:
+        result_json({"recording": str(output), **registered.to_dict()})
+        return
+    for label, text in registered.summary().items():
+        out.print(f"{label:12} {text}")
+    out.print(f"{output}: {len(recording)} rows, truth of {', '.join(registered.joints)}")

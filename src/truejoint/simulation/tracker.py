@@ -1,0 +1,116 @@
+"""A tracker beside a simulated arm: noisy points or poses of a marker, on a clock of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from truejoint.array_types import Array
+from truejoint.robots.robot import Kinematics
+
+
+@dataclass(frozen=True)
+class SimulatedTracker:
+    """How a tracker errs.
+
+    Attributes
+    ----------
+    noise : float
+        Standard deviation of a point per axis [m].
+    turn_noise : float
+        Of an orientation about each axis [rad]; 0 of a tracker that sees points.
+    rate : float
+        [Hz].
+    delay : float
+        From a reading to its stamp [s].
+    lost : float
+        Share of the time for which the marker is not seen, in stretches of about a second.
+    strays : float
+        Share of the readings that are somewhere within a decimetre of the marker.
+
+    Examples
+    --------
+    >>> from truejoint.simulation.tracker import TRACKERS
+    >>> TRACKERS["optical"].noise
+    0.00025
+    """
+
+    noise: float
+    turn_noise: float = 0.0
+    rate: float = 30.0
+    delay: float = 0.03
+    lost: float = 0.05
+    strays: float = 0.005
+
+    def see(
+        self,
+        kinematics: Kinematics,
+        t: Array,
+        joint: Array,
+        tracker_from_base: Array,
+        link_from_marker: Array,
+        seed: int = 0,
+    ) -> tuple[Array, Array, Array | None]:
+        """Give readings of a marker that rides on the last link of `kinematics`.
+
+        Parameters
+        ----------
+        kinematics : Kinematics
+        t : ndarray, shape (n,)
+            Rising time stamps of the robot's clock [s].
+        joint : ndarray, shape (n, n_joints)
+            Where the joints really are [rad or m].
+        tracker_from_base, link_from_marker : ndarray, shape (4, 4)
+            Poses [m].
+        seed : int
+            Of all that is random.
+
+        Returns
+        -------
+        stamps : ndarray, shape (m,)
+            [s].
+        position : ndarray, shape (m, 3)
+            [m]; NaN where the marker is lost.
+        orientation : ndarray, shape (m, 4), or None
+            Quaternions x, y, z, w.
+
+        Examples
+        --------
+        >>> from truejoint.simulation.tracker import TRACKERS
+        >>> robot = get_robot("raven2")
+        >>> t, still = np.arange(0.0, 2.0, 0.01), np.tile(robot.home, (200, 1))
+        >>> seen = TRACKERS["rgbd"].see(robot.kinematics, t, still, np.eye(4), np.eye(4))
+        >>> seen[1].shape
+        (60, 3)
+        """
+        random = np.random.default_rng([seed, 7])
+        when = np.arange(t[0], t[-1], 1.0 / self.rate)
+        then = np.column_stack([np.interp(when, t, column) for column in joint.T])
+        pose = tracker_from_base @ kinematics.forward(then) @ link_from_marker
+        m = len(when)
+        position = pose[:, :3, 3] + self.noise * random.standard_normal((m, 3))
+        stray = random.random(m) < self.strays
+        position[stray] += random.uniform(-0.1, 0.1, (int(stray.sum()), 3))
+        second = max(1, round(self.rate))
+        hidden = random.random(-(-m // second)) < self.lost
+        position[np.repeat(hidden, second)[:m]] = np.nan
+        if not self.turn_noise:
+            return when + self.delay, position, None
+        wobble = Rotation.from_rotvec(self.turn_noise * random.standard_normal((m, 3)))
+        turned = Rotation.from_matrix(pose[:, :3, :3]) * wobble
+        return when + self.delay, position, turned.as_quat()
+
+
+TRACKERS: Final[Mapping[str, SimulatedTracker]] = {
+    "optical": SimulatedTracker(2.5e-4, rate=60.0),
+    # Four spheres on a circle of 40 mm about the marker's origin: 0.25 mm / 40 mm / sqrt(2) each
+    # way. [reasoned]
+    "optical_pose": SimulatedTracker(2.5e-4, 4.4e-3, rate=60.0),
+    "electromagnetic": SimulatedTracker(1e-3, rate=40.0),
+    "rgbd": SimulatedTracker(7e-4, rate=30.0, delay=0.06),
+}
+"""By kind; how large their noise is, is usual for their kind; rates and delays are reasoned."""
