@@ -16,8 +16,9 @@ Prints Markdown tables. Angles in deg.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +26,7 @@ from scipy.signal import savgol_filter
 
 from truejoint import calibrate
 from truejoint.calibration import Calibration
+from truejoint.calibration.fitting import ZeroOf
 from truejoint.calibration.zero import zeroed
 from truejoint.estimators import RichPlay
 from truejoint.recordings import Recording
@@ -43,12 +45,17 @@ SLIDING = 0.15
 MIDDLE = 0.5
 """Share of a stroke, about its middle, whose rows count: what loads the jaw has settled there."""
 PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
-METHODS = {
-    "linear": ("linear", ["measured/jaw", "effort/jaw"]),
-    "linear in play operators": ("linear", list(DATASETS["davinci_grasper_umn"].features)),
-    "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"]),
-    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"]),
-    "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"]),
+METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
+    "linear": ("linear", ["measured/jaw", "effort/jaw"], "recording"),
+    "linear in play operators": (
+        "linear",
+        list(DATASETS["davinci_grasper_umn"].features),
+        "recording",
+    ),
+    "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"], "recording"),
+    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"], "recording"),
+    "ridge on plays, zero moves the input": (PLAYS, ["measured/jaw", "effort/jaw"], "homing"),
+    "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"], "recording"),
 }
 
 
@@ -70,7 +77,8 @@ def coupled(recording: Recording, pitch: float) -> Recording:
             "driver/jaw": recording.column("driver/jaw") - dragged / matrix[1, 1],
         }
     )
-    return Recording(table, recording.units, recording.provenance)
+    own = replace(recording.provenance, homing_id=recording.provenance.session)
+    return Recording(table, recording.units, own)
 
 
 @dataclass(frozen=True)
@@ -156,7 +164,7 @@ def off(model: Calibration, recordings: Sequence[Recording]) -> tuple[Array, Arr
     centred, rezeroed = [], []
     for recording in recordings:
         truth = recording.column("truth/jaw")
-        error = model.correct(recording)[:, 0] - truth
+        error = zeroed(model, recording, math.inf).correct(recording)[:, 0] - truth
         centred.append(np.std(error))
         after = recording.t - recording.t[0] > REZERO
         again = zeroed(model, recording, REZERO).correct(recording)[:, 0] - truth
@@ -170,25 +178,25 @@ def held_out() -> None:
     print("\n| fitted at pitch 0 | " + " | ".join(f"{p:+.0f} offset off | re-zeroed"
           for p in PITCH.values()) + " |")  # fmt: skip
     print("|---|" + "---|---|" * len(PITCH))
-    for name, (estimator, features) in METHODS.items():
+    for name, how in METHODS.items():
         cells = []
         for pitch, recordings in by_pitch.items():
             if pitch:
-                model = fitted(by_pitch[0.0], estimator, features)
+                model = fitted(by_pitch[0.0], *how)
                 found = off(model, recordings)
             else:  # each half judged by a model of the other
                 halves = [recordings[::2], recordings[1::2]]
-                pairs = [off(fitted(a, estimator, features), b) for a, b in (halves, halves[::-1])]
+                pairs = [off(fitted(a, *how), b) for a, b in (halves, halves[::-1])]
                 found = tuple(np.concatenate(pair) for pair in zip(*pairs, strict=True))  # type: ignore[assignment]
             cells += [f"{np.sqrt(np.mean(values**2)):.2f}" for values in found]
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
 def fitted(
-    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str]
+    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str], zero: ZeroOf
 ) -> Calibration:
     """Calibrate with a zero for each file, as the files have."""
-    model = calibrate(recordings, estimator, features=features, zero="recording", fit_rate=FIT_RATE)
+    model = calibrate(recordings, estimator, features=features, zero=zero, fit_rate=FIT_RATE)
     return model.fitted_for(rezeroing=True)
 
 
