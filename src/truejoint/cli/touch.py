@@ -13,7 +13,6 @@ import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.collect import model_for
 from truejoint.cli.console import command_line, out, print_table, say
 from truejoint.errors import CommandRefused
 from truejoint.files import check_target, write_atomically
@@ -152,7 +151,7 @@ def _simulated(
     from truejoint.motion.touching import SimulatedHand  # noqa: PLC0415
 
     with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:
-        model_for(model, device)
+        truejoint.read_calibration(model).check_robot(device.robot)
         say(f"Homing {device.robot.title}, simulated ...")
         device.enable()
         device.home()
@@ -172,10 +171,10 @@ def _by_hand(
     robot: truejoint.robots.Robot, namespace: str, ros: int
 ) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm that others steer over ROS, and a person who says when its tip is seated."""
-    from truejoint.cli.node import _node  # noqa: PLC0415
+    from truejoint.cli.node import as_node  # noqa: PLC0415
     from truejoint.crtk.backends.ros import RosBackend  # noqa: PLC0415
 
-    with _node("truejoint_touch", ros) as transport:
+    with as_node("truejoint_touch", ros) as transport:
         backend = RosBackend(transport, robot, namespace=namespace)
         with truejoint.crtk.Arm(backend, controls=False) as device:
             yield device, partial(prompted, device)
