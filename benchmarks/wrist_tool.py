@@ -5,8 +5,9 @@
 identified  Coupling of the jaw to its disc and to the pitch, stretch and capstan friction of its
             cables, from MRDLab/mis-tool-characterization, folders Tool_4_Maryland_L_Pitch_2, 3, 4:
             the wrist's pitch held by hand at +30, 0, -30 deg, 16 files each.
-held-out    Calibrated at pitch 0, judged at the other postures. The zero of the jaw differs by 2-3
-            deg from file to file, so that either one offset of each file is taken off, or the
+held-out    Calibrated at pitch 0, judged at the other postures, the jaw's position being that of
+            the coupling at the pitch that the protractor showed. The zero of the jaw differs by
+            2-3 deg from file to file, so that either one offset of each file is taken off, or the
             first 2 s of its truth set the zero.
 
 Prints Markdown tables. Angles in deg.
@@ -15,8 +16,9 @@ Prints Markdown tables. Angles in deg.
 from __future__ import annotations
 
 import argparse
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +26,7 @@ from scipy.signal import savgol_filter
 
 from truejoint import calibrate
 from truejoint.calibration import Calibration
+from truejoint.calibration.fitting import ZeroOf
 from truejoint.calibration.zero import zeroed
 from truejoint.estimators import RichPlay
 from truejoint.recordings import Recording
@@ -32,25 +35,50 @@ from truejoint.robots import get_robot
 
 Array = NDArray[np.float64]
 
+TOOL = "420172"
 PITCH = {2: 30.0, 3: 0.0, 4: -30.0}  # [deg] by protractor, to 2-3 deg
 FIT_RATE = 40.0
 REZERO = 2.0
 """Time at the start of a file whose truth sets the zero [s]."""
 SLIDING = 0.15
 """Speed of the jaw [rad/s] above which its cables slide everywhere."""
+MIDDLE = 0.5
+"""Share of a stroke, about its middle, whose rows count: what loads the jaw has settled there."""
 PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
-METHODS = {
-    "linear": ("linear", ["measured/jaw", "effort/jaw"]),
-    "linear in play operators": ("linear", list(DATASETS["davinci_grasper_umn"].features)),
-    "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"]),
-    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"]),
-    "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"]),
+METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
+    "linear": ("linear", ["measured/jaw", "effort/jaw"], "recording"),
+    "linear in play operators": (
+        "linear",
+        list(DATASETS["davinci_grasper_umn"].features),
+        "recording",
+    ),
+    "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"], "recording"),
+    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"], "recording"),
+    "ridge on plays, zero moves the input": (PLAYS, ["measured/jaw", "effort/jaw"], "homing"),
+    "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"], "recording"),
 }
 
 
 def folder(number: int) -> list[Recording]:
     """Files of one posture."""
     return read_dataset("davinci_grasper_umn", f"Tool_4_Maryland_L_Pitch_{number}/*")
+
+
+def coupled(recording: Recording, pitch: float) -> Recording:
+    """Take off what the `pitch` [deg] of the wrist drags the jaw by, as its coupling says.
+
+    The jaw is then where rigid cables would have it, whichever way the wrist is bent.
+    """
+    matrix = get_robot("wrist", TOOL).transmission.inverse  # type: ignore[union-attr]
+    dragged = np.radians(pitch) * matrix[1, 0]
+    table = recording.table.assign(
+        **{
+            "measured/jaw": recording.column("measured/jaw") + dragged,
+            "driver/jaw": recording.column("driver/jaw") - dragged / matrix[1, 1],
+        }
+    )
+    own = replace(recording.provenance, homing_id=recording.provenance.session)
+    return Recording(table, recording.units, own)
 
 
 @dataclass(frozen=True)
@@ -72,20 +100,23 @@ class Stroke:
 
 
 def strokes(recordings: Sequence[Recording]) -> Stroke:
-    """Fit spindle torque against jaw torque in either direction of sliding."""
-    rows: dict[bool, list[Array]] = {True: [], False: []}
+    """Fit spindle torque against jaw torque, a point a file, in either direction of sliding."""
+    points: dict[bool, list[Array]] = {True: [], False: []}
     for recording in recordings:
         driver = recording.column("driver/jaw")
         speed = savgol_filter(driver, 201, 2, deriv=1, delta=1e-3)
-        spindle, jaw = recording.column("effort/jaw"), recording.column("truth_effort/jaw")
-        # The jaw is braked: its torque opposes its motion, and the spindle's goes with it.
+        low, high = np.quantile(driver, [0.02, 0.98])
+        middle = np.abs(driver - 0.5 * (low + high)) < MIDDLE * 0.5 * (high - low)
+        torques = np.column_stack([recording.column("effort/jaw"),
+                                   recording.column("truth_effort/jaw")])  # fmt: skip
         for closing in (True, False):
             sliding = (speed < -SLIDING) if closing else (speed > SLIDING)
-            rows[closing].append(np.column_stack([spindle[sliding], jaw[sliding]])[::10])
+            if (sliding & middle).sum() > 100:
+                points[closing].append(torques[sliding & middle].mean(axis=0))
     slopes, constants = [], []
     for closing in (True, False):
-        spindle, jaw = np.vstack(rows[closing]).T
-        slope, constant = np.polyfit(jaw, spindle, 1)
+        spindle, jaw = np.array(points[closing]).T
+        slope, constant = np.polyfit(np.abs(jaw), spindle, 1)
         slopes.append(abs(float(slope)))
         constants.append(float(constant))
     return Stroke((slopes[0], slopes[1]), (constants[0], constants[1]))
@@ -103,7 +134,7 @@ def lines(recordings: Sequence[Recording]) -> Array:
 
 def identified() -> None:
     """Print coupling and friction of each posture, and what the instrument's file says."""
-    matrix = get_robot("wrist", "420172").transmission.inverse  # type: ignore[union-attr]
+    matrix = get_robot("wrist", TOOL).transmission.inverse  # type: ignore[union-attr]
     per_disc, per_pitch = float(matrix[1, 1]), float(-matrix[1, 0])
     print("\n| pitch | jaw per disc | stretch [deg/Nm] | offset | mu phi | ratio | slopes |")
     print("|---|---|---|---|---|---|---|")
@@ -133,7 +164,7 @@ def off(model: Calibration, recordings: Sequence[Recording]) -> tuple[Array, Arr
     centred, rezeroed = [], []
     for recording in recordings:
         truth = recording.column("truth/jaw")
-        error = model.correct(recording)[:, 0] - truth
+        error = zeroed(model, recording, math.inf).correct(recording)[:, 0] - truth
         centred.append(np.std(error))
         after = recording.t - recording.t[0] > REZERO
         again = zeroed(model, recording, REZERO).correct(recording)[:, 0] - truth
@@ -143,29 +174,29 @@ def off(model: Calibration, recordings: Sequence[Recording]) -> tuple[Array, Arr
 
 def held_out() -> None:
     """Print the errors at each posture of models fitted at pitch 0, half of whose files judge."""
-    by_pitch = {pitch: folder(number) for number, pitch in PITCH.items()}
+    by_pitch = {p: [coupled(r, p) for r in folder(number)] for number, p in PITCH.items()}
     print("\n| fitted at pitch 0 | " + " | ".join(f"{p:+.0f} offset off | re-zeroed"
           for p in PITCH.values()) + " |")  # fmt: skip
     print("|---|" + "---|---|" * len(PITCH))
-    for name, (estimator, features) in METHODS.items():
+    for name, how in METHODS.items():
         cells = []
         for pitch, recordings in by_pitch.items():
             if pitch:
-                model = fitted(by_pitch[0.0], estimator, features)
+                model = fitted(by_pitch[0.0], *how)
                 found = off(model, recordings)
             else:  # each half judged by a model of the other
                 halves = [recordings[::2], recordings[1::2]]
-                pairs = [off(fitted(a, estimator, features), b) for a, b in (halves, halves[::-1])]
+                pairs = [off(fitted(a, *how), b) for a, b in (halves, halves[::-1])]
                 found = tuple(np.concatenate(pair) for pair in zip(*pairs, strict=True))  # type: ignore[assignment]
             cells += [f"{np.sqrt(np.mean(values**2)):.2f}" for values in found]
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
 def fitted(
-    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str]
+    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str], zero: ZeroOf
 ) -> Calibration:
     """Calibrate with a zero for each file, as the files have."""
-    model = calibrate(recordings, estimator, features=features, zero="recording", fit_rate=FIT_RATE)
+    model = calibrate(recordings, estimator, features=features, zero=zero, fit_rate=FIT_RATE)
     return model.fitted_for(rezeroing=True)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from pkgutil import resolve_name
-from typing import Final
+from typing import Any, Final
 
 from truejoint.errors import RobotError
 from truejoint.robots.catalogue import DEFAULT, get_robot
@@ -66,14 +66,14 @@ def make_twin(
     ('jaw',)
     """
     target = get_robot(robot, arm)
+    own: dict[str, Any] = {}
     if target.name not in _TWINS and target.cable_mechanism is not None:
-        from truejoint.simulation.wrist.twin import WristTwin  # noqa: PLC0415  # as above
-
-        own = WristTwin.PARAMETERS.read(parameters)
-        return WristTwin(own, arm=target.arm, seed=seed, load=load, robot=target.name)
-    if target.name not in _TWINS:
+        own = {"robot": target.name}  # the wrist's twin is that of any cables
+    name = "wrist" if own else target.name
+    if name not in _TWINS:
         raise RobotError(
-            f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}"
+            f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}, "
+            "and of a robot file that states its cables"
         )
-    kind: type[Twin] = resolve_name(_TWINS[target.name])
-    return kind(kind.PARAMETERS.read(parameters), arm=target.arm, seed=seed, load=load)
+    kind: type[Twin] = resolve_name(_TWINS[name])
+    return kind(kind.PARAMETERS.read(parameters), arm=target.arm, seed=seed, load=load, **own)

@@ -84,4 +84,8 @@ def test_what_cannot_be_is_refused():
         study.parts(study.settings(options={"methods": "plays"}))
     with pytest.raises(TruejointError, match="no family called 'rods'"):
         study.parts(study.settings(options={"family": "rods"}))
+    with pytest.raises(StudyError, match=r"free_s=-1\.0; it must be above 0"):
+        study.parts(study.settings(options={"free_s": "-1"}))
+    with pytest.raises(StudyError, match="test_s=1; it must be above 2"):
+        study.parts(study.settings(options={"test_s": "1"}))
     assert judge.__module__ == study.module

@@ -49,7 +49,8 @@ def joints_from_discs(pitch: Any, yaw: Any, jaw: Any) -> Array:
 
 def instrument(values: Mapping[str, Any]) -> CableMechanism:
     """Mechanism of an instrument of the table: two cables from each disc to what it turns."""
-    discs = np.linalg.inv(joints_from_discs(*(values[key] for key in ("pitch", "yaw", "jaw"))))
+    turned = joints_from_discs(*(values[key] for key in ("pitch", "yaw", "jaw")))
+    discs: Array = np.linalg.inv(turned).astype(np.float64)
     # All discs are alike, and as large as makes the jaws' radius.
     radius = _JAW_RADIUS / float(np.abs(discs[:, 1:]).max())
     radii = dict.fromkeys(JOINTS, radius)

@@ -85,9 +85,15 @@ def new_work(c: PlantConstants) -> Work:
     """Give memory for `advance` to work in."""
     n, ends = len(c.inertia), c.stiffness.shape[1]
     return Work(
-        np.zeros((n, n)),
-        *np.zeros((5, n)),
-        *np.zeros((3, ends)),
+        matrix=np.zeros((n, n)),
+        right=np.zeros(n),
+        level=np.zeros(n),
+        sine=np.zeros(n),
+        cosine=np.zeros(n),
+        arm=np.zeros(n),
+        pull=np.zeros(ends),
+        slid=np.zeros(ends),
+        ratio=np.zeros(ends),
         first=np.zeros(len(c.motor_of)),
     )
 
@@ -145,7 +151,7 @@ def tangent(number: int, c: PlantConstants, w: Work) -> float:
     A node that holds leaves the segment behind it; one over which the cable slides, in a constant
     ratio of tensions, puts what is before it in series.
     """
-    stiffness = c.stiffness[number, 0] * (w.pull[0] > 0.0)
+    stiffness: float = c.stiffness[number, 0] * (w.pull[0] > 0.0)
     for i in range(c.n_nodes[number]):
         own = c.stiffness[number, i + 1] * (w.pull[i + 1] > 0.0)
         if w.slid[i] > 0.0 and own > 0.0:  # the tension before is `ratio` times that behind
@@ -256,7 +262,8 @@ def add_contact(held: float, c: PlantConstants, s: State, w: Work) -> float:
         for k in range(n):
             both = c.opening[j] * c.opening[k]
             w.matrix[j, k] += (c.dt * c.contact[0] + c.contact[1]) * both
-    return max(c.contact[0] * gap - c.contact[1] * rate, 0.0)
+    torque: float = max(c.contact[0] * gap - c.contact[1] * rate, 0.0)
+    return torque
 
 
 @jit(inline="always")

@@ -11,7 +11,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
-from truejoint.errors import StudyError, unknown
+from truejoint.errors import StudyError
 from truejoint.estimators import RichPlay
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
@@ -19,7 +19,14 @@ from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
-from truejoint.studies.study import Part, PartResult, Settings, Summary
+from truejoint.studies.study import (
+    Part,
+    PartResult,
+    Settings,
+    Summary,
+    check_counts,
+    check_names,
+)
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
 
@@ -71,9 +78,10 @@ LOADS: Final = ("grip", "pitch", "yaw")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    for method in settings["methods"]:
-        if method not in METHODS:
-            raise StudyError(unknown("method", method, METHODS))
+    check_names("method", settings["methods"], tuple(METHODS))
+    check_counts(settings, "free_s", "loaded_s")
+    if not settings["test_s"] > _SETTLED:
+        raise StudyError(f"test_s={settings['test_s']:g}; it must be above {_SETTLED:g}")
     family, count = settings["family"], settings["count"]
     drawn = population(count, settings.seed, family)
     asked = ("methods", "instrument", "free_s", "loaded_s", "test_s")

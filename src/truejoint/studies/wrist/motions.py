@@ -40,7 +40,7 @@ def multi_sine(seconds: float, seed: int) -> Array:
     rng, t = np.random.default_rng(seed), np.arange(0.0, seconds, SETPOINT_DT)
     waves = []
     for _ in range(3):
-        rates = np.exp(rng.uniform(*np.log(_BAND), _TONES))
+        rates = np.exp(rng.uniform(math.log(_BAND[0]), math.log(_BAND[1]), _TONES))
         phases, sizes = rng.uniform(0.0, 2.0 * math.pi, _TONES), rng.uniform(0.5, 1.0, _TONES)
         wave = sum(
             size * np.sin(2.0 * math.pi * rate * t + phase)
