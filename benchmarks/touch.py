@@ -1,6 +1,6 @@
-"""Re-zeroing by touching a bolted block, on arms that nobody has seen.
+"""Re-zeroing and calibrating by touching a block, on arms that nobody has seen.
 
-    python -m benchmarks.touch [--twins nominal peng2024] [--arms 10] [--hours 3] [--json FILE]
+    python -m benchmarks.touch [--nothing] [--twins nominal peng2024] [--arms 10] [--hours 3]
 
 An arm is a specimen of the RAVEN-II twin whose physics are drawn anew: scale, coupling, friction
 and stiffness by up to 20 %, zeros by .3 to .5 deg or mm, run-out by any phase. On the first day it
@@ -8,6 +8,10 @@ is homed, recorded along zig-zags with joint encoders (13 min), and touches thir
 give the block's pose. After a new homing, and again after `--hours` of random motion, six touches,
 planned, re-zero the models. What is judged is five minutes of random motion, by the joint positions
 that only the twin knows. A touch has .2 mm of noise per axis.
+
+With `--nothing` there is no first day: thirty planned touches calibrate joints and block together.
+Judged is the tip in the block's frame, its pose as estimated; again with two touches 1 mm off in
+each axis, with two numbers exchanged, and with a print .5 % small.
 """
 
 from __future__ import annotations
@@ -15,6 +19,8 @@ from __future__ import annotations
 import argparse
 import json
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +28,29 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint import Calibration, Recording, calibrate
-from truejoint.array_types import Array
-from truejoint.calibration import BlockPose, Plate, Touches, find_block, rezeroed_by_touch
-from truejoint.calibration.touch_plan import choose_touches
-from truejoint.calibration.touches import tip_rows, zero_prior
+from truejoint.array_types import Array, Mask
+from truejoint.calibration import (
+    BlockPose,
+    Plate,
+    Touches,
+    calibrate_by_touch,
+    find_block,
+    rezeroed_by_touch,
+)
+from truejoint.calibration.tip_rows import TipPrior, TipRows, TipState
+from truejoint.calibration.touch_calibration import Terms
+from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
+from truejoint.calibration.touches import known_kinematics, tip_rows, zero_prior
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
 from truejoint.motion import follow, random_motion, workspace_of, zigzag
 from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
+from truejoint.robots.reach import reach
 from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.twin import Raven2Twin
 
+Row = dict[str, Any]
 FEW = 6  # touches that re-zero
 DISPLAY = np.array([180 / np.pi, 180 / np.pi, 1e3])
 TURN = np.array([0.3, -0.2, 0.5])  # of the block in the base [rad]
@@ -107,22 +124,25 @@ def free_points(arm: Arm, count: int, seed: int) -> tuple[Plate, Array, Array]:
 
 
 def touched(
-    arm: Arm, plate: Plate, pose: tuple[Array, Array], dimples: list[str], seed: int
-) -> tuple[Recording, Touches]:
-    """Record an arm that touches dimples, each from a random side."""
-    rng = np.random.default_rng([seed, 47])
+    arm: Arm, plate: Plate, pose: tuple[Array, Array], dimples: list[str], seed: int,
+    sides: Array | None = None,
+) -> tuple[Recording, Touches]:  # fmt: skip
+    """Record an arm that touches dimples, each from a random side unless `sides` say it."""
+    if sides is None:
+        sides = np.random.default_rng([seed, 47]).choice([-1.0, 1.0], (len(dimples), 3))
     with Recorder(arm, session="touches") as recorder:
         hand = SimulatedHand(arm, *pose, seed=seed)
-        stamps = [hand.touch(plate.points[n], rng.choice([-1.0, 1.0], 3)) for n in dimples]
+        pairs = zip(dimples, sides, strict=True)
+        stamps = [hand.touch(plate.points[n], side) for n, side in pairs]
         hand.close()
     recording = recorder.recording()
     start = recording.provenance.start
     return recording, Touches(tuple(t - start for t in stamps), tuple(dimples))
 
 
-def judged(arm: Arm, models: dict[str, Calibration], seed: int, seconds: float = 300.0) -> Any:
-    """RMS error [m] of the tip and (3,) of the joints of each model, on random motion."""
-    motion, truth = random_motion(arm.robot, seconds, 700 + seed, profile="laboratory"), Truth()
+def observed(arm: Arm, seed: int) -> tuple[Recording, Array, Array, Mask]:
+    """Record five minutes of random motion: measured and true positions, and which rows count."""
+    motion, truth = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory"), Truth()
     with Recorder(arm, session="judge") as recorder:
         arm.subscribe(truth)
         follow(arm, motion)
@@ -130,22 +150,24 @@ def judged(arm: Arm, models: dict[str, Calibration], seed: int, seconds: float =
     recording = recorder.recording()
     t, rows = np.concatenate(truth.t), np.concatenate(truth.joint)
     stamps = np.array(recording.t) + recording.provenance.start
-    inside = (stamps >= t[0]) & (stamps <= t[-1])
-    true = np.column_stack([np.interp(stamps, t, rows[:, k]) for k in range(3)])
+    measured = recording.columns("measured", arm.robot.joint_names)
+    true = measured.copy()
+    true[:, :3] = np.column_stack([np.interp(stamps, t, rows[:, k]) for k in range(3)])
+    return recording, measured, true, (stamps >= t[0]) & (stamps <= t[-1])
+
+
+def judged(arm: Arm, models: dict[str, Calibration], seed: int) -> dict[str, Row]:
+    """RMS error [m] of the tip and (3,) of the joints of each model, on random motion."""
+    recording, measured, true, inside = observed(arm, seed)
     chain: Any = arm.robot.kinematics
-    full = recording.columns("measured", arm.robot.joint_names)
-    there = full.copy()
-    there[:, :3] = true
-    tip = chain.forward(there)[:, :3, 3]
     found = {}
     for name, model in models.items():
-        joint = full.copy()
+        joint = measured.copy()
         joint[:, :3] = model.correct(recording)
-        off = np.linalg.norm(chain.forward(joint)[:, :3, 3] - tip, axis=1)[inside]
-        errors = (joint[:, :3] - true)[inside]
+        off = chain.forward(joint)[:, :3, 3] - chain.forward(true)[:, :3, 3]
         found[name] = {
-            "tip": float(np.sqrt((off**2).mean())),
-            "joints": np.sqrt((errors**2).mean(axis=0)).tolist(),
+            "tip": float(np.sqrt((off[inside] ** 2).sum(axis=1).mean())),
+            "joints": np.sqrt(((joint - true)[inside, :3] ** 2).mean(axis=0)).tolist(),
         }
     return found
 
@@ -198,6 +220,79 @@ def session(specimen: str, seed: int, hours: float, names: list[str]) -> dict[st
     return rows
 
 
+def planned_points(arm: Arm, seed: int) -> tuple[Plate, tuple[Array, Array], list[str], Array]:
+    """Thirty of 120 free dimples that tell most, in a short order, their pose and the sides."""
+    plate, *pose = free_points(arm, 120, seed)
+    terms, robot = Terms.of(arm.robot), arm.robot
+    names = tuple(plate.points)
+    goal = plate.at(names) @ pose[0].T + pose[1]
+    joint, _ = reach(robot, goal, robot.home)
+    own = joint[:, :3]
+    features = np.hstack([own, np.repeat(own, 3, axis=1)])  # no play has been gone through yet
+    rows = TipRows(
+        known_kinematics(robot), joint, (0, 1, 2), terms.basis(features), plate.at(names),
+        np.full(len(names), 2e-4), 0.1 * terms.scale,
+    )  # fmt: skip
+    spread = [*terms.spread(), *[1.0] * 6, 0.0, 0.0, 0.0, 5e-3]
+    start = TipState(np.zeros(len(terms.spread())), pose[0], pose[1])
+    chosen = choose_touches(rows, TipPrior.of(start, spread), 30)
+    chosen = chosen[shortest_order(own[chosen], workspace_of(robot).speed)]
+    return plate, (pose[0], pose[1]), [names[k] for k in chosen], approach_sides(30, 3, seed)
+
+
+def in_block(arm: Arm, seed: int, pose: tuple[Array, Array]) -> Callable[[Calibration], Row]:
+    """Judge calibrations by the tip in the block's frame, on one random motion."""
+    recording, measured, true, inside = observed(arm, seed)
+    chain: Any = arm.robot.kinematics
+    there = (chain.forward(true)[:, :3, 3] - pose[1]) @ pose[0]
+
+    def judge(model: Calibration) -> Row:
+        joint, facts = measured.copy(), model.metadata["touch"]
+        joint[:, :3] = model.correct(recording)
+        tip = chain.forward(joint)[:, :3, 3] - np.array(facts["translation"])
+        off = np.linalg.norm(tip @ np.array(facts["rotation"]) - there, axis=1)[inside]
+        error = (joint - true)[inside, :3]
+        return {
+            "tip": float(np.sqrt((off**2).mean())),
+            "joints": np.sqrt((error**2).mean(axis=0)).tolist(),
+            "left_out_error": facts["left_out_error"],
+            "left_out": facts["left_out"],
+            "scale": facts["scale"],
+            "zero_off": np.abs(error.mean(axis=0)).tolist(),
+            "zero_sd": facts["zero_sd"],
+            "joint_sd": facts["joint_sd"],
+        }
+
+    return judge
+
+
+def nothing_session(specimen: str, seed: int) -> dict[str, Row]:
+    """One arm without a first day: clean touches, and wrong ones of the same recording."""
+    arm = new_arm(specimen, seed)
+    plate, pose, dimples, sides = planned_points(arm, seed)
+    recording, touches = touched(arm, plate, pose, dimples, seed, sides)
+    minutes = recording.duration / 60
+    judge, rng = in_block(arm, seed, pose), np.random.default_rng([seed, 67])
+    bad = dict(plate.points)
+    for name in rng.choice(dimples, 2, replace=False):
+        bad[name] = bad[name] + rng.choice([-1e-3, 1e-3], 3)
+    a, b = rng.choice(30, 2, replace=False)
+    swapped = list(dimples)
+    swapped[a], swapped[b] = swapped[b], swapped[a]
+    small = {name: point / 0.995 for name, point in plate.points.items()}
+    rows: dict[str, Row] = {}
+    for name, block, made in (
+        ("clean", plate, touches),
+        ("2 badly seated", replace(plate, points=bad), touches),
+        ("2 numbers exchanged", plate, replace(touches, dimple=tuple(swapped))),
+        ("print .5 % small", replace(plate, points=small, measured=float("nan")), touches),
+    ):
+        begin = time.perf_counter()
+        model, _ = calibrate_by_touch(recording, made, block)
+        rows[name] = judge(model) | {"seconds": time.perf_counter() - begin, "minutes": minutes}
+    return rows
+
+
 def main() -> None:
     """Measure, print, and write JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
@@ -206,13 +301,18 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=100)
     parser.add_argument("--hours", type=float, default=0.0)
     parser.add_argument("--estimators", nargs="+", default=["linear", "rich_play"])
+    parser.add_argument("--nothing", action="store_true")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     everything: dict[str, Any] = {}
     for twin in options.twins:
         rows = everything[twin] = []
         for seed in range(options.first, options.first + options.arms):
-            rows.append(session(twin, seed, options.hours, options.estimators))
+            rows.append(
+                nothing_session(twin, seed)
+                if options.nothing
+                else session(twin, seed, options.hours, options.estimators)
+            )
             shown = {k: round(1e3 * v["tip"], 3) for k, v in rows[-1].items() if "tip" in v}
             print(f"{twin} {seed}: {shown}", flush=True)
             if options.json:

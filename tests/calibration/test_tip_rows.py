@@ -174,3 +174,23 @@ def test_shapes_and_numbers_that_cannot_be_are_refused():
         TipPrior.of(TRUE, np.ones(3))
     with pytest.raises(CalibrationError, match="not one of the terms"):
         fit_tip(rows, TipPrior.of(TipState(np.zeros(2)), np.ones(12)))
+
+
+def test_the_evidence_is_the_likelihood_of_the_points_under_prior_and_noise():
+    little = replace(TRUE, coefficients=1e-3 * np.array([1.0, -2.0, 0.1, 0.5, 1.0, -0.2]))
+    start = replace(TRUE, coefficients=np.zeros(6))
+    rows = rows_of(8, 2, little, noise=2e-4)
+
+    def both(sd: float, noise: float) -> tuple[float, float]:
+        own = replace(rows, point_sd=np.full(8, noise))
+        known = TipPrior.of(start, [*[sd] * 6, *[0.0] * 10])
+        jacobian = own.jacobian(start)[0][:, :, :6].reshape(24, 6)
+        off = own.residual(start).ravel()
+        covariance = sd**2 * jacobian @ jacobian.T + noise**2 * np.eye(24)
+        likelihood = off @ np.linalg.solve(covariance, off) + np.linalg.slogdet(covariance)[1]
+        found = fit_tip(own, known, gate=np.inf)
+        assert (found.weight == 1.0).all()
+        return found.evidence, -0.5 * likelihood
+
+    found = np.array([both(sd, noise) for sd, noise in ((1e-3, 3e-4), (1e-2, 3e-4), (2e-3, 4e-4))])
+    assert np.diff(found[:, 0]) == pytest.approx(np.diff(found[:, 1]), abs=0.05)

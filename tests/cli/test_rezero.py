@@ -6,8 +6,11 @@ import json
 from pathlib import Path
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 import typer
+from tests.calibration.test_touch_calibration import session as from_nothing
+from tests.calibration.test_touch_calibration import without_truth
 from tests.calibration.touched_arm import Touched, fitted, touched
 
 import truejoint
@@ -121,3 +124,23 @@ def test_a_person_is_asked_once_a_touch(monkeypatch):
     monkeypatch.setattr("truejoint.cli.touch._AFTER", 0.0)
     assert prompted(device, stop) == 4.25
     assert asked == ["dimple 17, come with shoulder rising; seated?"]
+
+
+def test_a_model_is_made_of_touches_alone(call, tmp_path):
+    recording, touches, plate, _ = from_nothing()
+    kept(Touched(without_truth(recording), touches, plate, np.zeros(3)), tmp_path / "t.csv")
+    write_plate(plate, tmp_path / "plate.toml")
+    arguments = ["calibrate", tmp_path / "t.parquet", "-o", tmp_path / "m.safetensors"]
+    how = ["--touches", tmp_path / "t.csv", "--plate", tmp_path / "plate.toml"]
+    made = call(*arguments, *how)
+    assert made.code == 0, made.err
+    assert "the tip is within" in made.out
+    assert "zero of shoulder: not seen" in made.out
+    assert "not seen" in call("show", tmp_path / "m.safetensors").out
+    for wrong, said in (
+        ([*how[:2]], "give --touches, --plate and the one recording"),
+        ([*how, "-e", "linear"], "leave out other options"),
+    ):
+        refused = call(*arguments, *wrong, "--force")
+        assert refused.code == 2
+        assert said in refused.err

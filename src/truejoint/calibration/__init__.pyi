@@ -1,3 +1,4 @@
+from .adapting import adapted as adapted
 from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
 from .calibration import read_calibration as read_calibration
@@ -9,6 +10,8 @@ from .conformal import compare_calibrations as compare_calibrations
 from .conformal import measure_coverage as measure_coverage
 from .conformal import with_interval as with_interval
 from .cross_conformal import cross_interval as cross_interval
+from .enough import ENOUGH as ENOUGH
+from .enough import expected_gain as expected_gain
 from .fitting import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
@@ -24,6 +27,8 @@ from .plate_shape import PlateShape as PlateShape
 from .plate_shape import design_plate as design_plate
 from .plate_shape import plate_stl as plate_stl
 from .plate_shape import plate_svg as plate_svg
+from .touch_calibration import TouchReport as TouchReport
+from .touch_calibration import calibrate_by_touch as calibrate_by_touch
 from .touches import Touches as Touches
 from .touches import find_block as find_block
 from .touches import read_touches as read_touches

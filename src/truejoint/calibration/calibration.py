@@ -107,6 +107,11 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
                     f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in stated
                 )
             about["interval"] = self.interval.meaning
+        with suppress(KeyError, TypeError):  # not by touches, or by somebody else's rules
+            told = facts["touch"]
+            near = with_unit(told["left_out_error"], "m")
+            about["truth"] = f"{told['touches']} touches; tip within {near} in the block's frame"
+            about["not seen"] = "; ".join(told["not_seen"]) or "-"
         with suppress(KeyError, TypeError):  # not stated, or by somebody else's rules
             about["held out"] = "RMSE " + ", ".join(
                 f"{row['joint']} {with_unit(row['rmse'], row['unit'])}"

@@ -170,10 +170,10 @@ class Group:
         if len(self.products) >= _TRIED_ON:
             sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
             worse = (sizes > np.nanmin(sizes, axis=0) + math.log1p(_WORSE)).all(axis=1)
-            worse[: self._n_simple] = False
             unwanted = worse & ~self.weights().any(axis=1)
-            for trial, is_unwanted in zip(self.trials, unwanted, strict=True):
-                if is_unwanted and trial.is_member and not trial.note:
+            beyond = range(self._n_simple, len(self.trials))
+            for trial in (self.trials[number] for number in beyond if unwanted[number]):
+                if trial.is_member and not trial.note:
                     trial.note = f"given up after {trial.folds} folds"
 
     def _split(self, fold: Fold) -> tuple[Integers, Integers]:

@@ -251,7 +251,8 @@ class TipFit:
     freedom : int
         Residuals less parameters that are estimated.
     evidence : float
-        Logarithm of the restricted likelihood of the points, to choose standard deviations by.
+        Logarithm of the restricted likelihood of the points, to choose standard deviations by, the
+        prior's too.
     """
 
     state: TipState
@@ -363,6 +364,8 @@ def _fitted(rows: TipRows, prior: TipPrior, state: TipState, kept: Mask) -> TipF
     misfit = float((weight[:, None] * residual**2)[kept].sum() + off @ prior.precision @ off)
     log_size = float(np.log(np.linalg.det(whitening[kept])).sum())
     evidence = log_size - 0.5 * misfit + 0.5 * float(np.linalg.slogdet(inverse)[1])
+    known = np.flatnonzero(np.diag(prior.precision))
+    evidence += 0.5 * float(np.linalg.slogdet(prior.precision[np.ix_(known, known)])[1])
     stated = int(np.linalg.matrix_rank(prior.precision, hermitian=True))
     return TipFit(
         state, covariance, rows.residual(state), distance, np.where(kept, weight, 0.0), expected,

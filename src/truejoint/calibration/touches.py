@@ -201,7 +201,7 @@ def find_block(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    _check_count(touches, 2 * FEWEST, "find a block's pose")
+    check_count(touches, 2 * FEWEST, "find a block's pose")
     rows = tip_rows(calibration, recording, touches, plate, touch_sd=touch_sd, offsets=False)
     found, rows = fit_block(rows, plate)
     _check_misfit(found, touches)
@@ -271,7 +271,7 @@ def touched_zero(
         If there are fewer than three touches, robot or arm are not those of the pose, or the
         touches fit neither offset nor pose.
     """
-    _check_count(touches, FEWEST, "re-zero")
+    check_count(touches, FEWEST, "re-zero")
     if (calibration.robot, calibration.arm) != (pose.robot, pose.arm):
         raise CalibrationError(
             f"the model is of {calibration.title}, the block's pose {pose.title}; find the pose "
@@ -360,7 +360,8 @@ def known_kinematics(robot: Robot) -> Kinematics:
     return robot.kinematics
 
 
-def _check_count(touches: Touches, fewest: int, what: str) -> None:
+def check_count(touches: Touches, fewest: int, what: str) -> None:
+    """Refuse touches of fewer than so many dimples; `what` they are for, in the message."""
     different = len(set(touches.dimple))
     if different < fewest:
         raise CalibrationError(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,9 +10,16 @@ import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import out, print_table, result_json, say
+from truejoint.cli.console import (
+    command_line,
+    out,
+    print_table,
+    progress,
+    result_json,
+    say,
+)
 from truejoint.cli.inputs import Files, check_model_target, takes_files
-from truejoint.errors import RecordingError
+from truejoint.errors import CalibrationError, RecordingError
 from truejoint.files import check_target
 from truejoint.units import with_unit
 
@@ -116,6 +124,48 @@ def rezero(
     print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {calibration.title}, now")
     _say_left_out(found, made)
     out.print(f"{output}: re-zeroed by {len(made)} touches of {pose.title}")
+
+
+def calibrate_touched(
+    recordings: Sequence[str],
+    touches: Path | None,
+    plate: Path | None,
+    output: Path,
+    files: Files,
+    is_chosen: bool,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Calibrate by touches alone, and say what they did not see.
+
+    Refused where anything `is_chosen` that they decide themselves: estimator, features, truth.
+    """
+    from truejoint.calibration.plate import read_plate  # noqa: PLC0415  # NumPy
+    from truejoint.calibration.touches import read_touches  # noqa: PLC0415
+
+    if is_chosen:
+        raise CalibrationError("--touches says what is fitted and how; leave out other options")
+    if touches is None or plate is None or len(recordings) != 1:
+        raise CalibrationError("give --touches, --plate and the one recording of these touches")
+    block, made = read_plate(plate), read_touches(touches)
+    whole = files.find(recordings)()
+    with progress("Fitting joints and block"):
+        fitted, report = truejoint.calibration.calibrate_by_touch(whole[0], made, block)
+    fitted = fitted.with_metadata(command=command_line())
+    truejoint.write_calibration(fitted, output, overwrite=force)
+    if as_json:
+        result_json({"model": str(output), "metadata": fitted.metadata})
+        return
+    _say_left_out(report.fit, made)
+    scale = report.fit.state.scale
+    if abs(scale / block.scale - 1.0) > 3.0 * report.fit.sd[-1]:
+        say(f"the print is {100 * (scale / block.scale - 1):+.2f} % of what its file says")
+    out.print(
+        f"{output}: the tip is within {with_unit(report.left_out_error, 'm')} (RMS) in the block's "
+        "frame, by touches left out in turn"
+    )
+    for text in report.not_seen:
+        out.print(f"  {text}")
 
 
 def _read(

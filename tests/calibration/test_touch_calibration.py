@@ -1,0 +1,143 @@
+"""Calibration from touches alone: what is seen comes out, what is not is said, the rest refused."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.calibration.touched_arm import RATE, ROBOT, ROTATION, error_of, recorded
+
+import truejoint
+from truejoint.calibration import Plate, Touches, calibrate_by_touch
+from truejoint.calibration.touch_calibration import Terms
+from truejoint.errors import CalibrationError
+from truejoint.recordings import Recording
+from truejoint.runtime import Corrector
+
+TRUE_ZERO = np.array([0.01, 0.02, 1e-3])
+
+
+def session(
+    m: int = 30, seed: int = 0, *, noise: float = 1e-4, flat: bool = False, one_sided: bool = False
+) -> tuple[Recording, Touches, Plate, np.ndarray]:
+    """Recording that goes from rest to rest, each in a dimple, its touches and the block."""
+    rng = np.random.default_rng(seed)
+    space = ROBOT.workspace
+    rests = np.tile(ROBOT.home, (m, 1))
+    rests[:, :3] = rng.uniform(space.lower, space.upper, (m, 3))
+    sides = rng.choice([-1.0, 1.0], (m, 3))
+    if one_sided:
+        sides[:, 1] = 1.0
+    rows = []
+    for rest, side in zip(rests, sides, strict=True):
+        away = rest.copy()
+        away[:3] += 0.05 * space.extent * side
+        share = np.linspace(0.0, 1.0, 15)[:, None]
+        before = rows[-1][-1] if rows else away
+        rows += [before + share * (away - before), away + share * (rest - away)]
+        rows.append(np.tile(rest, (15, 1)))
+    joint = np.concatenate(rows)
+    true = rests.copy()
+    true[:, :3] += error_of(rests) + TRUE_ZERO
+    tip = ROBOT.kinematics.forward(true)[:, :3, 3]
+    translation = tip.mean(axis=0)
+    points = (tip - translation) @ ROTATION + noise * rng.standard_normal((m, 3))
+    if flat:
+        points[:, 2] = 0.0
+    plate = Plate("block", "raven2", {str(k): p for k, p in enumerate(points)}, 0.08, 0.08)
+    stamps = tuple(((45 * np.arange(m) + 44) / RATE).tolist())
+    touches = Touches(stamps, tuple(str(k) for k in range(m)))
+    return recorded(joint, TRUE_ZERO), touches, plate, translation
+
+
+def without_truth(recording: Recording) -> Recording:
+    columns = {"t": recording.t}
+    columns |= {c: recording.column(c) for c in recording.units if not c.startswith("truth")}
+    return Recording.from_columns(columns, recording.provenance)
+
+
+@pytest.fixture(scope="module")
+def calibrated():
+    recording, touches, plate, _ = session()
+    return calibrate_by_touch(without_truth(recording), touches, plate)
+
+
+def in_block(model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
+    """Points of the tip in the estimated block, as corrected, and in the true one."""
+    facts = model.metadata["touch"]
+    joint = recording.columns("measured", ROBOT.joint_names)
+    true = joint.copy()
+    joint[:, :3], true[:, :3] = model.correct(recording), recording.columns("truth", model.joints)
+    tip = ROBOT.kinematics.forward(joint)[:, :3, 3]
+    found = (tip - np.array(facts["translation"])) @ np.array(facts["rotation"]) / facts["scale"]
+    return found, (ROBOT.kinematics.forward(true)[:, :3, 3] - session()[3]) @ ROTATION
+
+
+def test_the_tip_is_right_in_the_block(calibrated):
+    model, report = calibrated
+    other = session(30, 7)[0]
+    found, true = in_block(model, other)
+    error = np.sqrt(((found - true) ** 2).sum(axis=1).mean())
+    raw = recorded(other.columns("measured", ROBOT.joint_names), TRUE_ZERO)
+    uncorrected = raw.error(model.joints)
+    assert error < 3e-4
+    assert np.abs(uncorrected[:, 1]).mean() * 0.1 > 5 * error
+    assert report.left_out_error < 4e-4
+    assert not report.fit.left_out.any()
+
+
+def test_what_was_not_seen_is_said_and_no_joint_accuracy_stated(calibrated):
+    model, report = calibrated
+    assert any(text.startswith("zero of shoulder: not seen") for text in report.not_seen)
+    assert report.zero_sd[0] > np.deg2rad(2.0)
+    assert report.zero_sd[2] < 3e-3
+    assert model.metadata["truth"] == "touch"
+    with pytest.raises(CalibrationError, match="states no interval"):
+        model.required_interval()
+    assert (model.effort_baseline.residual >= report.zero_sd).all()
+    assert "30 touches; tip within" in str(model)
+    assert "zero of shoulder: not seen" in str(model)
+
+
+def test_it_is_an_ordinary_model(calibrated, tmp_path):
+    model, report = calibrated
+    recording = without_truth(session(15, 3)[0])
+    terms = Terms.of(ROBOT)
+    features = terms.features.compute(recording, model.gap_limit)
+    expected = terms.basis(features) @ report.fit.state.coefficients
+    assert model.predict_error(recording) == pytest.approx(expected, abs=1e-12)
+    path = tmp_path / "touched.safetensors"
+    truejoint.write_calibration(model, path)
+    corrector = Corrector(path)
+    corrector.set_homing(True, "1")
+    trace = corrector.run(recording)
+    assert trace.position == pytest.approx(model.correct(recording), abs=1e-12)
+
+
+def test_wrong_touches_are_named_and_do_little_harm():
+    recording, touches, plate, _ = session(30, 2)
+    points = dict(plate.points)
+    points["4"] = points["4"] + [1.5e-3, 1e-3, -1e-3]
+    points["11"], points["20"] = points["20"], points["11"]
+    model, report = calibrate_by_touch(recording, touches, replace(plate, points=points))
+    assert model.metadata["touch"]["left_out"] == ["4", "11", "20"]
+    found, true = in_block(model, session(20, 9)[0])
+    shift = session(30, 2)[3] - session()[3]
+    off = found - (true - shift @ ROTATION)
+    assert np.sqrt((off**2).sum(axis=1).mean()) < 4e-4
+    assert report.left_out_error < 5e-4
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"m": 8}, "touch 12 or more"),
+        ({"flat": True}, "in one plane"),
+        ({"one_sided": True}, "elbow comes from one side"),
+    ],
+)
+def test_touches_that_hide_something_are_refused(how, said):
+    recording, touches, plate, _ = session(**how)
+    with pytest.raises(CalibrationError, match=said):
+        calibrate_by_touch(recording, touches, plate)
