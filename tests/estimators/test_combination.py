@@ -119,8 +119,8 @@ def test_a_seed_goes_to_the_members():
         ((LinearRegressor(),), ((1.0,) * 3,), "are for 3 outputs"),
         ((JawFilter(),), None, "features of its own"),
         ((SVR(),), None, "cannot run in a loop"),
-        ((LinearRegressor(),) * 9, None, "1 to 8 members"),
-        ((), None, "1 to 8 members"),
+        ((LinearRegressor(),) * 11, None, "1 to 10 members"),
+        ((), None, "1 to 10 members"),
     ],
 )  # fmt: skip
 def test_what_makes_no_combination_is_refused(members, weights, said):
@@ -135,9 +135,9 @@ def test_what_makes_no_combination_is_refused(members, weights, said):
         ((("offset", {}, (1,)),), "outputs .1.; it must be each of 1"),
         ((("oracle", {}, (0,)),), "oracle"),
         ((("offset", {"degree": 3}, (0,)),), "offset has parameters"),
-        ((("offset", {}, (0, 0)),), "1 to 8 members"),
-        ((("offset", {}, ([],)),), "1 to 8 members"),
-        ((("offset", {}),), "1 to 8 members"),
+        ((("offset", {}, (0, 0)),), "1 to 10 members"),
+        ((("offset", {}, ([],)),), "1 to 10 members"),
+        ((("offset", {}),), "1 to 10 members"),
     ],
 )
 def test_damaged_members_of_a_file_are_refused(members, said):
