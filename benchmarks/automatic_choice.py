@@ -123,6 +123,8 @@ def harder() -> Iterator[Split]:
     yield Split("kuka_kr300_dual_encoder", "first motion", "*", "FF_A")
     for angle in (0, 60, 120, 180, 240):
         yield Split("kflex_tendon_sheath", f"sheath at {angle} deg", "[0-9]*", f"{angle}")
+    halves = (0.0, 0.5), (0.5, 1.0)
+    yield Split("kflex_tendon_sheath", "period of 0 deg alone", "0", "", *halves)
 
 
 def development() -> Iterator[Split]:

@@ -22,7 +22,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.accuracy_twin import record_motion
 from truejoint.array_types import Array
 from truejoint.crtk import simulated_arm
 from truejoint.motion import random_motion, zigzag
@@ -30,6 +29,7 @@ from truejoint.recordings import DataCheck, Recording, check_data
 from truejoint.recordings.checks.explained import SLOW, explain, robust_spread
 from truejoint.recordings.checks.zeros import left_out_zeros
 from truejoint.recordings.datasets import read_dataset
+from truejoint.studies.raven2.sessions import record
 
 PUBLIC = {
     "grasper": ("davinci_grasper_umn", "Tool_4_Maryland_L_4/*"),
@@ -52,7 +52,7 @@ def twin_session(seed: int) -> tuple[Recording, ...]:
     arm.home()
     paths = [zigzag(arm.robot, "J2-J3", 0.25)]
     paths += [random_motion(arm.robot, 180.0, seed=2 * seed + k) for k in (1, 2)]
-    return tuple(record_motion(arm, path, str(seed)) for path in paths)
+    return tuple(record(arm, path) for path in paths)
 
 
 @lru_cache(maxsize=8)

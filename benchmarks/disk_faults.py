@@ -77,6 +77,10 @@ CASES = (
         ("out/j.parquet",),
     ),
     Case(("columns", "run.csv", "--robot", "raven2", "-o", "out/m.toml"), ("out/m.toml",)),
+    Case(("bag", "z.parquet", "-o", "out/z.bag"), ("out/z.bag",)),
+    Case(("bag", "z.parquet", "-o", "out/z.mcap"), ("out/z.mcap",)),
+    Case(("extract", "z.mcap", "--robot", "raven2", "-o", "out/e.parquet"), ("out/e.parquet",)),
+    Case(("compare", "m.st", "o.st", "z.parquet", "--report", "out/p.html"), ("out/p.html",)),
     Case(("study", "forceps-unloaded", *STUDY, "-o", "out"), ("out/forceps-unloaded/parts",)),
 )
 
@@ -307,6 +311,8 @@ def measure(options: argparse.Namespace, tally: Counter[str]) -> None:
         ("trajectory", "zigzag", "--direction", "J1", "--sparsity", "1", "-o", "z.csv"),
         ("collect", "z.csv", "-o", "."),
         ("calibrate", "z.parquet", "-e", "linear", "-o", "m.st"),
+        ("calibrate", "z.parquet", "-e", "offset", "-o", "o.st"),
+        ("bag", "z.parquet", "-o", "z.mcap"),
     ):
         run = fork(command(words))
         if run.end():

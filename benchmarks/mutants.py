@@ -1,10 +1,11 @@
 """Do the tests notice? Random small changes to the source, and which of them make a test fail.
 
     nice -n 19 python -m benchmarks.mutants [--mutants 150] [--seed 0] [--minutes 50]
-        [--out bench/mutants.jsonl]
+        [--of runtime/compensation models] [--out bench/mutants.jsonl]
 
-Each mutant changes one operator, number, condition or statement of what filters, runs, watches or
-calibrates, in a copy of the sources; then the tests of that package run until one fails. Text,
+Each mutant changes one operator, number, condition or statement of what filters, runs, watches,
+calibrates or reads bags, in a copy of the sources; then the tests of that package run until one
+fails. Text,
 types and messages are left alone. What is in the file is not run again, so that a long run can be
 made in pieces. A mutant on which the tests hang counts as killed.
 """
@@ -36,12 +37,14 @@ TESTS = {
     "models": ("tests/models", "tests/estimators/test_regressors.py"),
     "runtime": ("tests/runtime/test_status.py", "tests/runtime/test_corrector.py"),
     "calibration": ("tests/calibration/test_calibration.py", "tests/calibration/test_fitting.py"),
+    "recordings/bags": ("tests/recordings/bags",),
 }
 """What runs on a mutant of a module that has no tests of its own."""
 MIRRORS = {
     "filters/filter": ("tests/filters",),
     "models/jaw": ("tests/estimators/test_rational.py",),
     "models/gated_play": ("tests/estimators/test_play.py",),
+    "models/play_bank": ("tests/estimators/test_rich_play.py",),
     "models/jaw_dynamics": ("tests/estimators/test_jaw_filter.py",),
     "models/filtered": ("tests/estimators/test_jaw_filter.py",),
     "models/feature_kernels": ("tests/models/test_features.py",),
@@ -49,6 +52,7 @@ MIRRORS = {
     "models/offset": ("tests/estimators/test_regressors.py",),
     "models/scikit_learn": ("tests/estimators/test_wrapped.py",),
     "models/friction_smoother": ("tests/estimators/test_friction_filter.py",),
+    "runtime/compensation": ("tests/runtime/test_compensator.py",),
     "runtime/limits": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/status": ("tests/runtime/test_status.py",),
@@ -140,11 +144,13 @@ def _with(node: ast.AST, **fields: object) -> ast.AST:
     return changed
 
 
-def all_mutants() -> list[tuple[Mutant, str]]:
-    """Every mutant of the four packages, with the text of its file."""
+def all_mutants(wanted: Sequence[str]) -> list[tuple[Mutant, str]]:
+    """Every mutant of these packages and modules, with the text of its file."""
     found = []
     for package in TESTS:
         for path in sorted((PACKAGE / package).glob("*.py")):
+            if not {package, f"{package}/{path.stem}"} & set(wanted):
+                continue
             text = path.read_bytes()
             starts = np.cumsum([0, *map(len, text.splitlines(keepends=True))])
             tree = ast.parse(text)
@@ -205,7 +211,7 @@ def judge(mutant: Mutant, text: str, folder: Path) -> Mutant:
         cached.unlink()
     original, stamps = path.read_bytes(), path.stat()
     path.write_text(text)
-    package, module = mutant.file[:-3].split("/")
+    package, _, module = mutant.file[:-3].rpartition("/")
     named = [f"tests/{where}/test_{module}.py" for where in (package, "estimators")]
     mirrors = [*named, *MIRRORS.get(f"{package}/{module}", ())]
     tests = [name for name in mirrors if (folder / name).exists()] or TESTS[package]
@@ -253,12 +259,13 @@ def main() -> None:
     parser.add_argument("--mutants", type=int, default=150)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--minutes", type=float, default=50.0)
+    parser.add_argument("--of", nargs="+", default=list(TESTS), help="packages or modules")
     parser.add_argument("--out", type=Path, default=Path("bench/mutants.jsonl"))
     options = parser.parse_args()
     options.out.parent.mkdir(parents=True, exist_ok=True)
     lines = options.out.read_text().splitlines() if options.out.exists() else []
     known = {mutant.key: mutant for mutant in (Mutant(**json.loads(line)) for line in lines)}
-    every = all_mutants()
+    every = all_mutants(options.of)
     chosen = np.random.default_rng(options.seed).permutation(len(every))[: options.mutants]
     for name in PRELOADED:  # not truejoint: each mutant imports its own
         importlib.import_module(name)

@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -92,18 +93,6 @@ def module(*arguments: str | Path) -> tuple[str | Path, ...]:
     return (sys.executable, "-m", "truejoint", *arguments)
 
 
-@pytest.fixture(scope="module")
-def robot(ros) -> Iterator[Arm]:
-    with (
-        program(
-            *module("node", "simulate", "--homed", "--rate-hz", "100", "--seed", "3")
-        ) as process,
-    ):
-        said(process, "/arm1/measured_js")
-        with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC)) as arm:
-            yield arm
-
-
 class Package(NamedTuple):
     """A model, its ROS package, and the program that builds it."""
 
@@ -111,9 +100,22 @@ class Package(NamedTuple):
     folder: Path
     build: subprocess.Popen[str]
 
+    def built(self) -> Path:
+        """Its program, once that is built."""
+        told, _ = self.build.communicate(timeout=120)
+        assert self.build.returncode == 0, told
+        return next(path for path in self.folder.rglob("correct") if path.is_file())
+
 
 @pytest.fixture(scope="module")
-def package(tmp_path_factory) -> Iterator[Package]:
+def simulator(ros) -> Iterator[subprocess.Popen[str]]:
+    line = ("node", "simulate", "--homed", "--rate-hz", "100", "--seed", "3")
+    with program(*module(*line)) as process:
+        yield process
+
+
+@pytest.fixture(scope="module")
+def package(simulator, tmp_path_factory) -> Iterator[Package]:
     """Debian's catkin builds it while the day goes on."""
     arm = simulated_arm(seed=3)
     arm.enable()
@@ -133,6 +135,14 @@ def package(tmp_path_factory) -> Iterator[Package]:
         build.kill()
 
 
+@pytest.fixture(scope="module")
+def robot(ros, simulator, package) -> Iterator[Arm]:
+    """The simulated one, which has come up while the package was made."""
+    said(simulator, "/arm1/measured_js")
+    with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC)) as arm:
+        yield arm
+
+
 def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     def truejoint_(*arguments: str | Path, codes: tuple[int, ...] = (0,)) -> str:
         monkeypatch.setattr(sys, "argv", ["truejoint", *map(str, arguments)])
@@ -145,12 +155,12 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     bag, recording = tmp_path / "day.bag", tmp_path / "day.parquet"
     path = tmp_path / "model.safetensors"
     topics = [f"/arm1/{name}" for name in TOPICS] + [TRUTH_TOPIC]
-    live = ("doctor", "live", "--seconds", "3", "--profile", PROFILE, "--json")
-    with program("rosbag", "record", "-O", bag, *topics), program(*module(*live)) as doctor:
+    live = ("doctor", "live", "--seconds", "2", "--profile", PROFILE, "--json")
+    with program("rosbag", "record", "-O", bag, *topics), ThreadPoolExecutor(1) as pool:
         wait_for_readers(topics)
-        wait_for_readers(["/arm1/measured_js"], "doctor")
-        run_along(robot, ZIGZAG)
-        found = levels(doctor.communicate(timeout=60)[0])
+        motion = pool.submit(run_along, robot, ZIGZAG)
+        found = levels(truejoint_(*live, codes=(0, 1)))  # while it moves
+        motion.result()
     assert list(found) == ["link", *CHECKS]  # a busy machine spoils stamps and rates
     assert found["unit"] == found["homing"] == "good"
     assert found["effort"] != "fail"
@@ -158,10 +168,6 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     said = truejoint_("doctor", recording, "--json", codes=(0, 1))
     assert levels(said).keys() == CHECKS.keys()
     promised = promised_factors(recording, path)
-
-    told, _ = package.build.communicate(timeout=120)
-    assert package.build.returncode == 0, told
-    correct = next(path for path in package.folder.rglob("correct") if path.is_file())
 
     heard: dict[str, list[tuple[float, ...]]] = {}
     ends = [
@@ -173,8 +179,11 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
         ros, ROBOT, PROFILES[PROFILE], lambda _, t, columns: states.append((t, columns))
     )
     stream.start()
-    in_c = (correct, "__ns:=/arm1", "_homed:=true", "corrected/measured_js:=c", "__name:=in_c")
-    with program(*module("node", "correct", path, "--profile", PROFILE)), program(*in_c):
+    in_c = ("__ns:=/arm1", "_homed:=true", "corrected/measured_js:=c", "__name:=in_c")
+    with (
+        program(*module("node", "correct", path, "--profile", PROFILE)),
+        program(package.built(), *in_c),
+    ):
         for who in ("truejoint_correct", "in_c"):
             wait_for_readers(["/arm1/measured_js"], who)
         waves = np.sin(np.arange(0.0, 3.0, 0.1)[:, None] * [1.6, 2.1, 2.6])

@@ -165,3 +165,15 @@ def test_what_cannot_be_collected_is_refused_in_one_line(call, motion, tmp_path,
     refused = call("collect", motion, *arguments, "-o", tmp_path / "new")
     assert refused.code == 2
     assert says in refused.err.splitlines()[-1]
+
+
+def test_it_ends_when_more_would_not_pay(call, tmp_path, monkeypatch):
+    path = tmp_path / "long.csv"
+    assert call("trajectory", "designed", "--minutes", 1.8, "-o", path).code == 0
+    monkeypatch.setattr("truejoint.calibration.ENOUGH", 0.9)
+    result = call("collect", path, "-o", tmp_path, "--until-enough")
+    assert result.code == 0, result.err
+    assert "Enough after 1." in result.err
+    recording = read_parquet(tmp_path / "long.parquet")
+    assert 60.0 < recording.duration < 100.0
+    assert recording.provenance.notes == ""

@@ -258,6 +258,17 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
     assert "zigzag.parquet" in collected.err
 
 
+def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path) -> None:
+    model = session / "next.st"
+    made = call("calibrate", session / "random.parquet", "--prior", session / "m.st", "-o", model)
+    assert made.code == 0, made.err
+    read = read_calibration(model)
+    assert read.estimator == "linear"
+    assert read.metadata["prior"]["robot"] == "raven2 (left arm)"
+    assert "--prior" in read.metadata["command"]
+    model.unlink()
+
+
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -271,6 +282,9 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
         ["calibrate", "davinci_grasper_umn", "--split", "nothing", "-o", "m.st"],
         ["calibrate", "x.parquet", "--part", "0.7:0.2", "-o", "m.st"],
         ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
+        ["calibrate", "x.parquet", "--prior", "m.st", "-e", "linear", "-o", "new.st"],
+        ["trajectory", "designed", "--minutes", "0", "-o", "d.csv"],
+        ["study", "efficiency", "--jobs", "2", "--cluster", "tcp://127.0.0.1:9"],
         ["nothing"],
         ["calibrate"],
         ["calibrate", "x.parquet"],

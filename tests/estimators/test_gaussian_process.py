@@ -41,7 +41,7 @@ def test_lengths_tell_which_features_matter_and_the_noise_is_found():
 
 def test_a_point_for_each_row_is_the_exact_process():
     X, y = waves(80, noise=0.3)
-    y = np.column_stack([y, X[:, 1] ** 2 + 0.5 * y])
+    y = np.column_stack([y, X[:, 1] ** 2 + 2.0 * y])
     model = GaussianProcess(points=80).fit(X, y)
     for j, inverse in enumerate(model.inverse_lengths_):
         scaled, target = (

@@ -2,8 +2,9 @@
 
     python -m tests.fuzz [--minutes 5] [--seed N] [--case NUMBER]
 
-Prints its seed and each case that ends in a traceback, takes longer than 20 s or needs more than
-1 GiB beyond what was loaded before; exit code 1 when there was any. `--case` shows a single one.
+Prints its seed and each case that ends in a traceback, takes longer than 20 s of processor time,
+waits for minutes, or needs more than 1 GiB beyond what was loaded before; exit code 1 when there
+was any. `--case` shows a single one.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from .cases import make, make_seeds
 
 MEMORY = 1 << 30  # bytes
 LONGEST = 20  # s of processor time
+LONGEST_WAIT = 200  # s by the clock: for what waits for something that never comes
 BATCH = 500  # cases in one process
 
 
@@ -43,13 +45,16 @@ def run_case(seed: int, number: int, seeds: Path, folder: Path) -> str | None:
     os.chdir(folder)
     what, case = make(seed, number, seeds, folder)
     signal.signal(signal.SIGVTALRM, stop)
+    signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
+    signal.setitimer(signal.ITIMER_REAL, LONGEST_WAIT)
     try:
         case()
     except BaseException:  # noqa: BLE001  # whatever it is, it is reported
         return f"{what}\n{''.join(traceback.format_exc().splitlines(keepends=True)[-6:])}"
     finally:
         signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.setitimer(signal.ITIMER_REAL, 0)
     return None
 
 

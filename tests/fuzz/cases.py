@@ -27,6 +27,8 @@ from truejoint.cli.app import main
 from truejoint.cli.commands import app
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
+from truejoint.recordings import write_bag
+from truejoint.recordings.stream_file import StreamWriter
 
 NUMBERS = (
     "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",
@@ -46,8 +48,9 @@ TOKENS = (
     b"# ", b'"', b"[[", b"]]",
     b"\\ud800",
 )  # fmt: skip
-# Those that would take long or fetch what is public.
-LEFT_OUT = {"demo", "datasets fetch", "study"}
+LEFT_OUT = {"demo", "datasets fetch", "study", "monitor", "node correct", "node simulate",
+            "node record"}  # fmt: skip
+"""Commands that would take long, fetch what is public, or run until they are stopped."""
 
 typer.main.get_command = cache(typer.main.get_command)  # most of the time of a call else
 
@@ -73,6 +76,13 @@ def make_seeds(folder: Path) -> None:
     robot = truejoint.get_robot("raven2")
     write_trajectory(zigzag(robot, "J2-J3", sparsity=0.5), folder / "zigzag.csv")
     write_trajectory(zigzag(robot, "J2-J3", sparsity=0.5), folder / "lab.csv", layout="lab")
+    for name in ("state.bag", "state.mcap"):
+        write_bag(test.rows(test.t < test.t[0] + 2.0), folder / name)
+    header = {"provenance": {"robot": "raven2"}, "robot": test.robot.to_dict(),
+              "gap_limit": 0.1, "state_rate": None}  # fmt: skip
+    writer = StreamWriter(folder / "run.arrows", header)
+    writer.write("state", test.t, {name: test.column(name) for name in table if name != "t"})
+    writer.close()
     package = Path(truejoint.__file__).parent
     for path in ("robots/models/dvrk_psm.toml", "simulation/raven2/nominal.toml",
                  "simulation/forceps/b.toml"):  # fmt: skip

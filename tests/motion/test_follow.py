@@ -1,5 +1,6 @@
 """Tests of truejoint.motion.follow: against a known lag, and on the digital twin."""
 
+import itertools
 import threading
 
 import numpy as np
@@ -10,6 +11,7 @@ from truejoint.errors import CommandRefused, MotionStopped, RobotError, Trajecto
 from truejoint.motion import (
     Trajectory,
     follow,
+    legs,
     nominal_duration,
     random_motion,
     workspace_of,
@@ -255,3 +257,16 @@ def test_on_the_twin_the_same_seed_gives_the_same_report():
     assert (first.rms > 0.0).all()
     assert first.kept_caps
     assert (first.max_speed <= first.speed_caps * 1.3).all()
+
+
+def test_legs_are_the_trajectory_in_pieces():
+    robot = get_robot("raven2")
+    for whole in (random_motion(robot, 100.0, 1), zigzag(robot, "J2", 1 / 2)):
+        pieces = legs(whole, robot, 30.0)
+        assert len(pieces) > 2
+        for before, after in itertools.pairwise(pieces):
+            np.testing.assert_array_equal(before.positions[-1], after.positions[0])
+            assert before.times[-1] == after.times[0]
+            assert before.times[-1] - before.times[0] > 10.0
+        joined = np.vstack([piece.positions[:-1] for piece in pieces[:-1]] + [pieces[-1].positions])
+        np.testing.assert_array_equal(joined, whole.positions)

@@ -159,6 +159,35 @@ def test_an_illness_is_told_by_its_name(healthy, illness):
     assert told[name].advice
 
 
+def standing(recording: Recording, joints: tuple[str, ...]) -> Recording:
+    """Joints that creep and tremble where they stand."""
+    n, random = len(recording), np.random.default_rng(0)
+    drift = 1e-4 * np.linspace(0.0, 1.0, n)
+    columns = {}
+    for joint in joints:
+        at = recording.column(f"measured/{joint}")[0]
+        columns[f"measured__{joint}"] = at + drift + 1e-6 * random.normal(size=n)
+        truth = np.round((at - drift) / 1e-4) * 1e-4  # which an encoder's counts hide
+        columns[f"truth__{joint}"] = truth
+    return changed(recording, **columns)
+
+
+def test_of_an_arm_that_stands_nothing_is_judged_by_its_noise(healthy):
+    told = {v.name: v for v in diagnose(standing(healthy, healthy.robot.positioning)).verdicts}
+    for name in ("arm", "effort sign", "frozen signal", "delay"):
+        assert told[name].level == "info", told[name]
+        assert "no joint moves" in told[name].evidence
+    assert not [v for v in told.values() if v.level == "fail"]
+    assert told["excitation"].evidence.startswith("shoulder, elbow, insertion stand")
+
+
+def test_a_joint_that_stands_spoils_no_verdict_of_those_that_move(healthy):
+    told = {v.name: v.level for v in diagnose(standing(healthy, ("elbow",))).verdicts}
+    assert told["frozen signal"] == told["arm"] == told["effort sign"] == "good"
+    ill = {v.name: v for v in diagnose(standing(stuck(healthy), ("shoulder",))).verdicts}
+    assert "truth/elbow" in ill["frozen signal"].evidence
+
+
 def test_the_other_arms_truth_is_told(healthy, other):
     rows = min(len(healthy), len(other))
     foreign = {f"truth/{j}": other.column(f"truth/{j}")[:rows] for j in other.joints_of("truth")}

@@ -161,3 +161,22 @@ def test_an_unsure_offset_gives_way_to_what_plays_and_efforts_say(
     _, clock = join_truth(recording, truth)
     assert clock.seconds == pytest.approx(5.0 - delay if moves else 5.0)
     assert clock.sd < sd if moves else clock.sd == sd
+
+
+def test_strokes_that_are_all_alike_leave_the_offset_open_and_that_is_said() -> None:
+    """Up and down at one speed, in periods that never change: a play looks like a delay."""
+    fine = np.arange(0.0, 100.0, 1e-3)
+    t, truth_t = np.arange(0.0, 99.9, 1 / 30), np.arange(0.003, 99.9, 0.01)
+    columns, truth = {"t": t}, {}
+    for joint, period in zip(JOINTS, (5.0, 5.7), strict=True):
+        strokes = 0.7 + 0.3 * (2.0 * np.abs(2.0 * ((fine / period) % 1.0) - 1.0) - 1.0)
+        joint_at = [strokes[0]]
+        for motor in strokes[1:]:
+            joint_at.append(min(max(joint_at[-1], motor - 0.01), motor + 0.01))
+        noise = 1e-5 * np.random.default_rng(0).standard_normal(len(t))
+        columns[f"measured/{joint}"] = np.interp(t, fine, strokes) + noise
+        truth[f"truth/{joint}"] = np.interp(truth_t, fine, joint_at)
+    recording = Recording.from_columns(columns, Provenance("bros"))
+    _, clock = join_truth(recording, Stream(truth_t, truth), near=0.0)
+    assert abs(clock.seconds) < 2.0 * clock.sd
+    assert clock.sd > 0.02

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.local_ros import LocalRos
 from tests.recordings.said import PROFILE, START, STATE, SaidRos, told_session
 
 from truejoint.crtk.messages import (
     JOINT_STATE,
+    OPERATING_STATE,
     RAVEN_STATE,
     RAVEN_TOPIC,
     TRUTH_TOPIC,
@@ -100,6 +102,33 @@ def test_stamps_that_repeat_or_are_none_are_counted(session):
     assert f"1 times {STATE}: stamp of 0" in verdict.evidence
 
 
+def test_a_homing_amid_the_rows_is_left_out_and_told(session):
+    ros = SaidRos()
+    ros.publisher("/arm1/operating_state", OPERATING_STATE)
+    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+    with link:
+        for after, is_homed in ((-1.0, True), (10.0, False), (12.0, True)):
+            message = ros.stamped(OPERATING_STATE, START + after)
+            message.is_homed = is_homed
+            ros.send("/arm1/operating_state", message)
+        ros.say_all(session)
+    amid = int(((session.t >= 10.0) & (session.t < 12.0)).sum())
+    assert len(link.recordings()[0]) == len(session) - amid
+    verdict = told(link.diagnose())["homing"]
+    assert verdict.level == "fail"
+    assert verdict.evidence.startswith(f"{amid} rows of homing, after 10.0 s")
+
+
+def test_an_arm_that_never_says_that_it_is_homed_is_taken_as_it_is(session):
+    ros = SaidRos()
+    ros.publisher("/arm1/operating_state", OPERATING_STATE)
+    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+    with link:
+        ros.send("/arm1/operating_state", ros.stamped(OPERATING_STATE, START))
+        ros.say_all(session)
+    assert len(link.recordings()[0]) == len(session)
+
+
 def test_a_topic_that_stops_is_named(session):
     verdict = judged(SaidRos(), session, until={TRUTH_TOPIC: 20.0}).verdicts[0]
     assert verdict.level == "fail"
@@ -143,6 +172,8 @@ def test_ravens_own_state_is_judged_with_both_arms(session):
 
 
 def test_what_cannot_be_judged_is_one_line(session):
+    with pytest.raises(RecordingError, match="nobody says anything of joints; start the robot"):
+        LiveLink(LocalRos()).__enter__()
     ros = SaidRos()
     with pytest.raises(
         RecordingError, match=r"live: which robot is it .* there are /arm1/measured"
@@ -151,7 +182,7 @@ def test_what_cannot_be_judged_is_one_line(session):
     link = LiveLink(ros, "raven2", profile=PROFILE.name)
     with link:
         pass
-    with pytest.raises(RecordingError, match=f"{STATE}: nothing came on it: does its node"):
+    with pytest.raises(RecordingError, match=f"{STATE}: nothing came on it: is the robot homed"):
         link.diagnose()
     with link:
         ros.send(STATE, ros.stamped(JOINT_STATE, 0.0))

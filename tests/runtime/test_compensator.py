@@ -16,7 +16,7 @@ from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.motion import Trajectory, follow
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots import get_robot
-from truejoint.runtime import Compensator, Corrector, Status, loop_margin, track
+from truejoint.runtime import Compensator, Corrector, Status, compensation, loop_margin, track
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ForcepsTwin
 
@@ -24,6 +24,41 @@ from .registered import forceps
 
 FORCEPS = get_robot("forceps")
 LAG = 0.0191  # of the nominal motor loop [s]
+
+
+def test_each_joint_of_three_is_compensated_as_if_it_were_alone():
+    rng = np.random.default_rng(0)
+    scalars = {"doubted": 1, "lead": 4.0, "gain": 0.5, "share": 0.3, "integral": 0.1,
+               "settle": 0.05, "dead_band": 0.01}  # fmt: skip
+    limits = {"lower": [-0.2, -0.5, -0.1], "upper": [0.3, 0.1, 0.6], "step": [0.05, 0.02, 0.1]}
+    states = ("wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up")
+
+    def packed(joints):
+        n = len(joints)
+        memory = compensation.LAYOUT.pack(
+            n_joints=n, **scalars, **{name: np.array(v)[joints] for name, v in limits.items()},
+            **dict.fromkeys((*states, "is_limited", "rests"), np.zeros(n)),
+        )  # fmt: skip
+        compensation.begin(memory.numbers, memory.memory)
+        return joints, memory
+
+    loops = [packed([0, 1, 2]), packed([0]), packed([1]), packed([2])]
+    goals = np.repeat(np.cumsum(rng.normal(0.0, 0.03, (60, 3)), axis=0), 3, axis=0)  # and stays
+    seen = {"is_limited": set(), "rests": set()}
+    for goal in goals:
+        told = {"wanted": goal, "measured": goal + rng.normal(0.0, 0.02, 3),
+                "correction": rng.normal(0.02, 0.005, 3)}  # fmt: skip
+        for joints, memory in loops:
+            for name, values in told.items():
+                memory.view(name)[:] = values[joints]
+            compensation.compensate(memory.numbers, memory.memory)
+        together, *alone = (memory for _, memory in loops)
+        for name in (*states, *seen):
+            each = np.concatenate([memory.view(name) for memory in alone])
+            np.testing.assert_array_equal(together.view(name), each)
+        for name, values in seen.items():
+            values |= set(enumerate(together.view(name).tolist()))
+    assert all(len(values) == 6 for values in seen.values())
 
 
 class Told:

@@ -8,7 +8,7 @@ import sys
 import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from threading import Barrier
+from threading import Barrier, Event
 
 import numpy as np
 import pytest
@@ -222,6 +222,44 @@ def test_threads_at_once_never_see_each_others_sample(calibration):
             assert sorted(pool.map(refused, range(2))) == [0, 2000]
     finally:
         sys.setswitchinterval(before)
+
+
+def test_a_homing_told_by_another_thread_leaves_the_corrector_to_the_one_that_has_it(calibration):
+    corrector, samples = ready(calibration), stream(LOOP[:2])
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(corrector.step, LOOP[0], samples[0]).result() == Status.OK
+        assert corrector.set_homing(False) == Status.NOT_HOMED
+        assert corrector.step(LOOP[1], samples[1]) == Status.OTHER_THREAD
+        assert pool.submit(corrector.step, LOOP[1], samples[1]).result() == Status.NOT_HOMED
+
+
+def test_a_loop_sees_what_another_thread_tells_between_two_samples_and_whole(calibration):
+    corrector, samples = ready(calibration), stream(LOOP)
+    plain = run(ready(calibration), LOOP, samples)[1]
+    before, told, over = sys.getswitchinterval(), 0, Event()
+
+    def loop() -> np.ndarray:
+        seen = np.empty_like(plain)
+        for i, sample in enumerate(samples):
+            assert corrector.step(float(LOOP[i]), sample) == Status.OK
+            seen[i] = corrector.position
+        over.set()
+        return seen
+
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(1) as pool:
+            future = pool.submit(loop)
+            while not over.is_set() and not future.done():
+                told += 1
+                corrector.rezero([1e-3 * (told % 3), -1e-3 * (told % 3)])
+                corrector.acknowledge()
+            seen = future.result()
+    finally:
+        sys.setswitchinterval(before)
+    offset = seen - plain
+    np.testing.assert_allclose(offset[:, 0], -offset[:, 1], rtol=0, atol=1e-12)
+    assert set(np.round(1e3 * offset[:, 0], 6)) <= {0.0, 1.0, 2.0}
 
 
 def test_rezeroing_adds_an_offset_and_makes_its_interval_hold(calibration):

@@ -1,3 +1,4 @@
+from .adapting import adapted as adapted
 from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
 from .calibration import read_calibration as read_calibration
@@ -9,6 +10,8 @@ from .conformal import compare_calibrations as compare_calibrations
 from .conformal import measure_coverage as measure_coverage
 from .conformal import with_interval as with_interval
 from .cross_conformal import cross_interval as cross_interval
+from .enough import ENOUGH as ENOUGH
+from .enough import expected_gain as expected_gain
 from .fitting import calibrate as calibrate
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories

@@ -28,7 +28,8 @@ _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must,
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
-_TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up
+_TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up,
+_WORSE: Final = 0.25  # if it is worse than the best by this share, at least, for each joint
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,9 +168,12 @@ class Group:
             trial.seconds += time.perf_counter() - began
         self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
         if len(self.products) >= _TRIED_ON:
-            tried = zip(self.trials, self.weights(), strict=True)
-            for trial, weights in list(tried)[self._n_simple :]:
-                if trial.is_member and not trial.note and not weights.any():
+            sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
+            worse = (sizes > np.nanmin(sizes, axis=0) + math.log1p(_WORSE)).all(axis=1)
+            unwanted = worse & ~self.weights().any(axis=1)
+            beyond = range(self._n_simple, len(self.trials))
+            for trial in (self.trials[number] for number in beyond if unwanted[number]):
+                if trial.is_member and not trial.note:
                     trial.note = f"given up after {trial.folds} folds"
 
     def _split(self, fold: Fold) -> tuple[Integers, Integers]:
@@ -222,9 +226,14 @@ class Group:
         return np.asarray(self._spreads <= _FURTHEST)
 
     @property
+    def alone(self) -> Array:
+        """Mean square error (n_folds, m, n_joints) of each candidate, NaN where not tried."""
+        return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
+
+    @property
     def linear(self) -> Array:
         """Mean square error (n_folds, n_joints) of the linear model."""
-        return np.array([product[:, 0, 0] for product in self.products])
+        return self.alone[:, 0]
 
     def weights(self, without: int | None = None) -> Array:
         """Weights (m, n_joints) of the members, of all folds or without one."""
@@ -244,7 +253,7 @@ class Group:
         m, best, usable = len(self.trials), self.weights(), self.usable
         others = [self.weights(without=number) for number in range(len(self.products))]
         square = np.array([_square(p, w) for p, w in zip(self.products, others, strict=True)])
-        alone = np.array([np.diagonal(p, axis1=1, axis2=2).T for p in self.products])
+        alone = self.alone
         weights, errors = np.zeros_like(best), np.empty_like(square)
         for joint in range(errors.shape[1]):
             options = [(best[:, joint], square[:, joint])] + [
@@ -383,9 +392,7 @@ def _best(groups: Sequence[Group], judged: Sequence[Fold], joints: Sequence[str]
             if not trial.is_member and trial.folds == len(judged) and group.usable[number].all():
                 alone = np.zeros_like(weights)
                 alone[number] = 1.0
-                options.append(
-                    (group, alone, np.array([p[:, number, number] for p in group.products]))
-                )
+                options.append((group, alone, group.alone[:, number]))
     usual = options[0]
     group, weights, square = min(
         (o for o in options if o is usual or is_better(log_ratio(o[2], usual[2]).mean(axis=1))),
@@ -420,7 +427,7 @@ def _told(
     apart = [j for j, good in zip(joints, group.usable[number], strict=True) if not good]
     if apart:
         entry["note"] = f"needs signals that move together: {', '.join(apart)}"
-    square = np.array([product[:, number, number] for product in group.products])
+    square = group.alone[:, number]
     tried = np.isfinite(square).all(axis=1)
     if tried.any():
         entry["rmse"] = _by_joint(joints, square[tried])

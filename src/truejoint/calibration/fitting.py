@@ -203,7 +203,7 @@ def calibrate(
         parity=parity,
         redundant=redundant_units,
         metadata={
-            **_origin(parts),
+            **origin(parts),
             "sample_dt": dt,
             "estimator": model.name,
             "settings": " ".join(repr(model).split()),
@@ -428,7 +428,7 @@ def _fit_baselines(
     return fitted, notes
 
 
-def _origin(parts: Sequence[TrainingRows]) -> dict[str, Any]:
+def origin(parts: Sequence[TrainingRows]) -> dict[str, Any]:
     """Where the training rows come from, as JSON values."""
     digest = hashlib.sha256()
     sessions: list[dict[str, Any]] = []

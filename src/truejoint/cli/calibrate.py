@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import typer
 
@@ -27,6 +27,11 @@ from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
 
+Start: TypeAlias = (
+    "truejoint.estimators.JointRegressor | truejoint.calibration.Automatic | truejoint.Calibration"
+)
+"""What is fitted, chosen, or changed."""
+
 _CROSS: Final = "cross"  # in place of recordings for an interval
 _NONE: Final = "none"  # in place of redundant columns
 
@@ -36,15 +41,16 @@ def calibrate(
     recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
     estimator: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--estimator",
             "-e",
             help=f"One of {', '.join(OWN)}, or of an installed package; or {AUTO}: what is best "
-            "on recordings that are left out in turn, the linear model where nothing is.",
+            "on recordings that are left out in turn, the linear model where nothing is. Default: "
+            f"{DEFAULT}.",
             autocompletion=complete.estimators,
         ),
-    ] = DEFAULT,
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
@@ -98,6 +104,15 @@ def calibrate(
             "with re-zeroing, takes one for each recording (truth) or homing (measured positions)."
         ),
     ] = "shared",
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="Calibration of another day, tool or arm of the robot, by linear, poly2, "
+            "poly2_ridge or rich_play, to be changed as far as a minute of recording says: "
+            "estimator, features, joints and target are its own.",
+        ),
+    ] = None,
     test: Annotated[
         list[str] | None,
         options.recordings("--test", "Recording to judge on; the accuracy goes into the file."),
@@ -144,13 +159,10 @@ def calibrate(
         calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
         return
     accepted = check_names(accept)
-    dataset = only_dataset(recordings)
     is_cross = interval == [_CROSS]
-    unfitted = (
-        choice(settings or [], dataset, default_features=dataset is not None and not features)
-        if estimator == AUTO
-        else configured(estimator, settings or [], dataset)
-    )
+    dataset = only_dataset(recordings)
+    own = (estimator, settings, features, joints, target, redundant, zero != "shared", is_cross)
+    unfitted = start(estimator, settings or [], dataset, features, prior, own)
     if dataset is not None:
         features = features or [dataset]
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
@@ -193,14 +205,44 @@ def calibrate(
         out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
+def start(
+    estimator: str | None,
+    settings: Sequence[str],
+    dataset: str | None,
+    features: Sequence[str] | None,
+    prior: Path | None,
+    own: Sequence[object],
+) -> Start:
+    """Say what is fitted, with the parameters that were given or suit a data set.
+
+    Raises CalibrationError where any of what is a prior's `own` was given beside it.
+    """
+    if prior is not None:
+        if any(own):
+            raise CalibrationError(
+                "--prior: estimator, features, joints, target and zero are the prior's, and it "
+                "takes no --interval cross; leave these options out"
+            )
+        return truejoint.read_calibration(prior)
+    if estimator == AUTO:
+        return choice(settings, dataset, default_features=dataset is not None and not features)
+    return configured(estimator or DEFAULT, settings, dataset)
+
+
 def fit(
     training: Sequence[truejoint.Recording],
-    estimator: truejoint.estimators.JointRegressor | truejoint.calibration.Automatic,
+    estimator: Start,
     *,
     is_cross: bool = False,
     **how: Any,
 ) -> truejoint.Calibration:
-    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it."""
+    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it.
+
+    A calibration is adapted.
+    """
+    if isinstance(estimator, truejoint.Calibration):
+        fitted = truejoint.calibration.adapted(estimator, training, fit_rate=how["fit_rate"])
+        return fitted.with_metadata(command=command_line())
     automatic = truejoint.calibration.Automatic
     named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
     make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate

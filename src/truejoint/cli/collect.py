@@ -19,11 +19,15 @@ from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from truejoint.motion.follow import Steering
     from truejoint.recordings.recorder import TruthSource
     from truejoint.recordings.serial_sensors import JointEncoders
 
 _REZERO: Final = 10.0  # of random motion [s]
+_LEG: Final = 30.0  # [s], after which it is asked whether that is enough
+_SEEN: Final = ("measured", "effort")  # by the calibration that is asked
 
 
 def record(
@@ -36,10 +40,12 @@ def record(
     label: str | None = None,
     truth: TruthSource | None = None,
     steering: Steering | None = None,
+    until_enough: bool = False,
     overwrite: bool = False,
 ) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
 
+    With `until_enough`, only as far as a linear calibration is expected to gain by twice the time.
     Whatever stops the motion, what was recorded until then is kept, under a name of its own.
     """
     recorder = truejoint.recordings.Recorder(
@@ -54,12 +60,38 @@ def record(
     )
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
-            report = truejoint.motion.follow(arm, trajectory, progress=done, steering=steering)
+            if until_enough:
+                report = follow_until_enough(arm, trajectory, recorder, done, steering)
+            else:
+                report = truejoint.motion.follow(arm, trajectory, progress=done, steering=steering)
     except BaseException:
         if recorder.written is not None:
             say(f"stopped; what was recorded until then is in {recorder.written}")
         raise
     return recorder.recording(str(target)), report
+
+
+def follow_until_enough(
+    arm: truejoint.crtk.Arm,
+    trajectory: truejoint.motion.Trajectory,
+    recorder: truejoint.recordings.Recorder,
+    progress: Callable[[float], None],
+    steering: Steering | None,
+) -> truejoint.motion.TrackingReport:
+    """Follow a trajectory by legs, until a calibration on the recording has enough."""
+    parts = truejoint.motion.legs(trajectory, arm.robot, _LEG)
+    features = [f"{quantity}/{joint}" for quantity in _SEEN for joint in trajectory.joints]
+    reports = []
+    for number, leg in enumerate(parts, 1):
+        reports.append(truejoint.motion.follow(arm, leg, steering=steering))
+        progress(number / len(parts))
+        if 1 < number < len(parts):
+            gains = truejoint.calibration.expected_gain(recorder.recording(), features=features)
+            if (gains < truejoint.calibration.ENOUGH).all():
+                spent = sum(report.duration for report in reports) / 60.0
+                say(f"Enough after {spent:.1f} min: as much again would better no joint by 5 %")
+                break
+    return truejoint.motion.TrackingReport.joined(reports, trajectory.name)
 
 
 def collect(
@@ -107,6 +139,14 @@ def collect(
     ] = "nominal",
     real_time: Annotated[
         bool, typer.Option("--real-time", help="At the pace of the wall clock, as a robot does.")
+    ] = False,
+    until_enough: Annotated[
+        bool,
+        typer.Option(
+            "--until-enough",
+            help="End a trajectory, such as a long `trajectory designed`, when twice the time is "
+            "expected to better a linear calibration by less than 5 % in every joint.",
+        ),
     ] = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Leave out trajectories that are recorded already.")
@@ -158,6 +198,7 @@ def collect(
                 state_rate=state_rate_hz,
                 truth=truth,
                 steering=loop,
+                until_enough=until_enough,
                 overwrite=force,
             )
             facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}

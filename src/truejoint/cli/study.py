@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
@@ -55,6 +56,13 @@ def study(
     jobs: Annotated[
         int | None, typer.Option(min=1, help="Processes; one for each core by default.")
     ] = None,
+    cluster: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ADDRESS",
+            help="Dask scheduler, such as tcp://10.0.0.5:8786, whose workers compute the parts.",
+        ),
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -68,14 +76,14 @@ def study(
     options = _parsed(chosen or [])
     if name == ALL and options:
         raise StudyError("--set is of one study; name it in place of 'all'")
-    jobs = jobs or len(os.sched_getaffinity(0))
+    where = _where(jobs, cluster)
     from truejoint.studies import overview  # noqa: PLC0415  # a list needs no arithmetic
 
     made, failed = {}, []
     for study in STUDIES.values() if name == ALL else (get_study(name),):
         try:
             settings = study.settings(preset, seed, options)
-            made[study.name] = _made(study, settings, folder / study.name, jobs, force=force)
+            made[study.name] = _made(study, settings, folder / study.name, where, force=force)
         except TruejointError as error:
             if name != ALL:
                 raise
@@ -93,17 +101,25 @@ def study(
         raise StudyError(f"not done: {', '.join(failed)}; what is wrong with each stands above")
 
 
-def _made(study: Study, settings: Settings, target: Path, jobs: int, *, force: bool) -> StudyResult:
-    """Run a study and write what it leaves."""
+def _where(jobs: int | None, cluster: str | None) -> dict[str, Any]:
+    if jobs is not None and cluster is not None:
+        raise StudyError("--jobs is for processes on this computer; give it or --cluster")
+    return {"jobs": jobs or len(os.sched_getaffinity(0)), "cluster": cluster}
+
+
+def _made(
+    study: Study, settings: Settings, target: Path, where: Mapping[str, Any], *, force: bool
+) -> StudyResult:
+    """Run a study where it is to be computed, and write what it leaves."""
     from truejoint.studies import page, runner  # noqa: PLC0415  # a list needs no arithmetic
 
     check_folder(target, error=StudyError)
     if not force:
         page.check_folder(study, settings, target)
-    common = {"preset": settings.preset, "seed": settings.seed, "folder": target, "jobs": jobs}
+    common = {"preset": settings.preset, "seed": settings.seed, "folder": target, **where}
     try:
         with progress(f"Study {study.name}") as done:
-            result = runner.run_study(study, settings.options, progress=done, **common)  # type: ignore[arg-type]
+            result = runner.run_study(study, settings.options, progress=done, **common)
     except KeyboardInterrupt:
         say(f"Stopped; what is done is kept in {target}, and the same command goes on from there")
         raise

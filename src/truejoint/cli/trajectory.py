@@ -97,6 +97,26 @@ def make_random(
 
 
 @app.command(
+    "designed",
+    epilog="Example: `truejoint trajectory designed --minutes 2.5 -o designed.csv`",
+)
+def make_designed(
+    output: Output,
+    minutes: Annotated[float, typer.Option(help="How long it lasts [min].")] = 2.5,
+    seed: Seed = 0,
+    robot: RobotName = DEFAULT,
+    arm: Arm = "",
+    plot: Plot = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Make the motion that is expected to tell most about the joints in so many minutes."""
+    target = truejoint.get_robot(robot, arm)
+    trajectory = truejoint.motion.designed_motion(target, 60.0 * minutes, seed)
+    _tell(trajectory, target, plot, as_json, output=output, force=force)
+
+
+@app.command(
     "nested", epilog="Example: `truejoint trajectory nested --robot forceps -o nested.csv`"
 )
 def make_nested(

@@ -4,6 +4,7 @@ from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
 from .friction_filter import FrictionSmoother as FrictionSmoother
 from .friction_filter import Stiffness as Stiffness
+from .gaussian_process import GaussianProcess as GaussianProcess
 from .jaw_load import EncoderZero as EncoderZero
 from .jaw_load import find_encoder_zero as find_encoder_zero
 from .jaw_load import identify_stiffness as identify_stiffness

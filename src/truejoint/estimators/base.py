@@ -164,6 +164,24 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             estimator.memory()
         return estimator
 
+    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
+        """Fitted copy, changed as far as new rows say, and how stiffly (n_outputs,) it was held.
+
+        Coefficients and intercept are those of this model and a ridge regression of what it leaves
+        on the rows `X` (n, k), `y` (n, n_outputs), NaN where unknown, with `dt` (n,) as for `fit`;
+        see `truejoint.estimators.adapting.changes`. Raises CalibrationError if the rows are too
+        few, or the estimator is none whose coefficients can be changed so.
+        """
+        raise CalibrationError(
+            f"{self.name} cannot be the prior of a calibration; linear, poly2, poly2_ridge and "
+            "rich_play can"
+        )
+
+    def with_arrays(self, arrays: Arrays) -> Self:
+        """Fitted copy with other arrays."""
+        data = EstimatorData(self.family.name, self.model_params(), {**self.arrays_, **arrays})
+        return self.from_data(data, int(self.n_features_in_), int(self.n_outputs_))
+
     def settled(self) -> Self:
         """Unfitted copy, in which what this one found while it was fitted is a parameter."""
         return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped

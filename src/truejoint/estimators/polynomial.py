@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
+from abc import abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
+from truejoint.estimators.adapting import changes
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, apart, standardisation
 from truejoint.models import names, offset, polynomial
 from truejoint.models.family import Family
@@ -43,6 +45,31 @@ class FixedOffset(JointRegressor):
         tags.regressor_tags.poor_score = True
         return tags
 
+    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
+        """Fitted copy with the mean of the new rows."""
+        own = self.with_arrays({"offset": y[self._known(y)].mean(axis=0)})
+        return own, np.zeros(y.shape[1])
+
+
+class TermsRegressor(JointRegressor):
+    """What is linear in products of scaled features, and can be adapted to new rows."""
+
+    @abstractmethod
+    def factors(self, n_features: int) -> Integers:
+        """Features that each term multiplies (n_terms, ...), `n_features` for none."""
+
+    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
+        """Fitted copy, as `JointRegressor.adapted` says."""
+        known = self._known(y)
+        scaled = (X[known] - self.arrays_["mean"]) * self.arrays_["inverse_scale"]
+        terms = polynomial_design(scaled, self.factors(X.shape[1]))
+        slopes, offset, penalties = changes(terms, y[known] - self.evaluate(X[known]))
+        own = {
+            "coef": self.arrays_["coef"] + slopes,
+            "intercept": self.arrays_["intercept"] + offset,
+        }
+        return self.with_arrays(own), penalties
+
 
 class Raw(FixedOffset):
     """No correction: a fixed offset of 0, of the error.
@@ -64,7 +91,7 @@ class Raw(FixedOffset):
 
 
 @dataclass(eq=False, repr=False)
-class PolynomialRegressor(JointRegressor):
+class PolynomialRegressor(TermsRegressor):
     """Least squares on all products of up to `degree` features: peng2024, II-C, at degree 2.
 
     Terms that the data do not tell apart (a constant channel, two copies of a signal) share the
@@ -91,9 +118,13 @@ class PolynomialRegressor(JointRegressor):
         n_terms = polynomial.count_terms(n_features, int(self.degree))
         return ROWS_PER_COEFFICIENT * (n_terms + 1)
 
+    def factors(self, n_features: int) -> Integers:
+        """Features that each term multiplies (n_terms, degree)."""
+        return polynomial.polynomial_factors(n_features, int(self.degree))
+
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         mean, inverse_scale = standardisation(X)
-        factors = polynomial.polynomial_factors(X.shape[1], int(self.degree))
+        factors = self.factors(X.shape[1])
         scaled = (X - mean) * inverse_scale
 
         parts = apart(y)

@@ -18,8 +18,9 @@ from truejoint.estimators.base import (
     scaling,
 )
 from truejoint.estimators.combination import Combination
-from truejoint.estimators.polynomial import polynomial_design
+from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
+from truejoint.models.combination import members
 from truejoint.models.family import Family, Params, is_integer
 
 PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
@@ -35,7 +36,7 @@ _FEW_JOINTS: Final = 2  # which a control loop walks through at every sample
 
 
 @dataclass(eq=False, repr=False)
-class Ridge(JointRegressor):
+class Ridge(TermsRegressor):
     """Ridge regression on features and products of them, its penalties cross-validated.
 
     For each output by itself, a penalty and how much more products are penalised are those of the
@@ -82,8 +83,12 @@ class Ridge(JointRegressor):
         """Two rows for each input, which the penalty makes enough."""
         return max(100, 2 * n_features)
 
+    def factors(self, n_features: int) -> Integers:
+        """Features that each term multiplies (n_terms, 2)."""
+        return interactions.interaction_factors(n_features, **self.model_params())
+
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        factors = interactions.interaction_factors(X.shape[1], **self.model_params())
+        factors = self.factors(X.shape[1])
         scales = scaling(X, y)
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
@@ -261,6 +266,17 @@ class RichPlay(JointRegressor):
         )
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
+
+    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
+        """Fitted copy, as `JointRegressor.adapted` says; of boosted trees there is none."""
+        if self.learner != "ridge":
+            return super().adapted(X, y, dt)
+        known = self._known(y)
+        seen = play_bank.expand_rows(self.model_params(), self.arrays_, X, dt, known)
+        ((data, _),) = members(self.model_params(), self.arrays_)
+        ridge = Ridge.from_data(data, seen.shape[1], y.shape[1])
+        own, penalties = ridge.adapted(seen, y[known], np.zeros(len(seen)))
+        return self.with_arrays({f"0/{name}": a for name, a in own.arrays_.items()}), penalties
 
     def _products(self, n_features: int, n_seen: int) -> tuple[int, int, int]:
         """By how many of what is seen, the first ones, how many are multiplied; by whose squares.

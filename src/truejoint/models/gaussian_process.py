@@ -12,11 +12,11 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, matrix, vector, wide
+from truejoint.compiled import compiled, fill, matrix, vector, wide
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import Family, Params, Shape, integer
 from truejoint.models.network import scaling_shapes
-from truejoint.models.products import BLOCK, padded, standardise, weighted
+from truejoint.models.products import BLOCK, add_product, padded, standardise
 
 MAX_POINTS: Final = 4096
 
@@ -28,10 +28,11 @@ TARGET_MEAN: Final = LAYOUT.array("target_mean", "of each output")
 TARGET_SCALE: Final = LAYOUT.array("target_scale", "of each output")
 INVERSE_LENGTHS: Final = LAYOUT.array("inverse_lengths", "of each output and feature")
 POINTS: Final = LAYOUT.array("points", "of each output, a row for each feature, in lengths")
-WEIGHTS: Final = LAYOUT.array("weights", "of each output and point")
+WEIGHTS: Final = LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0")
 SCALED: Final = LAYOUT.array("scaled", "standardised features")
 LENGTHS: Final = LAYOUT.array("lengths", "features in lengths of one output")
 BELLS: Final = LAYOUT.array("bells", "of each point")
+SUMS: Final = LAYOUT.array("sums", "of weighted bells, of which the first is used")
 
 
 @compiled
@@ -42,7 +43,7 @@ def gaussian_process_row(
     k, n, width = x.shape[0], out.shape[0], numbers[WIDTH]
     mean = vector(memory, numbers[MEAN], k)
     scaled, lengths = vector(memory, numbers[SCALED], k), vector(memory, numbers[LENGTHS], k)
-    bells = vector(memory, numbers[BELLS], width)
+    bells, sums = vector(memory, numbers[BELLS], width), vector(memory, numbers[SUMS], BLOCK)
     standardise(x, mean, vector(memory, numbers[INVERSE_SCALE], k), scaled)
     for j in range(n):
         inverse = vector(memory, numbers[INVERSE_LENGTHS] + j * k, k)
@@ -51,8 +52,9 @@ def gaussian_process_row(
         add_squares(lengths, matrix(memory, numbers[POINTS] + j * k * width, k, width), bells)
         for i in range(width):
             bells[i] = math.exp(-0.5 * bells[i])
-        total = weighted(bells, vector(memory, numbers[WEIGHTS] + j * width, width))
-        out[j] = memory[numbers[TARGET_MEAN] + j] + memory[numbers[TARGET_SCALE] + j] * total
+        fill(sums, BLOCK, 0.0)
+        add_product(bells, matrix(memory, numbers[WEIGHTS] + j * width * BLOCK, width, BLOCK), sums)
+        out[j] = memory[numbers[TARGET_MEAN] + j] + memory[numbers[TARGET_SCALE] + j] * sums[0]
 
 
 @compiled
@@ -86,10 +88,11 @@ def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory
         **{name: arrays[name] for name in scaling_shapes(k, n)},
         inverse_lengths=arrays["inverse_lengths"],
         points=points,
-        weights=padded(arrays["weights"]),
+        weights=np.array([padded(own[:, None]) for own in padded(arrays["weights"])]),
         scaled=np.zeros(k),
         lengths=np.zeros(k),
         bells=np.zeros(width),
+        sums=np.zeros(BLOCK),
     )
 
 

@@ -17,7 +17,7 @@ from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot, Workspace
 
 _MOST_DIVISIONS: Final = 50
-_LONGEST: Final = 24 * 3600.0  # [s]
+LONGEST: Final = 24 * 3600.0  # [s]
 _HOUR: Final = 3600.0  # [s]
 
 _NESTED: Final = (
@@ -102,7 +102,7 @@ def zigzag(
         meta["published"] = True
     ends = {"lower": space.lower.tolist(), "upper": space.upper.tolist()}
     name, positions = f"zigzag {direction} 1/{divisions}", space.centre + space.extent * shares
-    return _generated(robot, space, positions, name=name, meta=meta | ends)
+    return generated(robot, space, positions, name=name, meta=meta | ends)
 
 
 def random_motion(
@@ -149,8 +149,8 @@ def random_motion(
     >>> random_motion(truejoint.get_robot("raven2"), duration=10.0, seed=1).joints
     ('shoulder', 'elbow', 'insertion')
     """
-    if not 1.0 <= duration <= _LONGEST:
-        raise TrajectoryError(f"duration {duration} s must be within [1, {_LONGEST:.0f}] s")
+    if not 1.0 <= duration <= LONGEST:
+        raise TrajectoryError(f"duration {duration} s must be within [1, {LONGEST:.0f}] s")
     if seed < 0:
         raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
     if profile not in PROFILES:
@@ -165,7 +165,7 @@ def random_motion(
     ]
     name = f"random {duration / 60:.3g} min, seed {seed}"
     meta = {"kind": "random", "duration": duration, "seed": seed, "profile": profile}
-    return _generated(robot, space, np.column_stack(positions), times, name=name, meta=meta)
+    return generated(robot, space, np.column_stack(positions), times, name=name, meta=meta)
 
 
 def nested_motion(
@@ -219,7 +219,7 @@ def nested_motion(
     swings = [_Cosine(way, peak, 0.0) for way in ways]
     meta = {"kind": "nested", "duration": duration}
     positions = _travelled(times, knots, swings)[:, None]
-    return _generated(robot, space, positions, times, name=f"nested {duration:g} s", meta=meta)
+    return generated(robot, space, positions, times, name=f"nested {duration:g} s", meta=meta)
 
 
 def zigzag_box(direction: str) -> Array:
@@ -392,7 +392,7 @@ _SWINGS: Final[Mapping[str, type[_Swing]]] = dict(
 )
 
 
-def _generated(
+def generated(
     robot: Robot,
     space: Workspace,
     positions: Array,

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -79,6 +80,17 @@ class TrackingReport:
     def kept_caps(self) -> bool:
         """Whether no set-point moved faster than its cap (within one part in a million)."""
         return bool(np.all(self.setpoint_speed <= self.speed_caps * (1 + 1e-6)))
+
+    @staticmethod
+    def joined(reports: Sequence[TrackingReport], name: str) -> TrackingReport:
+        """One report of legs that were followed one after the other."""
+        first, weights = reports[0], [one.duration for one in reports]
+        squares = np.average([one.rms**2 for one in reports], axis=0, weights=weights)
+        highest = {
+            key: np.max([getattr(one, key) for one in reports], axis=0)
+            for key in ("max", "setpoint_speed", "max_speed", "speed_caps")
+        }
+        return replace(first, name=name, rms=np.sqrt(squares), duration=sum(weights), **highest)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units."""
@@ -254,6 +266,24 @@ def _resumed(arm: Arm, within: float) -> bool:
     while (state := arm.operating_state().state) == "PAUSED" and time.monotonic() < end:
         time.sleep(_POLL)
     return state == "ENABLED"
+
+
+def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajectory]:
+    """Cut a trajectory at points into legs of `duration` [s] or a little more; raises as `follow`.
+
+    Examples
+    --------
+    >>> robot = truejoint.get_robot("raven2")
+    >>> len(legs(truejoint.motion.random_motion(robot, 100.0), robot, 30.0))
+    4
+    """
+    law = _timed(robot, trajectory, 1.0, None)[0]
+    marks = np.arange(0.0, law.times[-1], duration)
+    cuts = sorted({*np.searchsorted(law.times, marks).tolist(), len(law.times) - 1})
+    return [
+        replace(trajectory, positions=law.knots[a : b + 1], times=law.times[a : b + 1])
+        for a, b in pairwise(cuts)
+    ]
 
 
 def nominal_duration(trajectory: Trajectory, robot: Robot, speed_scale: float = 1.0) -> float:

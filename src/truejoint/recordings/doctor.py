@@ -53,6 +53,11 @@ _SURE: Final = 5.0  # standard deviations of the estimated shift
 _BRAKING: Final = -0.2  # share of the work of an effort that brakes what it should drive
 _OVERLAP: Final = 0.5  # share of the rows that must have a truth at their time
 
+_LEAST_MOTION: Final = 0.005  # of its travel (or of 1 rad or m), by which a joint that moves does
+_OF_MOTION: Final = ("arm", "effort sign", "frozen signal", "delay")
+_TAKE_MOTION: Final = ("frozen", "saturated", "delay", "sign", "outliers", "jump")
+_STOOD: Final = "no joint moves: nothing to judge it by"
+
 VerdictLevel = Level | Literal["good"]
 _LEVELS: Final[tuple[VerdictLevel, ...]] = (*ORDER, "good")
 
@@ -138,23 +143,46 @@ def diagnose(recording: Recording, other: Recording | None = None) -> Diagnosis:
     if not joints:
         raise RecordingError(f"{recording.provenance.source or 'recording'}: no measured position")
     check = check_data(recording, joints=joints, needs_truth=bool(truth))
-    seen = {
+    moving = [joint for joint in joints if _moves(recording, joint)]
+    seen: dict[str, Verdict | None] = {
         "stamps": _stamps(recording),
-        "arm": _arm(recording, other, truth),
+        "arm": _arm(recording, other, [joint for joint in truth if joint in moving]),
         "effort": _effort(recording, joints),
-        "effort sign": _effort_sign(recording, joints),
+        "effort sign": _effort_sign(recording, moving),
         "truth": _truth(recording, truth),
-        "delay": _delay(recording, truth),
+        "delay": _delay(recording, [joint for joint in truth if joint in moving]),
         "homing": _homing(recording),
     }
+    if still := [joint for joint in joints if joint not in moving]:
+        advice = "a joint that is to be calibrated must move, both ways"
+        what = f"{', '.join(still)} stand{'s' if len(still) == 1 else ''}"
+        seen["excitation"] = Verdict("warn", "excitation", what, advice)
+    if not moving:
+        seen |= {name: Verdict("info", name, _STOOD, "move the joints") for name in _OF_MOTION}
+    told = [f for f in check.findings if not _is_of_noise(f, joints, moving)]
     return Diagnosis(
         tuple(
-            _verdict(
-                name, recording, joints, [f for f in check.findings if f.name in rests_on], seen
-            )
+            _verdict(name, recording, joints, [f for f in told if f.name in rests_on], seen)
             for name, rests_on in CHECKS.items()
         )
     )
+
+
+def _moves(recording: Recording, joint: str) -> bool:
+    """Whether a joint moves by more than noise and creep, as any of its sensors has it."""
+    limits = recording.robot.joint(joint)
+    travel = limits.upper - limits.lower
+    least = _LEAST_MOTION * (travel if math.isfinite(travel) else 1.0)
+    columns = [recording.table.get(f"{quantity}/{joint}") for quantity in ("measured", "truth")]
+    return any(column is not None and column.max() - column.min() > least for column in columns)
+
+
+def _is_of_noise(finding: Finding, joints: Sequence[str], moving: Sequence[str]) -> bool:
+    """Whether a finding takes the noise of a joint that stands for its motion."""
+    of = finding.where.partition(" in ")[0].rpartition("/")[2]
+    stands = not moving or (of in joints and of not in moving)
+    by_span = finding.name == "unit" and "spans" in finding.what  # not by where the joint is
+    return stands and (by_span or finding.name in _TAKE_MOTION)
 
 
 def _verdict(

@@ -15,7 +15,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
 from truejoint.recordings.checks.delay import estimate_delay
-from truejoint.recordings.checks.explained import SLOW, explain
+from truejoint.recordings.checks.explained import OTHER_PLAYS, PLAYS, SLOW, explain
 from truejoint.recordings.recording import Recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 
@@ -153,6 +153,8 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
 
     Plays and efforts tell friction from a delay where a motion of one speed, as a zig-zag is, does
     not. It counts where `found` is unsure, and this one is surer and no further off than may be.
+    By how much it differs with plays of other half-widths is part of its deviation: of strokes that
+    are all alike a wrong width and a delay explain the same.
     """
     if found.sd < _UNSURE:
         return found
@@ -161,12 +163,18 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
     if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
         return found
     with threadpool_limits(1, user_api="blas"):
-        explained = [explain([joined], joint) for joint in found.joints]
-        delay = estimate_delay([[joined]] * len(explained), explained)
-    if not (delay.uncertainty < found.sd and abs(delay.seconds) < _SURE * found.sd):
+        delay, other = (
+            estimate_delay(
+                [[joined]] * len(found.joints),
+                [explain([joined], joint, plays=plays) for joint in found.joints],
+            )
+            for plays in (PLAYS, OTHER_PLAYS)
+        )
+    uncertainty = math.hypot(delay.uncertainty, other.seconds - delay.seconds)
+    if not (uncertainty < found.sd and abs(delay.seconds) < _SURE * found.sd):
         return found
     steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
-    sd = math.hypot(delay.uncertainty, *(step / math.sqrt(12.0) for step in steps))
+    sd = math.hypot(uncertainty, *(step / math.sqrt(12.0) for step in steps))
     return replace(found, seconds=found.seconds - delay.seconds, sd=min(sd, found.sd))
 
 

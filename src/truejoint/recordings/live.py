@@ -14,7 +14,9 @@ from truejoint.crtk.ros import Transport
 from truejoint.crtk.ros.transport import SILENCE
 from truejoint.errors import RecordingError
 from truejoint.recordings.bags.reading import (
+    HOMED,
     JOINT_FIELDS,
+    OPERATING_STATES,
     RAVEN_TYPE,
     Lot,
     Wiring,
@@ -33,6 +35,10 @@ _RAVEN_FIELDS: Final = (*(RAVEN_FIELDS[quantity][0] for quantity in USUAL_QUANTI
 _SECOND: Final = 1e9  # ns
 
 _Layout = tuple[tuple[str, ...], tuple[int, ...]]  # names in a message, and lengths of its lists
+
+
+def _is_heard(kind: str) -> bool:
+    return kind == JOINT_STATE or kind in OPERATING_STATES or kind.endswith(RAVEN_TYPE)
 
 
 class LiveLink:
@@ -57,6 +63,14 @@ class LiveLink:
         If there is no such robot or profile.
     RosError
         If no master answers.
+
+    Examples
+    --------
+    >>> link = LiveLink(truejoint.crtk.open_transport(1), "raven2")  # doctest: +SKIP
+    >>> with link:  # doctest: +SKIP
+    ...     time.sleep(10.0)
+    >>> link.diagnose().failed  # doctest: +SKIP
+    False
     """
 
     def __init__(
@@ -76,11 +90,13 @@ class LiveLink:
         self._endings: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        kinds = self._transport.topics()
+        kinds = {n: kind for n, kind in self._transport.topics().items() if _is_heard(kind)}
+        if not kinds:
+            raise RecordingError(
+                f"{_PLACE}: nobody says anything of joints; start the robot's node"
+            )
         _, self._expected = self._wire({name: (kind, 1) for name, kind in kinds.items()})
         for name, kind in kinds.items():
-            if kind != JOINT_STATE and not kind.endswith(RAVEN_TYPE):
-                continue
             self._heard[name] = Heard(name, kind)
             receive = partial(self._receive, self._heard[name])
             self._endings.append(self._transport.subscribe(name, kind, receive))
@@ -117,14 +133,14 @@ class LiveLink:
         return self._wire({n: (one.kind, len(one.times)) for n, one in self._heard.items()})
 
     def _of(self, wiring: Wiring) -> list[Heard]:
-        names = (wiring.state, *wiring.others, wiring.truth)
-        return [self._heard[name] for name in names if name]
+        return [self._heard[name] for name in wiring.joints]
 
     def _recording(self, robot: Robot, wiring: Wiring) -> Recording:
         heard = self._of(wiring)
         lost = {f"{one.name}: {NO_STAMP}": one.invalid for one in heard}
         origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
-        lots = (lot for one in heard for lot in one.lots())
+        homed = [self._heard[wiring.homed]] if wiring.homed else []
+        lots = (lot for one in (*heard, *homed) for lot in one.lots())
         return assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, None, _PLACE)
 
 
@@ -143,7 +159,8 @@ class Heard:
         self.name, self.kind = name, kind
         self.is_raven = kind.endswith(RAVEN_TYPE)
         self.invalid = 0
-        self._fields = _RAVEN_FIELDS if self.is_raven else JOINT_FIELDS
+        others = (HOMED,) if kind in OPERATING_STATES else JOINT_FIELDS
+        self._fields = _RAVEN_FIELDS if self.is_raven else others
         self._lacking = ""
         self._rows: list[tuple[float, float, _Layout, Array]] = []
 
@@ -171,7 +188,7 @@ class Heard:
         elif self.invalid:
             why = "its stamps are 0, which says that they mean nothing: is the robot homed?"
         else:
-            why = "nothing came on it: does its node still run, and the network?"
+            why = "nothing came on it: is the robot homed, does its node run, and the network?"
         if not self._rows:
             raise RecordingError(f"{self.name}: {why}")
 

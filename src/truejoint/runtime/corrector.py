@@ -125,7 +125,8 @@ class Corrector(Summarised):
     -----
     The arrays change in place at every step: copy what you want to keep. A corrector belongs to the
     thread of its first step, until `release` or that thread's end; a step of another one is
-    OTHER_THREAD, and changes nothing. It refuses to be copied and pickled.
+    OTHER_THREAD, and changes nothing. `set_homing`, `rezero` and `acknowledge` may come from any
+    thread: each takes effect between two samples, as a whole. It refuses to be copied and pickled.
 
     Examples
     --------
@@ -137,9 +138,9 @@ class Corrector(Summarised):
     """
 
     __slots__ = (
-        "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample", "_statuses",
-        "_taking", "_thread", "beside", "correction", "features", "half_width", "joints",
-        "made_for", "offset", "position", "signals",
+        "_commands", "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample",
+        "_statuses", "_taking", "_thread", "beside", "correction", "features", "half_width",
+        "joints", "made_for", "offset", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -170,6 +171,8 @@ class Corrector(Summarised):
         self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(own)}
         self._statuses = _Statuses()
         self._thread, self._taking = 0, Lock()
+        # One command at a time. Samples need no lock: a kernel holds the interpreter to its end.
+        self._commands = Lock()
         self.warm_up()
 
     @property
@@ -216,16 +219,19 @@ class Corrector(Summarised):
         Call it before the first sample, and whenever it changes: then an offset of `rezero` ends
         and the history of the signals starts anew. A `homing_id` is compared with those of the
         training recordings or, where these have none, with the first one told; without it, a robot
-        that is homed after it was said not to be counts as homed again. It also does as `release`.
+        that is homed after it was said not to be counts as homed again. It also does as `release`,
+        unless another thread has the corrector: that one goes on with it.
 
         Returns OK, NOT_HOMED or HOMED_AGAIN: what every sample from now on is flagged with.
         """
-        told = at.HOMING_UNKNOWN
-        if homing_id is not None:
-            told = self._homings.setdefault(homing_id, len(self._homings) + 1)
-        self._numbers[at.IS_HOMED], self._numbers[at.TOLD_ID] = bool(is_homed), told
-        self.release()
-        return self._statuses[tell_homing(self._numbers, self._memory)]
+        with self._commands:
+            told = at.HOMING_UNKNOWN
+            if homing_id is not None:
+                told = self._homings.setdefault(homing_id, len(self._homings) + 1)
+            self._numbers[at.IS_HOMED], self._numbers[at.TOLD_ID] = bool(is_homed), told
+            if self._thread == get_ident():
+                self.release()
+            return self._statuses[tell_homing(self._numbers, self._memory)]
 
     def rezero(self, offset: ArrayLike) -> Status:
         """Add an offset to every corrected position: the calibration is valid for this homing.
@@ -241,15 +247,17 @@ class Corrector(Summarised):
             raise CalibrationError(
                 f"offset {offset!r:.80} is not a finite number for each of {', '.join(self.joints)}"
             )
-        self.offset[:] = values
-        return self._statuses[accept_offset(self._numbers, self._memory)]
+        with self._commands:
+            self.offset[:] = values
+            return self._statuses[accept_offset(self._numbers, self._memory)]
 
     def acknowledge(self) -> None:
         """Say that the zero is right after all: ends ZERO_SUSPECT.
 
         What the redundant signals say at the next sample counts as right from then on.
         """
-        acknowledge(self._numbers, self._memory)
+        with self._commands:
+            acknowledge(self._numbers, self._memory)
 
     def release(self) -> None:
         """Let the thread of the next step have the corrector; its history goes on."""

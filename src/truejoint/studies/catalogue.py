@@ -174,6 +174,33 @@ _RAVEN: Final = (
     ),
 )  # fmt: skip
 
+_PAST: Final = (
+    Study(
+        "efficiency", "Which motion reaches the accuracy of all zig-zags soonest?",
+        "", "truejoint.studies.raven2.efficiency",
+        (
+            _RAVENS, Option("sessions", 10, "homings, each with its own arm's seed", small=2),
+            Option("longest", 8.0, "training by random and designed motion [min]", small=4.0),
+            Option("every_s", 15.0, "of training are judged [s]", small=30.0),
+            Option("estimator", "linear", "as for truejoint calibrate"),
+            Option("features", "positioning", "of the positioning joints, or all"),
+            Option("test", 20.0, "random motion that it is judged on [min]", small=5.0),
+        ),
+    ),
+    Study(
+        "transfer", "What is a calibration worth after a homing, a day, with another tool or arm?",
+        "", "truejoint.studies.raven2.transfer",
+        (
+            _RAVENS, Option("changes", ("homing", "day", "tool", "arm"), "what is new"),
+            Option("sessions", 10, "homings, each with its own arm's seed", small=2),
+            Option("first", 8.0, "designed motion of the first calibration [min]", small=4.0),
+            Option("estimator", "linear", "linear, poly2, poly2_ridge or rich_play"),
+            Option("features", "positioning", "of the positioning joints, or all"),
+            Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
+        ),
+    ),
+)  # fmt: skip
+
 _REAL: Final = (
     Study(
         "real", "How do all estimators do on recordings of real joints?",
@@ -304,7 +331,7 @@ _WRIST: Final = Study(
     ),
 )
 
-STUDIES: Final = {study.name: study for study in (*_RAVEN, *_REAL, *_FORCEPS, _WRIST)}
+STUDIES: Final = {study.name: study for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST)}
 """In the order in which they are listed."""
 
 

@@ -25,6 +25,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import write_atomically
 from truejoint.studies.catalogue import get_study
+from truejoint.studies.cluster import on_cluster
 from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
 from truejoint.summary import json_values
 
@@ -72,11 +73,12 @@ def run_study(
     seed: int = 0,
     folder: str | Path | None = None,
     jobs: int = 1,
+    cluster: str | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> StudyResult:
     """Compute what is missing of a study, and summarise it.
 
-    Results depend neither on `jobs` nor on what was computed before.
+    Results depend neither on `jobs` or `cluster` nor on what was computed before.
 
     Parameters
     ----------
@@ -92,13 +94,17 @@ def run_study(
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
         must stand behind ``if __name__ == "__main__":``.
+    cluster : str, optional
+        Address of a Dask scheduler, such as ``tcp://10.0.0.5:8786``: its workers, one thread each
+        and with the same software, compute the parts in place of processes here.
     progress : callable, optional
         Called with the fraction done of what is missing, 0 to 1.
 
     Raises
     ------
     StudyError
-        If study, preset or option is unknown, or parts failed: the others are kept.
+        If study, preset or option is unknown, the cluster cannot be used, or parts failed: the
+        others are kept.
 
     Examples
     --------
@@ -118,7 +124,7 @@ def run_study(
         }  # fmt: skip
         missing = [part for part, file in files.items() if read_part(file) is None]
         failed = []
-        for count, (part, result) in enumerate(_computed(missing, jobs), 1):
+        for count, (part, result) in enumerate(_computed(missing, jobs, cluster), 1):
             if isinstance(result, TruejointError):
                 failed.append((part.key, result))
             else:
@@ -138,8 +144,13 @@ def run_study(
     return StudyResult(chosen, settings, results, chosen.summarise(settings, results), len(missing))
 
 
-def _computed(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
+def _computed(parts: Sequence[Part], jobs: int, cluster: str | None) -> Iterator[Outcome]:
     """Each part with its result, or with what is wrong with it, as it is done."""
+    if cluster is not None:
+        if parts:
+            for part, (_, result) in on_cluster(compute, parts, cluster):
+                yield part, result
+        return
     if min(jobs, len(parts)) <= 1:
         yield from map(compute, parts)
         return

@@ -15,7 +15,7 @@ from rosbags import highlevel, rosbag1, rosbag2
 from tests.recordings.bags.conftest import make_session
 
 from truejoint import read_recording
-from truejoint.crtk.messages import RAVEN_FIELDS
+from truejoint.crtk.messages import DEFINITIONS, RAVEN_FIELDS
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import (
     Recording,
@@ -25,7 +25,7 @@ from truejoint.recordings import (
     read_topic,
     write_bag,
 )
-from truejoint.recordings.bags import container
+from truejoint.recordings.bags import container, reading
 from truejoint.recordings.bags.container import (
     CUT_SHORT,
     DAMAGED,
@@ -92,6 +92,48 @@ def test_the_left_arm_is_where_the_profile_says(bag):
     assert not found.joints_of("setpoint")
     assert "raven2" in found.provenance.notes
     assert "+0.1309 to elbow" in found.provenance.notes
+
+
+def test_the_notes_say_what_was_read_and_only_what_was(session, bag, tmp_path):
+    said = read_bag(bag, state="/arm2/measured_js").provenance.notes
+    assert said.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
+    assert "; added to the truth [rad or m]: " in said
+    without = _rewritten(bag, tmp_path / "w.bag", lambda topic, _: topic == "/ravenstate")
+    said = read_bag(without).provenance.notes
+    assert said.startswith("state of /ravenstate; profile raven2: ")
+    assert "added to the truth" not in said
+    write_bag(session, tmp_path / "a.bag", profile="raven2_mended")
+    said = read_bag(
+        tmp_path / "a.bag", "raven2", profile="raven2_mended", state="/arm1/measured_js"
+    ).provenance.notes
+    assert said.startswith("state of /arm1/measured_js and /arm1/setpoint_js, truth of ")
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+def test_topics_are_counted_by_the_index_or_by_reading(session, tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_bag(session, path)
+    if suffix == ".bag":  # which has an index: nothing of it is read through
+        monkeypatch.setattr(container, "read_batches", None)
+    topics = bag_topics(path)
+    assert topics["/ravenstate"][1] == topics["/arm2/measured_js"][1] == len(session)
+    assert topics["/ext_jpos"][1] == len(session)
+
+
+def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
+    columns = {"t": np.arange(4.0), "measured/jaw": np.array([0.0, np.nan, 2.0, 3.0])}
+    assert list(reading._keep_known(columns).values()) == [1]
+    np.testing.assert_array_equal(columns["t"], [0.0, 2.0, 3.0])
+    assert reading._keep_known(columns) == {}
+    np.testing.assert_array_equal(columns["measured/jaw"], [0.0, 2.0, 3.0])
+
+
+def test_of_many_topics_a_message_lists_thirty():
+    assert reading._listed({}) == "there are none"
+    topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(31)}
+    assert reading._listed(topics).endswith("/29 (std_msgs/String, 29), ...")
+    topics.pop("/30")
+    assert reading._listed(topics).endswith("/29 (std_msgs/String, 29)")
 
 
 def test_any_command_reads_a_bag(bag, session):
@@ -360,6 +402,29 @@ def test_rows_of_homing_are_left_out(session, tmp_path):
     assert len(found) == len(session) - 50
     assert found.provenance.dropped["homing"] == 50
     assert AMID not in found.provenance.dropped
+
+
+def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path):
+    kind, system = "crtk_msgs/msg/operating_state", typesys()  # as RAVEN-II still calls it
+    store = system.get_typestore(system.Stores.ROS1_NOETIC)
+    store.register(system.get_types_from_msg(DEFINITIONS["crtk_msgs/operating_state"], kind))
+    start = session.provenance.start
+    with rosbag1.Writer(tmp_path / "said.bag") as writer:
+        topic = writer.add_connection("/arm1/operating_state", kind, typestore=store)
+        for after, is_homed in ((0.0, True), (1.0, False), (2.0, True)):
+            stamp = round((start + after) * 1e9)
+            time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+            header = store.types["std_msgs/msg/Header"](0, time, "")
+            message = store.types[kind](header, "ENABLED", is_homed, not is_homed)
+            writer.write(topic, stamp, store.serialize_ros1(message, kind))
+    write_bag(session, tmp_path / "a.bag", profile="raven2_mended")
+    found = read_bag(
+        [tmp_path / "a.bag", tmp_path / "said.bag"], "raven2", profile="raven2_mended",
+        state="/arm1/measured_js",
+    )  # fmt: skip
+    amid = (session.t >= 1.0 - 1e-9) & (session.t < 2.0 - 1e-9)
+    assert found.provenance.dropped[AMID] == amid.sum() > 10
+    np.testing.assert_allclose(found.t, session.t[~amid], atol=1e-6)
 
 
 def test_a_real_bag_of_a_dvrk():

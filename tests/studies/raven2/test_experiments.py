@@ -274,6 +274,17 @@ def test_groups_are_left_out_and_spoilt(tmp_path, monkeypatch):
     assert drawn(result, tmp_path)
 
 
+def test_an_arm_of_ones_own_stands_beside_the_shipped_one(tmp_path):
+    path = tmp_path / "loose.toml"
+    path.write_text("[tool]\nwander_time = 7200.0\n", encoding="utf-8")
+    found = s.specimens(("nominal", str(path)))
+    assert list(found) == ["nominal", "loose"]
+    assert found["loose"]["tool"]["wander_time"] == 7200.0
+    assert found["nominal"]["tool"]["wander_time"] == 600.0
+    with pytest.raises(StudyError, match="two have one name"):
+        s.specimens((str(path), str(tmp_path / "." / "loose.toml")))
+
+
 @pytest.mark.parametrize(
     ("study", "options", "message"),
     [

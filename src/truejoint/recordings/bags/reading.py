@@ -18,8 +18,10 @@ from truejoint.crtk.messages import (
     ARMS,
     CORRECTED,
     JOINT_STATE,
+    OPERATING_STATE,
     PROFILES,
     RAVEN_FIELDS,
+    RUN_LEVELS,
     TRUTH_TOPIC,
     USUAL_QUANTITIES,
     Profile,
@@ -48,8 +50,10 @@ from truejoint.robots import Robot, get_robot
 
 RAVEN_TYPE: Final = "raven_state"  # of whatever package: there are two at least
 JOINT_FIELDS: Final = ("position", "velocity", "effort")
+HOMED: Final = "is_homed"
 # Names of CRTK, and of others, that are no joint sensors'.
 _NO_TRUTH: Final = ("measured_js", "setpoint_js", "goal_js", "joint_states", "joint_enc")
+OPERATING_STATES: Final = (OPERATING_STATE, "crtk_msgs/operating_state")
 _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
 _OVERLAP: Final = 0.5  # share of the shorter stream that truth and state have in common, on a clock
 _SECOND: Final = 1e9  # ns
@@ -67,6 +71,8 @@ class Wiring:
         Joint states that add to it: set-points, a jaw of its own.
     truth : str
         Topic of joint sensors; empty without any.
+    homed : str
+        Topic that says whether the arm is homed, where the state itself does not.
     profile : Profile
 
     Examples
@@ -79,7 +85,13 @@ class Wiring:
     state: str
     others: tuple[str, ...] = ()
     truth: str = ""
+    homed: str = ""
     profile: Profile = field(default_factory=lambda: PROFILES["crtk"])
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Topics of joints, the state first."""
+        return tuple(filter(None, (self.state, *self.others, self.truth)))
 
 
 def bag_topics(
@@ -266,7 +278,7 @@ def find_wiring(
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
     space = state.rpartition("/")[0]
-    others = []
+    others, homed = [], ""
     if topics[state][0] == JOINT_STATE:
         for name in sorted(own):
             what, near = crtk_name(name), name.rpartition("/")[0]
@@ -274,9 +286,13 @@ def find_wiring(
             aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
             if name != state and own[name][0] == JOINT_STATE and (inside or aim):
                 others.append(name)
+            of_arm = chosen.arm_of(name)
+            here = of_arm == robot.arm if of_arm else near == space
+            if own[name][0] in OPERATING_STATES and what == "operating_state" and here:
+                homed = name
     left = {name: told for name, told in own.items() if name not in (state, *others)}
     found = "" if truth is None else truth or _find_truth(left)
-    return Wiring(state, tuple(others), found, chosen)
+    return Wiring(state, tuple(others), found, homed, chosen)
 
 
 def _find_state(
@@ -456,11 +472,11 @@ def wanted_fields(
 ) -> dict[str, tuple[str, ...]]:
     """Fields that are read of each topic of a wiring; `topics` are types and counts of all."""
     raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
-    return {
+    wanted = {
         name: raven if topics[name][0].endswith(RAVEN_TYPE) else JOINT_FIELDS
-        for name in (wiring.state, *wiring.others, wiring.truth)
-        if name
+        for name in wiring.joints
     }
+    return {**wanted, wiring.homed: (HOMED,)} if wiring.homed else wanted
 
 
 def assemble(
@@ -497,27 +513,15 @@ def assemble(
     RecordingError
         If a topic has no message, or one that is no joint state of the robot.
     """
-    told = {wiring.state: "measured", wiring.truth: "truth"} | {
-        name: crtk_name(name).partition("_")[0] for name in wiring.others
-    }
-    series = {name: _Series() for name in told if name}
-    for name, places, stamps, fields, texts in lots:
-        if "runlevel" in fields:
-            columns = raven_state_columns(robot, fields, quantities)
-            columns["state/run_level"] = fields["runlevel"][:, 0].astype(np.float64)
-        else:
-            names = texts.get("name", ())
-            try:
-                columns = joint_state_columns(robot, told[name], names, fields, wiring.profile)
-            except RobotError as error:
-                raise RecordingError(f"{place}: {name}: {error}") from None
-        series[name].add(places, stamps, columns)
+    series = _series_of(lots, robot, wiring, quantities, place)
     for name in filter(None, (wiring.state, wiring.truth)):
         if not series[name].stamps:
             raise RecordingError(f"{place}: {name} has no message that can be read")
     base = int(series[wiring.state].stamps[0][0])
     dropped: dict[str, int] = {}
     state = _stream(series[wiring.state], base, "state", dropped)
+    if series[wiring.homed].stamps:
+        state = _homed(state, series[wiring.homed], base, dropped)
     columns = {"t": state.t, **state.columns}
     for name in wiring.others:
         if sum(map(len, series[name].stamps)) > 1:
@@ -537,6 +541,34 @@ def assemble(
         )
         recording = _with_truth(recording, truth, offset)
     return replace(recording, provenance=replace(recording.provenance, start=base / _SECOND))
+
+
+def _series_of(
+    lots: Iterable[Lot],
+    robot: Robot,
+    wiring: Wiring,
+    quantities: Collection[str],
+    place: str,
+) -> dict[str, _Series]:
+    """Columns of the topics of a wiring, by topic."""
+    told = {wiring.state: "measured", wiring.truth: "truth"} | {
+        name: crtk_name(name).partition("_")[0] for name in wiring.others
+    }
+    series = {name: _Series() for name in (*wiring.joints, wiring.homed)}
+    for name, places, stamps, fields, texts in lots:
+        if name == wiring.homed:
+            columns = {HOMED: fields[HOMED][:, 0].astype(np.float64)}
+        elif "runlevel" in fields:
+            columns = raven_state_columns(robot, fields, quantities)
+            columns["state/run_level"] = fields["runlevel"][:, 0].astype(np.float64)
+        else:
+            names = texts.get("name", ())
+            try:
+                columns = joint_state_columns(robot, told[name], names, fields, wiring.profile)
+            except RobotError as error:
+                raise RecordingError(f"{place}: {name}: {error}") from None
+        series[name].add(places, stamps, columns)
+    return series
 
 
 def _with_truth(recording: Recording, truth: Stream, offset: float | None) -> Recording:
@@ -564,6 +596,23 @@ def _stream(series: _Series, base: int, name: str, dropped: dict[str, int]) -> S
     if len(kept.t) < len(stamps):
         _keep(columns, kept.columns["row"].astype(np.int64))
     return Stream(kept.t, columns)
+
+
+def _homed(state: Stream, told: _Series, base: int, dropped: dict[str, int]) -> Stream:
+    """Leave out rows of a state before, and amid which, its arm said that it was not homed.
+
+    One that never says that it is homed has no homing.
+    """
+    stamps, columns = told.joined()
+    order = np.argsort(stamps, kind="stable")
+    t, is_homed = (stamps[order] - base) / _SECOND, columns[HOMED][order] > 0.0
+    last = np.maximum(np.searchsorted(t, state.t, side="right") - 1, 0)
+    if not is_homed[last].any():
+        return state
+    names = np.where(is_homed[last], RUN_LEVELS["pedal down"], RUN_LEVELS["homing"])
+    keep, homing = without_homing(names.astype(np.float64))
+    dropped |= homing
+    return state if keep.all() else state.rows(keep)
 
 
 def _keep(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:

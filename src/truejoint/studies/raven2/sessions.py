@@ -38,14 +38,22 @@ PUBLISHED: Final = "published"
 HOUR: Final = 3600.0  # [s]
 STATE_RATE: Final = 30.0  # [Hz], peng2024, IV-A
 _LONG_RATE: Final = 10.0  # [Hz], of hours
-_IDLE_TEST: Final = 600.0  # [s]
+_IDLE_TEST: Final = 120.0  # [s], short, as the tests work the cables as well
 TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
 
 
 def specimens(names: Sequence[str]) -> dict[str, Plain]:
-    """Plain values of shipped specimens, or of TOML files, by a title for each."""
-    return {Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names}
+    """Plain values of shipped specimens, or of TOML files, by a title for each.
+
+    Raises StudyError if two files have one name, TruejointError if one cannot be read.
+    """
+    found: dict[str, Plain] = {
+        Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names
+    }
+    if len(found) < len(names):
+        raise StudyError(f"specimens {', '.join(names)}: two have one name; rename a file")
+    return found
 
 
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
@@ -141,7 +149,7 @@ def work(arm: Arm, seconds: float, seed: int) -> None:
 
 
 def resting(arm: Arm, hours: int, seed: int) -> list[Recording]:
-    """Ten minutes of random motion at the start of every hour, the brakes on in between.
+    """Two minutes of random motion at the start of every hour, the brakes on in between.
 
     The motion is the same each time, so that hours differ by what became of the arm.
     """

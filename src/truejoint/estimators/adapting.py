@@ -1,0 +1,67 @@
+"""Ridge regression of what a fitted model leaves on new rows: how far it is to be changed."""
+
+from __future__ import annotations
+
+import math
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
+
+PENALTIES: Final = (*(10.0**p for p in range(-4, 3)), math.inf)
+"""Tried on the squared changes of coefficients, beside the mean squared error; the last changes the
+intercept alone."""
+_BLOCKS: Final = 5  # of the rows, on end, left out in turn
+_LEAST_ROWS: Final = 50
+
+
+def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
+    """Give changes of a model's coefficients (m, k) and intercept (k,), and penalties (k,).
+
+    For each output by itself, the penalty is the one of the least mean square on five blocks of
+    rows, on end, that are left out in turn.
+
+    Parameters
+    ----------
+    terms : ndarray, shape (n, m)
+        Of the model, scaled so that they had a variance of about 1 where it was fitted.
+    left : ndarray, shape (n, k)
+        Target minus prediction of the model.
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than 50 rows.
+    """
+    if len(terms) < _LEAST_ROWS:
+        raise CalibrationError(
+            f"{len(terms)} rows with truth; a prior is changed by {_LEAST_ROWS} or more"
+        )
+    rows = np.arange(len(terms))
+    blocks = np.array_split(rows, _BLOCKS)
+    errors = np.zeros((len(PENALTIES), left.shape[1]))
+    for block in blocks:
+        seen = np.setdiff1d(rows, block)
+        for at, (slopes, offset) in enumerate(_ridges(terms[seen], left[seen])):
+            errors[at] += np.sum((left[block] - terms[block] @ slopes - offset) ** 2, axis=0)
+    best = errors.argmin(axis=0)
+    every = _ridges(terms, left)
+    slopes, offset = (
+        np.array([every[at][part][..., j] for j, at in enumerate(best)]) for part in (0, 1)
+    )
+    return slopes.T, offset, np.array(PENALTIES)[best]
+
+
+def _ridges(terms: Array, left: Array) -> list[tuple[Array, Array]]:
+    """Slopes (m, k) and offset (k,) for every penalty; the offset is not penalised."""
+    mean, level = terms.mean(axis=0), left.mean(axis=0)
+    centred = terms - mean
+    values, vectors = np.linalg.eigh(centred.T @ centred / len(terms))
+    right = vectors.T @ (centred.T @ (left - level) / len(terms))
+    found = []
+    for penalty in PENALTIES:
+        slopes = vectors @ (right / (np.maximum(values, 0.0) + penalty)[:, None])
+        found.append((slopes, level - mean @ slopes))
+    return found

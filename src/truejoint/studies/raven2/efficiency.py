@@ -1,0 +1,224 @@
+"""Which motion reaches a stated accuracy soonest: zig-zags, random, or designed ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.calibration import ENOUGH, calibrate, expected_gain
+from truejoint.errors import CalibrationError
+from truejoint.evaluation.digits import fixed
+from truejoint.motion import PROFILES, designed_motion, random_motion
+from truejoint.recordings import Recording
+from truejoint.studies.figures import Curve, Figure, Panel
+from truejoint.studies.raven2 import sessions as s
+from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary, check_counts
+from truejoint.studies.table import Table
+
+_FINE: Final = (4, 5, 6)  # divisions of the zig-zags that are compared with, as in peng2024
+_SEED: Final = 1000  # between the seeds of studies
+_OFFSET: Final = 900_000  # of the arms' seeds, so that no other study has the same
+_MOTION_SEED: Final = 2_000_000  # between the seed of an arm and that of its motion
+_REFERENCE: Final = "zigzag"
+_DESIGNED: Final = "designed"
+_MOTIONS: Final = {_REFERENCE: "tab:gray", "random": "tab:orange", _DESIGNED: "tab:blue"}
+_MINUTES: Final = 2.5  # in which the designed motion is to reach the zig-zags' accuracy
+_FIRST_LOOK: Final = 60.0  # [s], when it is first asked whether that is enough,
+_LOOK: Final = 30.0  # [s], and how often
+_NEAR: Final = 1.2  # of the least error of a session, which stopping may end with
+_STOPS: Final = 0.8  # share of the sessions that shall
+_SHARE: Final = 0.7  # of the time of random motion that it may take
+
+
+def parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen, session and motion."""
+    check_counts(settings, "sessions", "longest", "every_s", "test")
+    steps = max(1, round(60.0 * settings["longest"] / settings["every_s"]))
+    common = {
+        "seconds": [settings["every_s"] * (1 + k) for k in range(steps)],
+        "estimator": settings["estimator"],
+        "features": features(settings["features"]),
+        "test": 60.0 * settings["test"],
+    }
+    found = []
+    for title, raven in s.specimens(settings["specimens"]).items():
+        for session in range(settings["sessions"]):
+            seed = _OFFSET + _SEED * settings.seed + session
+            for motion in _MOTIONS:
+                arguments = {"raven": raven, "seed": seed, "motion": motion, **common}
+                found.append(Part(f"{title}-{motion}-{session}", learn, arguments))
+    return found
+
+
+def features(which: str) -> list[str] | None:
+    """Features of the positioning joints alone, or of all channels."""
+    if which == "all":
+        return None
+    return [f"{quantity}/{joint}" for quantity in ("measured", "effort") for joint in s.JOINTS]
+
+
+def learn(
+    raven: s.Plain,
+    seed: int,
+    motion: str,
+    seconds: Sequence[float],
+    estimator: str,
+    features: Sequence[str] | None,
+    test: float,
+) -> PartResult:
+    """Calibrate on the first `seconds` of a motion, and judge on random motion after it.
+
+    Zig-zags are judged whole too. A calibration that cannot be made has no accuracy.
+    """
+    arm, _ = s.homed(raven, seed)
+    if motion == _REFERENCE:
+        training = s.zigzags(arm, _FINE)
+    elif motion == _DESIGNED:
+        training = [s.record(arm, designed_motion(arm.robot, seconds[-1], _MOTION_SEED + seed))]
+    else:
+        path = random_motion(arm.robot, seconds[-1], _MOTION_SEED + seed, profile=PROFILES[1])
+        training = [s.record(arm, path)]
+    judged = s.random_test(arm, test, s.TEST_SEED + seed)
+
+    def rmse(recordings: Sequence[Recording]) -> list[float]:
+        try:
+            model = calibrate(recordings, estimator, features=features)
+        except CalibrationError:
+            return [float("nan")] * len(s.JOINTS)
+        return s.judged({estimator: [model]}, judged)[estimator][0]
+
+    ends = np.cumsum([one.duration for one in training])
+    found = [rmse(until(training, end)) for end in seconds if end <= ends[-1] + 1.0]
+    numbers: dict[str, Any] = {"total": float(ends[-1]), "whole": rmse(training)}
+    if motion == _DESIGNED:
+        end = stopped(training[0], estimator, features)
+        numbers |= {"stopped": end, "at_stop": rmse(until(training, end))}
+    return PartResult(numbers, {"rmse": np.array(found)})
+
+
+def stopped(recording: Recording, estimator: str, features: Sequence[str] | None) -> float:
+    """Time [s] after which more of a motion is not expected to pay; all of it where it always is.
+
+    It is asked as `truejoint collect --until-enough` does.
+    """
+    for end in np.arange(_FIRST_LOOK, recording.duration, _LOOK):
+        gain = expected_gain(until([recording], end), estimator, features=features)
+        if (gain < ENOUGH).all():
+            return float(end)
+    return recording.duration
+
+
+def until(recordings: Sequence[Recording], seconds: float) -> list[Recording]:
+    """Cut recordings, one after the other, after so much time of all [s]."""
+    kept = []
+    for recording in recordings:
+        if seconds <= 0.0:
+            break
+        kept.append(recording.rows(recording.t - recording.t[0] <= seconds))
+        seconds -= recording.duration
+    return [one for one in kept if len(one) > 1]
+
+
+def relative(rmse: Array, whole: Array | Sequence[float]) -> Array:
+    """RMSE (n, 3) as a share (n,) of that of the zig-zags, geometric mean over the joints."""
+    return np.asarray(np.exp(np.log(rmse / np.array(whole)).mean(axis=1)))
+
+
+def reached(share: Array, seconds: Array) -> tuple[float, float]:
+    """Give the `seconds` (n,) at which a share (n,) is 1 or below first, and from on for good.
+
+    Infinite where that is never.
+    """
+    times, above = np.append(seconds, np.inf), np.append(~(share <= 1.0), False)
+    first, last = np.argmin(above), np.flatnonzero(np.append(True, above[:-1]))[-1]
+    return float(times[first]), float(times[last])
+
+
+def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+    """Accuracy against minutes, and the minutes until that of the zig-zags."""
+    count = range(settings["sessions"])
+    seconds = np.array(parts(settings)[0].arguments["seconds"])
+    rows, claims, panels = [], [], []
+    for title in s.specimens(settings["specimens"]):
+        whole = [results[f"{title}-{_REFERENCE}-{k}"].numbers["whole"] for k in count]
+        total = np.median([results[f"{title}-{_REFERENCE}-{k}"].numbers["total"] for k in count])
+        rows.append(_row(f"{title}, zig-zags", np.full(2, total), np.array(whole), 1.0))
+        curves, times = [], {}
+        for motion, colour in _MOTIONS.items():
+            rmse = [results[f"{title}-{motion}-{k}"].arrays["rmse"] for k in count]
+            shares = [relative(one, own) for one, own in zip(rmse, whole, strict=True)]
+            least = min(map(len, shares))
+            times[motion] = np.array([reached(one, seconds) for one in shares])
+            middle = np.median([one[:least] for one in shares], axis=0)
+            curves.append(Curve(seconds[:least] / 60.0, middle, motion, colour, "-o", 2.0))
+            curves += [
+                Curve(seconds[: len(one)] / 60.0, one, "", colour, width=0.2) for one in shares
+            ]
+            if motion == _REFERENCE:
+                continue
+            for minutes in (_MINUTES, float(seconds[-1]) / 60.0):
+                at = int(np.abs(seconds - 60.0 * minutes).argmin())
+                here = np.array([one[at] for one in rmse])
+                text = f"{title}, {motion}, {seconds[at] / 60:.1f} min"
+                spent = np.median(times[motion], axis=0)
+                rows.append(_row(text, spent, here, float(middle[at])))
+        panels.append(
+            Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy", legend=True)
+        )
+        claims += _claims(title, times)
+        claims.append(_stopping(title, [results[f"{title}-{_DESIGNED}-{k}"] for k in count]))
+    header = ("motion", *s.TITLES, "to the zig-zags'", "as good from [min]", "for good [min]")
+    chosen = f"{settings['estimator']}, features of {settings['features']} joints"
+    notes = (
+        f"RMSE on {settings['test']:g} minutes of random motion of the laboratory's profile after "
+        f"the training, mean over {len(count)} sessions with an arm's seed and a homing each; "
+        f"{chosen}. The last three are medians over the sessions: of the geometric mean over the "
+        "joints of the RMSE over that of the session's zig-zags, and of the minutes until that is "
+        "1 or below, for the first time and for good.",
+    )
+    table = Table("Accuracy against minutes of training", header, tuple(rows), notes)
+    caption = "Bold: median over the sessions, which are the thin lines. 1: all zig-zags."
+    figure = Figure("How soon is a calibration as good as by all zig-zags?", (panels,), caption)
+    return Summary((table,), {"efficiency": figure}, claims)
+
+
+def _row(name: str, spent: Array, rmse: Array, share: float) -> tuple[str, ...]:
+    errors = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
+    return (name, *errors, fixed(share, 2), *(fixed(float(one) / 60.0, 2) for one in spent))
+
+
+def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
+    """Judge times (n, 2) by motion: those from which a session is as good for good."""
+    ours, theirs = (np.median(times[motion], axis=0) / 60.0 for motion in (_DESIGNED, "random"))
+    against = f"{ours[1]:.2f} against {theirs[1]:.2f} minutes for good, median"
+    return [
+        Claim(
+            f"the designed motion is as good as all zig-zags within {_MINUTES:g} minutes",
+            "ours", bool(ours[1] <= _MINUTES), f"{ours[1]:.2f} minutes for good, median", title,
+        ),
+        Claim(
+            f"it takes at most {_SHARE:.0%} of the time of random motion",
+            "ours", bool(ours[1] <= _SHARE * theirs[1]),
+            f"{against}; {ours[0]:.2f} against {theirs[0]:.2f} for the first time", title,
+        ),
+    ]  # fmt: skip
+
+
+def _stopping(title: str, sessions: Sequence[PartResult]) -> Claim:
+    near, minutes = 0, []
+    for part in sessions:
+        errors = relative(np.vstack([part.arrays["rmse"], part.numbers["at_stop"]]), np.ones(3))
+        near += bool(errors[-1] <= _NEAR * np.nanmin(errors))
+        minutes.append(part.numbers["stopped"] / 60.0)
+    text = (
+        f"stopped when twice the time is expected to lower no error by {ENOUGH:.0%}, the designed "
+        f"motion ends within {_NEAR - 1.0:.0%} of the least error that it ever reaches"
+    )
+    found = (
+        f"{near} of {len(sessions)} sessions, after {np.median(minutes):.1f} minutes "
+        f"({min(minutes):.1f} to {max(minutes):.1f})"
+    )
+    return Claim(text, "ours", near >= _STOPS * len(sessions), found, title)

@@ -1,0 +1,96 @@
+"""The studies of what a minute of motion is worth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.errors import StudyError
+from truejoint.simulation.raven2 import Raven2Parameters
+from truejoint.studies import run_study, write_study
+from truejoint.studies.raven2 import efficiency, transfer
+
+PNG = b"\x89PNG\r\n"
+
+
+def test_a_time_is_that_at_which_the_joints_together_are_as_good():
+    rmse = np.array([[4.0, 1.0, 1.0], [2.0, 1.0, 0.5], [1.0, 1.0, 1.0]])
+    share = efficiency.relative(rmse, [1.0, 1.0, 1.0])
+    np.testing.assert_allclose(share, [4.0 ** (1 / 3), 1.0, 1.0])
+    seconds = np.array([5.0, 10.0, 15.0, 20.0])
+    for shares, first, good in (
+        ([1.4, 1.0, 1.1, 0.9], 10.0, 20.0),
+        ([0.9, 0.8, 1.0, 0.9], 5.0, 5.0),
+        ([np.nan, 0.8, 1.2, 1.1], 10.0, np.inf),
+        ([1.1, 1.2, 1.2, 1.1], np.inf, np.inf),
+    ):
+        assert efficiency.reached(np.array(shares), seconds) == (first, good)
+
+
+def test_recordings_are_cut_by_the_time_of_all(recording):
+    pair = [recording, recording]
+    whole = recording.duration
+    kept = efficiency.until(pair, 1.5 * whole)
+    assert len(kept[0]) == len(recording)
+    assert kept[1].duration == pytest.approx(0.5 * whole, rel=0.1)
+    assert len(efficiency.until(pair, 0.5 * whole)) == 1
+
+
+def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
+    monkeypatch.setattr(efficiency, "_FINE", (1,))
+    monkeypatch.setattr(efficiency, "_FIRST_LOOK", 30.0)
+    options = {"specimens": "nominal", "sessions": 1, "longest": 1, "every_s": 30, "test": 1}
+    result = run_study("efficiency", options)
+    parts = {key.split("-")[1]: part for key, part in result.parts.items()}
+    assert set(parts) == {"zigzag", "random", "designed"}
+    for part in parts.values():
+        assert part.arrays["rmse"].shape == (2, 3)
+        assert (part.arrays["rmse"] > 0.0).all()
+    at_end = parts["designed"].arrays["rmse"][-1]  # of a minute: a degree, a millimetre
+    assert (at_end < [np.radians(1.0), np.radians(1.0), 1e-3]).all()
+    assert parts["designed"].numbers["stopped"] == pytest.approx(45.0, abs=15.5)
+    assert len(result.summary.claims) == 3
+    assert len(result.summary.tables[0].rows) == 5
+    page, *others = write_study(result, tmp_path)
+    assert page.name == "efficiency.html"
+    assert (tmp_path / "efficiency.png").read_bytes().startswith(PNG)
+    assert others
+
+
+def test_transfer_starts_from_the_first_calibration(tmp_path, monkeypatch):
+    monkeypatch.setattr(transfer, "_SECONDS", (10.0, 60.0))
+    options = {"specimens": "nominal", "sessions": 1, "first": 1, "test": 1}
+    result = run_study("transfer", {**options, "changes": "homing,tool"})
+    for part in result.parts.values():
+        ratio = efficiency.relative(part.arrays["prior"], part.numbers["before"])
+        assert (ratio < 2.0).all()
+        anew = efficiency.relative(part.arrays["anew"], part.numbers["before"])
+        assert not anew[0] < ratio[0]  # nobody learns a workspace in ten seconds
+    assert [claim.text for claim in result.summary.claims] == [
+        "a new homing takes 10 s for the same accuracy",
+        "a new tool takes 60 s for the same accuracy",
+    ]
+    assert write_study(result, tmp_path)
+    with pytest.raises(StudyError, match="no change called 'weather'"):
+        run_study("transfer", {**options, "changes": "weather"})
+
+
+def test_another_arm_and_tool_are_what_they_are_called():
+    plain = Raven2Parameters.read().to_dict()
+    seen = []
+
+    def homed(raven, seed):
+        seen.append((raven, seed))
+        return "arm", "twin"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(transfer.s, "homed", homed)
+        for change in ("tool", "arm"):
+            assert transfer.changed(None, plain, change, 7) == "arm"
+    (tool, _), (arm, _) = seen
+    assert tool["mass"]["instrument"] == pytest.approx(plain["mass"]["instrument"] + 0.1)
+    assert tool["cable"] == plain["cable"]
+    ratio = np.array(arm["cable"]["stiffness"]) / np.array(plain["cable"]["stiffness"])
+    assert (np.abs(ratio - 1.0) <= 0.2).all()
+    assert np.ptp(ratio) > 0.0
+    assert plain == Raven2Parameters.read().to_dict()

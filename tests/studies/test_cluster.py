@@ -1,0 +1,81 @@
+"""Studies on a real Dask scheduler with real workers, on this computer."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from truejoint.errors import StudyError
+from truejoint.studies import cluster, run_study
+
+distributed = pytest.importorskip("distributed")
+
+# What CI runs on is busy: nothing here waits for less than these, and nothing is timed.
+pytestmark = pytest.mark.xdist_group("cluster")
+
+
+def scheduler(**how):
+    """Scheduler and workers that nobody else can reach."""
+    return distributed.LocalCluster(
+        host="127.0.0.1",
+        protocol="tcp://",
+        dashboard_address=":0",
+        threads_per_worker=how.pop("threads", 1),
+        **how,
+    )
+
+
+def test_a_worker_that_is_killed_costs_its_part(toy, tmp_path, monkeypatch):
+    paths = [str(toy.log.parent / "module"), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
+    alone = run_study(toy.study)
+    assert toy.computed == [0, 1, 2, 3]
+    toy.trouble("die-once@1")
+    with scheduler(n_workers=2, processes=True) as made:
+        there = run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
+        assert Path(f"{toy.log}.died").exists()
+        assert sorted(toy.computed) == [0, 1, 2, 3]  # each once: the killed one had not written
+        monkeypatch.setattr(cluster, "version", lambda name: "0.0.9")
+        cluster.software.cache_clear()
+        with pytest.raises(StudyError, match=r"worker tcp\S+ has other software: truejoint 0.1.0"):
+            run_study(toy.study, cluster=made.scheduler_address)
+        cluster.software.cache_clear()
+    assert there.to_dict() == alone.to_dict()  # bit for bit
+    for key, part in alone.parts.items():
+        assert np.array_equal(part.arrays["values"], there.parts[key].arrays["values"])
+    # All parts are kept: no scheduler is needed any more.
+    assert run_study(toy.study, folder=tmp_path, cluster="tcp://127.0.0.1:9").computed == 0
+
+
+def test_a_part_that_fails_there_leaves_the_others(toy, tmp_path):
+    toy.trouble("refuse@1")
+    with scheduler(n_workers=1, processes=False) as made:
+        with pytest.raises(StudyError, match="toy: part part-1 failed: the plant is out of order"):
+            run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
+        assert sorted(toy.computed) == [0, 2, 3]
+        toy.trouble("")
+        run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
+        assert toy.computed == [1]
+
+
+@pytest.mark.parametrize(
+    ("workers", "patience", "says"),
+    [(1, 20.0, "has 2 threads; start it with --nthreads 1"), (0, 0.5, "has no workers")],
+)
+def test_workers_of_several_threads_or_none_are_refused(toy, monkeypatch, workers, patience, says):
+    monkeypatch.setattr(cluster, "_PATIENCE", patience)
+    with scheduler(n_workers=workers, processes=False, threads=2) as made:
+        address = made.scheduler_address
+        with pytest.raises(StudyError, match=says):
+            run_study(toy.study, cluster=address)
+
+
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "gopher://127.0.0.1:9", ""])
+def test_a_scheduler_that_cannot_be_reached_is_one_line(toy, monkeypatch, address):
+    monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
+    with pytest.raises(StudyError, match="no scheduler at") as refused:
+        run_study(toy.study, cluster=address)
+    assert "\n" not in str(refused.value)
