@@ -42,6 +42,7 @@ from truejoint.calibration.touch_calibration import Terms
 from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
 from truejoint.calibration.touches import known_kinematics, tip_rows, zero_prior
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
+from truejoint.errors import CalibrationError
 from truejoint.motion import follow, random_motion, workspace_of, zigzag
 from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
@@ -209,7 +210,11 @@ def session(specimen: str, seed: int, hours: float, names: list[str]) -> dict[st
         again = {}
         for name, model in models.items():
             begin = time.perf_counter()
-            fresh, found = rezeroed_by_touch(model, *today, blocks[name])
+            try:
+                fresh, found = rezeroed_by_touch(model, *today, blocks[name])
+            except CalibrationError as error:  # whoever touches is asked to touch again
+                print(f"{specimen} {seed}, {name}: {error}")
+                continue
             again[f"{name} {when} touched"] = fresh
             rows[f"{name} {when} fit"] = {
                 "seconds": time.perf_counter() - begin, "misfit": found.misfit / found.freedom,
@@ -319,9 +324,10 @@ def main() -> None:
                 options.json.write_text(json.dumps(everything, indent=1))
         print(f"\n| {twin} | tip [mm] | worst | shoulder [deg] | elbow [deg] | insertion [mm] |")
         print("|---|---:|---:|---:|---:|---:|")
-        for key in [key for key in rows[0] if "tip" in rows[0][key]]:
-            tips = [1e3 * row[key]["tip"] for row in rows]
-            joints = np.array([row[key]["joints"] for row in rows]) * DISPLAY
+        for key in dict.fromkeys(key for row in rows for key in row if "tip" in row[key]):
+            there = [row[key] for row in rows if key in row]
+            tips = [1e3 * row["tip"] for row in there]
+            joints = np.array([row["joints"] for row in there]) * DISPLAY
             cells = " | ".join(f"{x:.2f}" for x in np.median(joints, axis=0))
             print(f"| {key} | {np.median(tips):.2f} | {max(tips):.2f} | {cells} |")
 

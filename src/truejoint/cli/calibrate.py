@@ -153,8 +153,8 @@ def calibrate(
     check_model_target(output, force)
     if touches is not None or plate is not None:
         chosen = (
-            settings, features, joints, target, redundant, fit_rate_hz, test, interval, accept,
-            part, split, interval_rezero_s, estimator != DEFAULT, zero != "shared",
+            estimator, settings, features, joints, target, redundant, fit_rate_hz, test, interval,
+            accept, part, split, interval_rezero_s, prior, zero != "shared",
         )  # fmt: skip
         calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
         return
