@@ -48,8 +48,9 @@ def test_pitch_drags_the_jaws_by_their_coupling():
 def test_homing_draws_new_zeros_and_the_seed_repeats_them():
     twin = homed()
     first = twin._zero
-    twin.home()
+    again = twin.home()
     assert np.abs(twin._zero - first).max() > 1e-4
+    assert np.abs(again.velocity).max() < 3.0  # a new zero is no motion
     np.testing.assert_array_equal(homed()._zero, first)
 
 

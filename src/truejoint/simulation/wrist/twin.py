@@ -136,7 +136,9 @@ class WristTwin:
         way = self._way(self._command, zero)
         yield from map(self.run, in_grains(np.vstack([way, hold(zero, _SETTLING)])))
         self.homing_count += 1
-        self._zero = self._registered()
+        before, self._zero = self._zero, self._registered()
+        # The motors stand still while their zeros change.
+        self._reading = self._reading + before - self._zero
         way = self._way(zero, home)
         yield from map(self.run, in_grains(np.vstack([way, hold(home, _SETTLING)])))
 
