@@ -218,7 +218,7 @@ class CableMechanism:
         check_keys(values, known, known[:3], "cable_mechanism")
         pins = {
             name: _made(Pin, row, f"pin {name!r}")
-            for name, row in _table(values["pins"], "pins").items()
+            for name, row in _by_name(values["pins"], "pins").items()
         }
         rows = values["cables"]
         if not isinstance(rows, list | tuple):
@@ -226,17 +226,23 @@ class CableMechanism:
         contact = values.get("contact")
         return cls(
             pins,
-            dict(_table(values["motors"], "motors")),
+            {
+                name: row["radius"] if isinstance(row, Mapping) and "radius" in row else row
+                for name, row in _by_name(values["motors"], "motors").items()
+            },
             tuple(_cable(row, n) for n, row in enumerate(rows, 1)),
             None if contact is None else _made(Contact, contact, "contact"),
-            {name: _numbers(row, name) for name, row in _table(values.get("arms", {}), "").items()},
+            {
+                name: _numbers(row, name)
+                for name, row in _by_name(values.get("arms", {}), "arms").items()
+            },
         )
 
     def to_dict(self) -> dict[str, Any]:
-        """Plain values for JSON, SI."""
+        """Plain values for JSON, SI; lists where the order counts, which keys of JSON may lose."""
         plain = {
-            "pins": {name: asdict(pin) for name, pin in self.pins.items()},
-            "motors": dict(self.motors),
+            "pins": [{"name": name, **asdict(pin)} for name, pin in self.pins.items()],
+            "motors": [{"name": name, "radius": radius} for name, radius in self.motors.items()],
             "cables": [
                 {
                     **asdict(cable),
@@ -246,7 +252,7 @@ class CableMechanism:
                 }
                 for cable in self.cables
             ],
-            "arms": {name: dict(arm) for name, arm in self.arms.items()},
+            "arms": [{"name": name, **arm} for name, arm in self.arms.items()],
         }
         if self.contact is not None:
             plain["contact"] = {**asdict(self.contact), "opening": dict(self.contact.opening)}
@@ -308,6 +314,14 @@ def _table(values: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(values, Mapping):
         raise RobotError(f"{where} is {values!r:.40}; want a table")
     return values
+
+
+def _by_name(values: Any, where: str) -> Mapping[str, Any]:
+    """Read tables by name, which may also stand in a list, each with its name."""
+    if not isinstance(values, list | tuple):
+        return _table(values, where)
+    rows = [dict(_table(row, where)) for row in values]
+    return {str(row.pop("name", "")): row for row in rows}
 
 
 def _numbers(values: Any, where: str) -> dict[str, float]:
