@@ -84,7 +84,7 @@ def likeliest_kernel(X: Array, y: Array) -> tuple[Array, float]:
     used = np.ptp(X, axis=0) > 0.0
     k = int(used.sum())
     start, low, high = np.log(np.array([*[LENGTH] * k, VARIANCE, NOISE]).T)
-    start[:k] += 0.5 * math.log(k)
+    start[:k] += 0.5 * math.log(max(k, 1))
     found = minimize(
         unlikelihood, start, (np.ascontiguousarray(X[:, used]), y), "L-BFGS-B", jac=True,
         bounds=list(zip(low, high, strict=True)), options={"maxiter": 60},
