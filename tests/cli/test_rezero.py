@@ -78,7 +78,7 @@ def test_what_does_not_go_together_is_one_line(call, folder, tmp_path):
 def test_a_block_is_designed(call, tmp_path):
     result = call("plate", "raven2", "-o", tmp_path / "block")
     assert result.code == 0, result.err
-    assert "dimples in reach" in result.out
+    assert "dimples in reach" in " ".join(result.out.split())
     assert {p.name for p in (tmp_path / "block").iterdir()} == {
         "plate.stl", "plate.svg", "plate.toml",
     }  # fmt: skip

@@ -135,7 +135,8 @@ def calibrate_by_touch(
     }
     table = {"t": recording.t, **{c: recording.column(c) for c in recording.units}, **stated}
     whole = Recording.from_columns(table, recording.provenance, recording.units)
-    fitted = calibrate([whole], "poly2", features=terms.features, joints=terms.joints, redundant=[])
+    square = PolynomialRegressor(degree=2)
+    fitted = calibrate([whole], square, features=terms.features, joints=terms.joints, redundant=[])
     arrays = terms.arrays(found.state.coefficients)
     data = EstimatorData("polynomial", {"degree": 2}, arrays)
     model = PolynomialRegressor.from_data(data, len(terms.features), len(terms.joints))

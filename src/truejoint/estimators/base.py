@@ -173,8 +173,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         few, or the estimator is none whose coefficients can be changed so.
         """
         raise CalibrationError(
-            f"{self.name} cannot be the prior of a calibration; linear, poly2, poly2_ridge and "
-            "rich_play can"
+            f"{self.name} cannot be the prior of a calibration: it has no coefficients that a few "
+            "rows could change; take a linear or quadratic model, or one of plays by a ridge"
         )
 
     def with_arrays(self, arrays: Arrays) -> Self:
