@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,11 +12,12 @@ import pytest
 import typer
 from tests.calibration.test_touch_calibration import session as from_nothing
 from tests.calibration.test_touch_calibration import without_truth
-from tests.calibration.touched_arm import Touched, fitted, touched
+from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
 
 import truejoint
-from truejoint.calibration import write_plate
-from truejoint.cli.touch import prompted
+from truejoint.calibration import read_plate, write_plate
+from truejoint.calibration.touch_guide import Guide, design_pose
+from truejoint.cli.touch import follow_guide, prompted
 from truejoint.recordings import write_parquet
 
 
@@ -71,14 +73,20 @@ def test_what_does_not_go_together_is_one_line(call, folder, tmp_path):
         result = call(*command, "-o", tmp_path / "out.safetensors")
         assert result.code == 2
         assert said in result.err
-        assert len(result.err.strip().splitlines()[-1:]) == 1
-        assert "Traceback" not in result.err
+        assert result.err.count("\n") == 1
+        assert "fault of truejoint" not in result.err
 
 
 def test_a_block_is_designed(call, tmp_path):
     result = call("plate", "raven2", "-o", tmp_path / "block")
     assert result.code == 0, result.err
     assert "dimples in reach" in result.out
+    stands = re.findall(r"dimple (\d+) is about \((.+?)\) mm", " ".join(result.out.split()))
+    made = read_plate(tmp_path / "block" / "plate.toml")
+    assert [number for number, _ in stands] == ["1", str(len(made.points))]
+    for number, place in stands:
+        expected = 1e3 * (made.rotation @ made.points[number] + made.translation)
+        assert [float(x) for x in place.split(",")] == pytest.approx(expected, abs=0.6)
     assert {p.name for p in (tmp_path / "block").iterdir()} == {
         "plate.stl", "plate.svg", "plate.toml",
     }  # fmt: skip
@@ -115,6 +123,9 @@ def test_a_simulated_arm_touches_what_re_zeroes_its_model(call, session, tmp_pat
     refused = call("touch", model, "-o", tmp_path / "none.csv")
     assert refused.code == 2
     assert "--plate, to find a block, or --bolted" in refused.err
+    refused = call("touch", *common, "-o", tmp_path / "touches.parquet")
+    assert refused.code == 2
+    assert "touches are written as .csv" in refused.err
 
 
 def test_a_person_is_asked_once_a_touch(monkeypatch):
@@ -124,6 +135,28 @@ def test_a_person_is_asked_once_a_touch(monkeypatch):
     monkeypatch.setattr("truejoint.cli.touch._AFTER", 0.0)
     assert prompted(device, stop) == 4.25
     assert asked == ["dimple 17, come with shoulder rising; seated?"]
+
+
+def test_who_answers_too_early_is_asked_again(folder, tmp_path, capsys):
+    plate = read_plate(folder / "plate.toml")
+    guide = Guide(fitted(), ROBOT, design_pose(plate, ROBOT), 4, finds_block=True)
+    made, seated, early = [], [], 0.1
+
+    def seat(stop) -> float:
+        seated.append(stop.dimple)
+        asked = list(dict.fromkeys(seated))
+        made.append(touched(plate=plate, dimples=[*asked, next(n for n in plate.points
+                                                               if n not in asked)]))  # fmt: skip
+        return made[-1].touches.t[len(asked) - 1] + (early if len(seated) == 2 else 0.0)
+
+    recorder = SimpleNamespace(recording=lambda: made[-1].recording)
+    output = tmp_path / "touches.csv"
+    touches = follow_guide(guide, recorder, seat, output, 0.0, goes_on=True)
+    assert len(seated) == 5
+    assert seated[1] == seated[2]
+    assert len(touches) == 4
+    assert len(output.read_text().splitlines()) == 5
+    assert "rest for 0.3 s" in capsys.readouterr().err
 
 
 def test_a_model_is_made_of_touches_alone(call, tmp_path):
@@ -140,6 +173,7 @@ def test_a_model_is_made_of_touches_alone(call, tmp_path):
     for wrong, said in (
         ([*how[:2]], "give --touches, --plate and the one recording"),
         ([*how, "-e", "linear"], "leave out other options"),
+        ([*how, "--seed", "3"], "leave out other options"),
     ):
         refused = call(*arguments, *wrong, "--force")
         assert refused.code == 2

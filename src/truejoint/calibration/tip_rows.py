@@ -213,7 +213,7 @@ class TipRows:
         m = len(self)
         parts = [
             by_joint @ self.basis,
-            _cross_matrix(seen),
+            cross_matrix(seen),
             np.broadcast_to(-back, (m, 3, 3)),
             back @ tool[:, :3, :3],
             -self.point[:, :, None],
@@ -407,7 +407,7 @@ def _inverse(normal: Array, names: list[str]) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
 
 
-def _cross_matrix(vectors: Array) -> Array:
+def cross_matrix(vectors: Array) -> Array:
     """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
     matrices = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T
