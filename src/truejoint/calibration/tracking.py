@@ -593,11 +593,9 @@ def _equations(
     by_parameter, _ = rows.jacobian(state)
     m, _, n = by_parameter.shape
     k, back = len(state.coefficients), state.rotation.T
-    joint, columns = rows.corrected(state), list(rows.columns)
-    frame, geometric = rows.kinematics.forward(joint), rows.kinematics.jacobian(joint)
-    arm = frame[:, :3, :3] @ state.marker
-    linear = geometric[:, :3] + np.cross(geometric[:, 3:], arm[:, :, None], axis=1)
-    residual, moves = rows.residual(state), back @ linear
+    columns = list(rows.columns)
+    frame, geometric = rows.moves(state)
+    residual, moves = rows.residual(state), back @ geometric[:, :3]
     by_parameter = np.concatenate([by_parameter, np.zeros((m, 3, 3))], axis=2)
     if seen is not None:
         predicted, turns = back @ frame[:, :3, :3] @ turn, back @ geometric[:, 3:]
