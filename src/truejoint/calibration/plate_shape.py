@@ -183,9 +183,9 @@ def plate_svg(shape: PlateShape) -> str:
             radius = CONE * _MM
             ink = "#000" if grey > 150 else "#fff"
             parts.append(
-                f'<circle cx="{middle[0]:g}" cy="{middle[1] + 1.6:g}" r="{radius:g}" fill="none" '
-                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle[0]:g}" y="{y + 3.6:g}" '
-                f'font-size="3.2" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
+                f'<circle cx="{middle[0]:g}" cy="{middle[1]:g}" r="{radius:g}" fill="none" '
+                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle[0]:g}" y="{y + 2.6:g}" '
+                f'font-size="2.4" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
             )
     low, high = float(tops[..., 2].min()), float(tops[..., 2].max())
     wide, deep = n_x * side, n_y * side
