@@ -6,6 +6,7 @@ import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ import truejoint
 from truejoint.calibration import read_plate, write_plate
 from truejoint.calibration.touch_guide import Guide, design_pose
 from truejoint.cli.touch import follow_guide, prompted
+from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
 
 
@@ -137,10 +139,16 @@ def test_a_person_is_asked_once_a_touch(monkeypatch):
     assert asked == ["dimple 17, come with shoulder rising; seated?"]
 
 
-def test_who_answers_too_early_is_asked_again(folder, tmp_path, capsys):
+@pytest.mark.parametrize("is_early", [True, False])
+def test_a_run_goes_on_after_a_touch_that_is_refused(
+    folder, tmp_path, capsys, monkeypatch, is_early
+):
     plate = read_plate(folder / "plate.toml")
     guide = Guide(fitted(), ROBOT, design_pose(plate, ROBOT), 4, finds_block=True)
-    made, seated, early = [], [], 0.1
+    made, seated, early = [], [], 0.1 if is_early else 0.0
+    if not is_early:
+        fail = Mock(side_effect=CalibrationError("do not fit"))
+        monkeypatch.setattr("truejoint.calibration.touch_guide.fit_block", fail)
 
     def seat(stop) -> float:
         seated.append(stop.dimple)
@@ -151,12 +159,11 @@ def test_who_answers_too_early_is_asked_again(folder, tmp_path, capsys):
 
     recorder = SimpleNamespace(recording=lambda: made[-1].recording)
     output = tmp_path / "touches.csv"
-    touches = follow_guide(guide, recorder, seat, output, 0.0, goes_on=True)
-    assert len(seated) == 5
-    assert seated[1] == seated[2]
-    assert len(touches) == 4
+    touches = follow_guide(guide, recorder, seat, output, 0.0, goes_on=is_early)
+    assert len(seated) == 4 + is_early
+    assert len(set(seated)) == len(touches) == 4
     assert len(output.read_text().splitlines()) == 5
-    assert "rest for 0.3 s" in capsys.readouterr().err
+    assert ("rest for 0.3 s" if is_early else "do not fit") in capsys.readouterr().err
 
 
 def test_a_model_is_made_of_touches_alone(call, tmp_path):

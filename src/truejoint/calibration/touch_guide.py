@@ -177,7 +177,7 @@ class Guide:
 
         One that does not fit is asked for once more, at the end of the run; what is seated twice
         is believed. Raises CalibrationError if the arm moved meanwhile, and then the stop is still
-        to come, or if no fit to the touches so far settles.
+        to come, or if the touches so far do not fit each other, and then it is kept.
         """
         start = recording.provenance.start
         stamp = t - (0.0 if np.isnan(start) else start)

@@ -113,16 +113,21 @@ def follow_guide(
     """Touch what a guide says until all is touched, or the tip is stated to be within `until` [m].
 
     `seat` seats the tip and gives the time at which that is done. Each touch is written at once.
-    Where a touch is refused it is said and the run `goes_on`, as a person may answer too early.
+    Where a touch is refused that is said and, if the run `goes_on`, the stop comes again: a person
+    may answer too early. Touches that do not fit each other are said, and kept: of more it may be
+    told which are wrong.
     """
     while (stop := guide.next_stop()) is not None:
         t = seat(stop)
         try:
             verdict = guide.take(stop, t, recorder.recording())
         except CalibrationError as error:
-            if not goes_on:
+            is_made = guide.next_stop() is not stop
+            if not (is_made or goes_on):
                 raise
             say(f"  {error}")
+            if is_made:
+                _write(guide.touches(), output)
             continue
         _write(guide.touches(), output)
         if verdict.off is not None:
@@ -133,7 +138,6 @@ def follow_guide(
             say(f"  {verdict.count} touches: tip within {near} (one deviation)")
             if verdict.tip_sd <= until:
                 break
-    _write(guide.touches(), output)
     return guide.touches()
 
 
