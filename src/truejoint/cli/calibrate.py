@@ -155,6 +155,7 @@ def calibrate(
         chosen = (
             estimator, settings, features, joints, target, redundant, fit_rate_hz, test, interval,
             accept, part, split, interval_rezero_s, prior, zero != "shared",
+            seed,
         )  # fmt: skip
         calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
         return
