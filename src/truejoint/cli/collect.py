@@ -87,9 +87,11 @@ def follow_until_enough(
         progress(number / len(parts))
         if 1 < number < len(parts):
             gains = truejoint.calibration.expected_gain(recorder.recording(), features=features)
-            if (gains < truejoint.calibration.ENOUGH).all():
+            least = truejoint.calibration.ENOUGH
+            if (gains < least).all():
                 spent = sum(report.duration for report in reports) / 60.0
-                say(f"Enough after {spent:.1f} min: as much again would better no joint by 5 %")
+                share = f"{100 * least:g} %"
+                say(f"Enough after {spent:.1f} min: as much again would better no joint by {share}")
                 break
     return truejoint.motion.TrackingReport.joined(reports, trajectory.name)
 

@@ -123,7 +123,8 @@ def _draw(panel: Panel, axis: Axes) -> None:
     if panel.legend:
         if not panel.rows:  # above the curves, where it hides nothing
             low, high = axis.get_ylim()
-            axis.set_ylim(low, high + 0.35 * (high - low))
+            more = high * (high / low) ** 0.35 if "y" in panel.log else high + 0.35 * (high - low)
+            axis.set_ylim(low, more)
         axis.legend(loc="upper left", fontsize=7)
 
 

@@ -26,7 +26,7 @@ def unprinted(_condition: str, _joint: int, _method: str) -> None:
 
 COLOURS: Final = {
     "dnn": "tab:blue", "poly2": "tab:orange", "linear": "tab:green", "offset": "tab:gray",
-    "raw": "k",
+    "raw": "k", "wide": "tab:red",
 }  # fmt: skip
 
 
