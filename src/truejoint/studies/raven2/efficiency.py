@@ -165,9 +165,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 text = f"{title}, {motion}, {seconds[at] / 60:.1f} min"
                 spent = np.median(times[motion], axis=0)
                 rows.append(_row(text, spent, here, float(middle[at])))
-        panels.append(
-            Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy", legend=True)
-        )
+        panels.append(Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy"))
         claims += _claims(title, times)
         claims.append(_stopping(title, [results[f"{title}-{_DESIGNED}-{k}"] for k in count]))
     header = ("motion", *s.TITLES, "to the zig-zags'", "as good from [min]", "for good [min]")
@@ -181,7 +179,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     )
     table = Table("Accuracy against minutes of training", header, tuple(rows), notes)
     caption = "Bold: median over the sessions, which are the thin lines. 1: all zig-zags."
-    figure = Figure("How soon is a calibration as good as by all zig-zags?", (panels,), caption)
+    asked = "How soon is a calibration as good as by all zig-zags?"
+    figure = Figure(asked, (panels,), caption, legend=True)
     return Summary((table,), {"efficiency": figure}, claims)
 
 

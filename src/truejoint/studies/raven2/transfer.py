@@ -165,10 +165,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 for way, share in shares.items()
             ]
             curves.append(Curve(_SECONDS, np.full(len(_SECONDS), _SAME), "", "0.5", ":"))
-            name, legend = f"{title}, {change}", not panels and not line
-            line.append(
-                Panel(curves, "new motion [s]", "RMSE / first", name, log="xy", legend=legend)
-            )
+            name = f"{title}, {change}"
+            line.append(Panel(curves, "new motion [s]", "RMSE / first", name, log="xy"))
         panels.append(line)
     notes = (
         f"RMSE on {settings['test']:g} minutes of random motion, mean over {len(count)} sessions; "
@@ -181,7 +179,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         "Medians over the sessions. Blue: the first calibration as the prior; green: only its zero "
         f"is found anew; orange: without it. Dotted: {_SAME:g}, what counts as the same."
     )
-    figure = Figure("What is a calibration worth after a change?", panels, caption)
+    asked, height = "What is a calibration worth after a change?", 1.2 + 2.4 * len(panels)
+    figure = Figure(asked, panels, caption, height=height, legend=True)
     return Summary((table,), {"transfer": figure}, claims)
 
 
