@@ -167,11 +167,12 @@ def test_what_cannot_be_collected_is_refused_in_one_line(call, motion, tmp_path,
     assert says in refused.err.splitlines()[-1]
 
 
-def test_it_ends_when_more_would_not_pay(call, tmp_path, monkeypatch):
+@pytest.mark.parametrize("robot", ["raven2", "forceps"])  # the second measures no efforts
+def test_it_ends_when_more_would_not_pay(call, tmp_path, monkeypatch, robot):
     path = tmp_path / "long.csv"
-    assert call("trajectory", "designed", "--minutes", 1.8, "-o", path).code == 0
+    assert call("trajectory", "designed", "--robot", robot, "--minutes", 1.8, "-o", path).code == 0
     monkeypatch.setattr("truejoint.calibration.ENOUGH", 0.9)
-    result = call("collect", path, "-o", tmp_path, "--until-enough")
+    result = call("collect", path, "--robot", robot, "-o", tmp_path, "--until-enough")
     assert result.code == 0, result.err
     assert "Enough after 1." in result.err
     recording = read_parquet(tmp_path / "long.parquet")

@@ -1,6 +1,7 @@
 """Tests of the designed motion."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -34,6 +35,16 @@ def test_it_keeps_to_time_range_and_speed(robot):
     assert ((share >= slowest * (1.0 - 1e-9)).any(axis=1)).all()
     assert np.ptp((share / fastest).max(axis=1)) > 0.1  # speeds differ, as friction does with them
     motion.check_within(target)
+
+
+def test_a_workspace_that_is_crossed_in_a_second_has_a_motion_yet():
+    speeds = {"slowest": SPACE.extent / 1.1, "fastest": SPACE.extent / 1.05, "crawl": None}
+    motion = designed_motion(ROBOT, 20.0, workspace=replace(SPACE, **speeds))
+    assert motion.times[-1] == 20.0
+    assert (np.diff(motion.times) < 1.1).all()
+    speeds = {"slowest": SPACE.extent / 0.9, "fastest": SPACE.extent / 0.8, "crawl": None}
+    with pytest.raises(TrajectoryError, match="crossed in less than 1 s"):
+        designed_motion(ROBOT, 20.0, workspace=replace(SPACE, **speeds))
 
 
 def test_a_longer_one_begins_with_the_shorter():

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +14,6 @@ from truejoint.errors import StudyError
 from truejoint.studies import cluster, run_study
 
 distributed = pytest.importorskip("distributed")
-
-# What CI runs on is busy: nothing here waits for less than these, and nothing is timed.
-pytestmark = pytest.mark.xdist_group("cluster")
 
 
 def scheduler(**how):
@@ -37,10 +36,11 @@ def test_a_worker_that_is_killed_costs_its_part(toy, tmp_path, monkeypatch):
     with scheduler(n_workers=2, processes=True) as made:
         there = run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
         assert Path(f"{toy.log}.died").exists()
-        assert sorted(toy.computed) == [0, 1, 2, 3]  # each once: the killed one had not written
+        assert set(toy.computed) == {0, 1, 2, 3}  # what a killed worker still had is done again
         monkeypatch.setattr(cluster, "version", lambda name: "0.0.9")
         cluster.software.cache_clear()
-        with pytest.raises(StudyError, match=r"worker tcp\S+ has other software: truejoint 0.1.0"):
+        own = re.escape(version("truejoint"))
+        with pytest.raises(StudyError, match=rf"worker tcp\S+ has other software: truejoint {own}"):
             run_study(toy.study, cluster=made.scheduler_address)
         cluster.software.cache_clear()
     assert there.to_dict() == alone.to_dict()  # bit for bit

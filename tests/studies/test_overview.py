@@ -31,7 +31,18 @@ def test_one_page_holds_every_claim_with_its_verdict(folder):
     assert not re.search(r"src=\"(?!data:)", page)
 
 
-@pytest.mark.parametrize("text", ["{", "[]", "3", '{"claims": []}', "[" * 100_000])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "{",
+        "[]",
+        "3",
+        '{"claims": []}',
+        "[" * 100_000,
+        '{"settings": {}, "claims": []}',
+        '{"settings": {"preset": "full", "seed": 0, "options": {}}, "claims": [{}]}',
+    ],
+)
 def test_a_damaged_result_counts_as_not_there(folder, text):
     (folder / "toy" / "toy.json").write_text(text)
     assert found_results(folder) == {}

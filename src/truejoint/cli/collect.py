@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _REZERO: Final = 10.0  # of random motion [s]
 _LEG: Final = 30.0  # [s], after which it is asked whether that is enough
-_SEEN: Final = ("measured", "effort")  # by the calibration that is asked
+_SEEN: Final = ("measured", "effort")  # by the calibration that is asked, where a robot has it
 
 
 def record(
@@ -86,10 +86,14 @@ def follow_until_enough(
         reports.append(truejoint.motion.follow(arm, leg, steering=steering))
         progress(number / len(parts))
         if 1 < number < len(parts):
-            gains = truejoint.calibration.expected_gain(recorder.recording(), features=features)
-            if (gains < truejoint.calibration.ENOUGH).all():
+            recording = recorder.recording()
+            has = [name for name in features if name in recording.units]
+            gains = truejoint.calibration.expected_gain(recording, features=has)
+            least = truejoint.calibration.ENOUGH
+            if (gains < least).all():
                 spent = sum(report.duration for report in reports) / 60.0
-                say(f"Enough after {spent:.1f} min: as much again would better no joint by 5 %")
+                share = f"{100 * least:g} %"
+                say(f"Enough after {spent:.1f} min: as much again would better no joint by {share}")
                 break
     return truejoint.motion.TrackingReport.joined(reports, trajectory.name)
 

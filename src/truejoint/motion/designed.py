@@ -26,7 +26,7 @@ _APART: Final = 1.0  # [s] after which that is another
 _CANDIDATES: Final = 256  # lines that are compared
 _POINTS: Final = 12  # of a line that are looked at
 _BEYOND: Final = 1.3  # half ranges within which ends are drawn; those outside are put on the edge
-_SHORTEST: Final = 1.0  # [s], of a line that is not the last
+_SHORTEST: Final = 1.0  # [s], of a line that is not the last, where one so long is drawn
 
 
 def designed_motion(
@@ -37,12 +37,11 @@ def designed_motion(
     Of random straight lines from where the joints are, the one is followed after which a linear
     model of the error (positions, and friction by the direction and the speed of each joint) is
     expected to be off least over the whole workspace, for the time that it takes; and so on from
-    its end. Expected are both what
-    noise does to the coefficients and what curves of the error that a linear model does not know
-    do to them where the motion is uneven (Box and Draper, A basis for the selection of a response
-    surface design, Journal of the American Statistical Association 54, 1959). A longer motion
-    begins with the shorter one of the same seed, but for its last line: whenever it is stopped, it
-    was designed for the time that it had.
+    its end. Expected are both what noise does to the coefficients and what curves of the error that
+    a linear model does not know do to them where the motion is uneven (Box and Draper, A basis for
+    the selection of a response surface design, Journal of the American Statistical Association 54,
+    1959). A longer motion begins with the shorter one of the same seed, but for its last line:
+    whenever it is stopped, it was designed for the time that it had.
 
     Parameters
     ----------
@@ -58,7 +57,8 @@ def designed_motion(
     Raises
     ------
     TrajectoryError
-        If duration or seed is out of range, or the robot has no workspace.
+        If duration or seed is out of range, or the robot has no workspace, or one that is crossed
+        within a second.
 
     Examples
     --------
@@ -72,6 +72,11 @@ def designed_motion(
     space = workspace or workspace_of(robot)
     n_joints, random = len(space.joints), np.random.default_rng(seed)
     half, (_, slowest, fastest, _) = space.extent / 2.0, space.swings
+    if (space.extent / fastest).max() < _SHORTEST:
+        raise TrajectoryError(
+            f"the workspace is crossed in less than {_SHORTEST:g} s; give a larger one or lower "
+            "speeds"
+        )
     degrees, spreads = curved_terms(n_joints)
     n_linear = 1 + 3 * n_joints
     known, mixed = NOISE**2 * np.eye(n_linear), np.zeros((n_linear, len(spreads)))
@@ -82,7 +87,8 @@ def designed_motion(
         ways = np.clip(draws, -1.0, 1.0) - places[-1]
         paces = slowest + random.uniform(0.0, 1.0, (_CANDIDATES, 1)) * (fastest - slowest)
         times = (np.abs(ways) * half / paces).max(axis=1)
-        ways, times = ways[times > _SHORTEST], times[times > _SHORTEST]
+        long = times >= min(_SHORTEST, times.max())
+        ways, times = ways[long], times[long]
         lines = places[-1] + along * ways[:, None]
         speeds = scaled_speed(np.abs(ways) * half / times[:, None], slowest, fastest)
         linear, curved = terms(lines, np.sign(ways)[:, None], speeds[:, None], degrees)

@@ -110,8 +110,7 @@ _RAVEN: Final = (
         (
             _RAVENS,
             Option(
-                "sets", ("2", "4", "5+6", "2+5+6", "3+5+6", "4+5+6"),
-                "what is trained on; 4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6 together",
+                "sets", ("2", "4", "5+6", "2+5+6", "3+5+6", "4+5+6"), _SETS.meaning,
                 small=("2", "4+5+6"),
             ),
             Option(

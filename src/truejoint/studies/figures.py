@@ -91,10 +91,10 @@ def png(figure: Figure) -> bytes:
         axes = picture.subplots(len(figure.panels), len(figure.panels[0]), squeeze=False)
         for panel, axis in zip(chain(*figure.panels), axes.flat, strict=True):
             _draw(panel, axis)
-    picture.suptitle(figure.title)
-    if figure.legend:
-        handles = axes[0, 0].get_legend_handles_labels()
-        picture.legend(*handles, loc="outside lower center", ncols=5, fontsize=8)
+        picture.suptitle(figure.title)
+        if figure.legend:
+            handles = axes[0, 0].get_legend_handles_labels()
+            picture.legend(*handles, loc="outside lower center", ncols=5, fontsize=8)
     data = io.BytesIO()
     picture.savefig(data, format="png", dpi=_DPI)
     return data.getvalue()

@@ -16,6 +16,7 @@ from truejoint.studies.runner import write_bytes
 
 NAME: Final = "index.html"
 VERDICTS: Final = ("agrees", "does not agree", "cannot be told")
+_SHOWN: Final = ("text", "source", "on", "found")  # of a claim, beside its verdict
 
 
 def found_results(folder: str | Path) -> dict[str, dict[str, Any]]:
@@ -26,9 +27,19 @@ def found_results(folder: str | Path) -> dict[str, dict[str, Any]]:
         with suppress(OSError, ValueError, RecursionError):
             if path.stat().st_size <= MAX_RESULT_BYTES:
                 result = json.loads(path.read_bytes())
-                if isinstance(result, dict) and {"settings", "claims"} <= set(result):
+                if _is_shown(result):
                     found[name] = result
     return found
+
+
+def _is_shown(result: Any) -> bool:
+    """Whether a result has all that the page shows of one."""
+    with suppress(KeyError, TypeError, AttributeError):
+        settings, claims = result["settings"], result["claims"]
+        settings["options"].items()
+        shown = all({"verdict", *_SHOWN} <= set(claim) for claim in claims)
+        return shown and {"preset", "seed"} <= set(settings)
+    return False
 
 
 def write_overview(folder: str | Path, *, command: str = "") -> Path:

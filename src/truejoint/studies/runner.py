@@ -78,7 +78,8 @@ def run_study(
 ) -> StudyResult:
     """Compute what is missing of a study, and summarise it.
 
-    Results depend neither on `jobs` or `cluster` nor on what was computed before.
+    Results depend neither on `jobs` nor on what was computed before, nor on `cluster` where its
+    processors add as this one does.
 
     Parameters
     ----------

@@ -8,7 +8,7 @@ import pytest
 from truejoint.errors import StudyError
 from truejoint.estimators import registry
 from truejoint.estimators.network import WideNetwork
-from truejoint.studies import get_study, run_study, write_study
+from truejoint.studies import figures, get_study, run_study, write_study
 from truejoint.studies.raven2 import (
     ablation,
     directions,
@@ -19,6 +19,7 @@ from truejoint.studies.raven2 import (
     targets,
 )
 from truejoint.studies.raven2 import sessions as s
+from truejoint.studies.raven2.features import all_features
 
 RAVEN = s.specimens(("peng2024",))["peng2024"]
 FEW = {"specimens": "peng2024", "networks": 1}
@@ -33,11 +34,12 @@ def session():
 
 @pytest.fixture(scope="module", autouse=True)
 def quick():
-    """Hours of half a minute, and networks that have just begun to learn."""
+    """Hours of 20 s, networks that have just begun to learn, and coarse pictures."""
     hasty = registry._ESTIMATORS["dnn"]._replace(params={"epochs": 2})
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(s, "HOUR", 30.0)
-        patch.setattr(s, "_IDLE_TEST", 20.0)
+        patch.setattr(s, "HOUR", 20.0)
+        patch.setattr(s, "_IDLE_TEST", 12.0)
+        patch.setattr(figures, "_DPI", 20)
         patch.setitem(registry._ESTIMATORS, "dnn", hasty)
         yield
 
@@ -80,7 +82,7 @@ def test_errors_are_those_of_the_models_on_rows_with_truth(session):
 
 @pytest.fixture(scope="module")
 def table_1():
-    options = {"directions": "J1,J2-J3", "fine": "1+2", "coarse": "1", "minutes": 0.3}
+    options = {"directions": "J1,J2-J3", "fine": "1+2", "coarse": "1", "minutes": 0.2}
     return run_study("directions", FEW | options)
 
 
@@ -130,7 +132,7 @@ def test_the_best_direction_is_found():
 
 
 def test_six_hours_are_judged_hour_by_hour(tmp_path):
-    result = run_study("endurance", FEW | {"sets": "1,2", "hours": 2})
+    result = run_study("endurance", FEW | {"sets": "1", "hours": 2})
     assert [len(part.numbers["hours"]) for part in result.parts.values()] == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
     assert texts == [claim.text for claim in endurance.CLAIMS]
@@ -189,7 +191,7 @@ def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
 
 
 def test_homings_are_judged_one_by_one(tmp_path):
-    options = {"training": "1+2", "homings": 1, "sessions": 1, "minutes": 0.3}
+    options = {"training": "1+2", "homings": 1, "sessions": 1, "minutes": 0.2}
     result = run_study("homing", FEW | options)
     assert all(len(part.numbers["tests"]) == 2 for part in result.parts.values())
     assert len(result.summary.claims) == len(homing.CLAIMS)
@@ -208,12 +210,19 @@ def test_either_target_is_the_same_to_the_linear_model():
 
 
 def test_more_time_is_judged_by_the_seconds_it_takes(tmp_path):
-    result = run_study("sparsity", FEW | {"sets": "2,1", "repeats": 2, "minutes": 0.3})
+    result = run_study("sparsity", FEW | {"sets": "2,1", "repeats": 1, "minutes": 0.2})
     conditions = [row[0] for row in result.summary.tables[0].rows]
     assert conditions[0].startswith("1, ")  # the shorter one, though named last
     assert conditions[3].startswith("2, ")
     assert len(result.summary.claims) == len(sparsity.CLAIMS)
     assert drawn(result, tmp_path)
+    spread = sparsity.CLAIMS[-1]
+    usual = {"dnn": 0.2, "poly2": 0.2, "linear": 0.2}
+    assert spread.judged({"2": synthetic(usual)}).verdict == "cannot be told"
+    wide = {"2": synthetic(usual) + synthetic({"dnn": 0.3, "poly2": 0.4, "linear": 0.3})}
+    assert spread.judged(wide).holds
+    wide["2"] += synthetic({"dnn": 0.9, "poly2": 0.4, "linear": 0.3})
+    assert spread.judged(wide).holds is False
 
 
 def test_the_tool_is_off_by_what_the_joints_make_of_it(session):
@@ -262,10 +271,14 @@ def test_features_are_all_of_the_message(tmp_path, monkeypatch):
 
 
 def test_groups_are_left_out_and_spoilt(tmp_path, monkeypatch):
-    monkeypatch.setattr("truejoint.studies.raven2.ablation._FIT_RATE", 30.0)
+    monkeypatch.setattr(ablation, "_FIT_RATE", 30.0)
     few = {name: ablation.GROUPS[name] for name in ("positions", "torques")}
     monkeypatch.setattr(ablation, "GROUPS", few)
-    result = run_study("ablation", {"specimens": "peng2024", "training": "1", "minutes": 0.5})
+    kept = ("measured/", "motor/", "effort/", "dac/")
+    monkeypatch.setattr(
+        ablation, "all_features", lambda test: [n for n in all_features(test) if n.startswith(kept)]
+    )
+    result = run_study("ablation", {"specimens": "peng2024", "training": "1", "minutes": 0.3})
     errors = result.parts["peng2024-0"].numbers["errors"]
     assert len(errors) == 10
     assert np.mean(errors["selected, noise on positions"]["linear"]) > np.mean(

@@ -40,7 +40,7 @@ def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
     monkeypatch.setattr(efficiency, "_FINE", (1,))
     monkeypatch.setattr(efficiency, "_FIRST_LOOK", 30.0)
     monkeypatch.setattr(efficiency, "_LOOK", 60.0)
-    options = {"specimens": "nominal", "sessions": 1, "longest": 1, "every_s": 30, "test": 1}
+    options = {"specimens": "nominal", "sessions": 1, "longest": 1, "every_s": 30, "test": 0.5}
     result = run_study("efficiency", options)
     parts = {key.split("-")[1]: part for key, part in result.parts.items()}
     assert set(parts) == {"zigzag", "random", "designed"}
@@ -60,17 +60,15 @@ def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
 
 def test_transfer_starts_from_the_first_calibration(tmp_path, monkeypatch):
     monkeypatch.setattr(transfer, "_SECONDS", (10.0, 60.0))
-    options = {"specimens": "nominal", "sessions": 1, "first": 1, "test": 1}
-    result = run_study("transfer", {**options, "changes": "homing,tool"})
+    options = {"specimens": "nominal", "sessions": 1, "first": 1, "test": 0.5}
+    result = run_study("transfer", {**options, "changes": "homing"})
     for part in result.parts.values():
         ratio = efficiency.relative(part.arrays["prior"], part.numbers["before"])
         assert (ratio < 2.0).all()
         anew = efficiency.relative(part.arrays["anew"], part.numbers["before"])
         assert not anew[0] < ratio[0]  # nobody learns a workspace in ten seconds
-    assert [claim.text for claim in result.summary.claims] == [
-        "a new homing takes 10 s for the same accuracy",
-        "a new tool takes 60 s for the same accuracy",
-    ]
+    (claim,) = result.summary.claims
+    assert claim.text == "a new homing takes 10 s for the same accuracy"
     assert write_study(result, tmp_path)
     with pytest.raises(StudyError, match="no change called 'weather'"):
         run_study("transfer", {**options, "changes": "weather"})

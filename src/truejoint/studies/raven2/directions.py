@@ -79,7 +79,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 fine,
                 s.METHODS,
                 _printed,
-                (RULE,),
+                ("4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6.", RULE),
             ),
             tables.percent_table(
                 f"Share of the fixed offset's error, specimen {title}", fine, _printed

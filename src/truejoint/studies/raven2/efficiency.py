@@ -128,11 +128,11 @@ def relative(rmse: Array, whole: Array | Sequence[float]) -> Array:
 
 
 def reached(share: Array, seconds: Array) -> tuple[float, float]:
-    """Give the `seconds` (n,) at which a share (n,) is 1 or below first, and from on for good.
+    """Give the `seconds` (n,) at which a share (k,) is 1 or below first, and from on for good.
 
-    Infinite where that is never.
+    Infinite where that is never in the first k.
     """
-    times, above = np.append(seconds, np.inf), np.append(~(share <= 1.0), False)
+    times, above = np.append(seconds[: len(share)], np.inf), np.append(~(share <= 1.0), False)
     first, last = np.argmin(above), np.flatnonzero(np.append(True, above[:-1]))[-1]
     return float(times[first]), float(times[last])
 
@@ -165,9 +165,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 text = f"{title}, {motion}, {seconds[at] / 60:.1f} min"
                 spent = np.median(times[motion], axis=0)
                 rows.append(_row(text, spent, here, float(middle[at])))
-        panels.append(
-            Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy", legend=True)
-        )
+        panels.append(Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy"))
         claims += _claims(title, times)
         claims.append(_stopping(title, [results[f"{title}-{_DESIGNED}-{k}"] for k in count]))
     header = ("motion", *s.TITLES, "to the zig-zags'", "as good from [min]", "for good [min]")
@@ -181,7 +179,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     )
     table = Table("Accuracy against minutes of training", header, tuple(rows), notes)
     caption = "Bold: median over the sessions, which are the thin lines. 1: all zig-zags."
-    figure = Figure("How soon is a calibration as good as by all zig-zags?", (panels,), caption)
+    asked = "How soon is a calibration as good as by all zig-zags?"
+    figure = Figure(asked, (panels,), caption, legend=True)
     return Summary((table,), {"efficiency": figure}, claims)
 
 
@@ -200,7 +199,7 @@ def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
             "ours", bool(ours[1] <= _MINUTES), f"{ours[1]:.2f} minutes for good, median", title,
         ),
         Claim(
-            f"it takes at most {_SHARE:.0%} of the time of random motion",
+            f"it takes at most {100 * _SHARE:g} % of the time of random motion",
             "ours", bool(ours[1] <= _SHARE * theirs[1]),
             f"{against}; {ours[0]:.2f} against {theirs[0]:.2f} for the first time", title,
         ),
@@ -214,8 +213,9 @@ def _stopping(title: str, sessions: Sequence[PartResult]) -> Claim:
         near += bool(errors[-1] <= _NEAR * np.nanmin(errors))
         minutes.append(part.numbers["stopped"] / 60.0)
     text = (
-        f"stopped when twice the time is expected to lower no error by {ENOUGH:.0%}, the designed "
-        f"motion ends within {_NEAR - 1.0:.0%} of the least error that it ever reaches"
+        f"stopped when twice the time is expected to lower no error by {100 * ENOUGH:g} %, the "
+        f"designed motion ends within {100 * (_NEAR - 1.0):.0f} % of the least error that it ever "
+        "reaches"
     )
     found = (
         f"{near} of {len(sessions)} sessions, after {np.median(minutes):.1f} minutes "

@@ -26,7 +26,7 @@ def unprinted(_condition: str, _joint: int, _method: str) -> None:
 
 COLOURS: Final = {
     "dnn": "tab:blue", "poly2": "tab:orange", "linear": "tab:green", "offset": "tab:gray",
-    "raw": "k",
+    "raw": "k", "wide": "tab:red",
 }  # fmt: skip
 
 
@@ -59,8 +59,10 @@ def accuracy_table(
     after = "" if paper is unprinted else " (paper)"
     header = ("condition, joint", *(f"{method}{after}" for method in methods))
     count = max((len(sessions) for sessions in found.values()), default=0)
-    spread = f"{count} sessions" if count > 1 else "the models of one session"
-    return Table(title, header, tuple(rows), (f"RMSE; ± standard deviation over {spread}.", *notes))
+    over = f"{count} sessions" if count > 1 else "the models of one session"
+    has_spread = any("±" in cell for row in rows for cell in row)
+    what = f"RMSE; ± standard deviation over {over}." if has_spread else "RMSE, of one session."
+    return Table(title, header, tuple(rows), (what, *notes))
 
 
 def _cell(sessions: Sequence[Errors], condition: str, method: str, joint: int, paper: Paper) -> str:

@@ -17,8 +17,15 @@ from truejoint.recordings import Recording
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.efficiency import features, relative, until
-from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary, check_counts
-from truejoint.studies.study import check_names as check_choice
+from truejoint.studies.study import (
+    Claim,
+    Part,
+    PartResult,
+    Settings,
+    Summary,
+    check_counts,
+    check_names,
+)
 from truejoint.studies.table import Table
 
 _SEED: Final = 1000  # between the seeds of studies
@@ -40,7 +47,7 @@ CHANGES: Final = {"homing": 10.0, "day": 60.0, "tool": 60.0, "arm": None}
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, change and session."""
     check_counts(settings, "sessions", "first", "test")
-    check_choice("change", settings["changes"], tuple(CHANGES))
+    check_names("change", settings["changes"], tuple(CHANGES))
     common = {
         "estimator": settings["estimator"],
         "features": features(settings["features"]),
@@ -141,7 +148,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 )
                 for way in _WAYS
             }
-            rows.append(_row(f"{title}, before", np.array(before), np.ones(1)))
+            rows.append(_row(f"{title}, {change}, before", np.array(before), np.ones(1)))
             rows.append(_row(f"{title}, {change}, as it was", np.array(kept), np.array(start)))
             wanted = CHANGES[change]
             for way, share in shares.items():
@@ -158,10 +165,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 for way, share in shares.items()
             ]
             curves.append(Curve(_SECONDS, np.full(len(_SECONDS), _SAME), "", "0.5", ":"))
-            name, legend = f"{title}, {change}", not panels and not line
-            line.append(
-                Panel(curves, "new motion [s]", "RMSE / first", name, log="xy", legend=legend)
-            )
+            name = f"{title}, {change}"
+            line.append(Panel(curves, "new motion [s]", "RMSE / first", name, log="xy"))
         panels.append(line)
     notes = (
         f"RMSE on {settings['test']:g} minutes of random motion, mean over {len(count)} sessions; "
@@ -174,7 +179,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         "Medians over the sessions. Blue: the first calibration as the prior; green: only its zero "
         f"is found anew; orange: without it. Dotted: {_SAME:g}, what counts as the same."
     )
-    figure = Figure("What is a calibration worth after a change?", panels, caption)
+    asked, height = "What is a calibration worth after a change?", 1.2 + 2.4 * len(panels)
+    figure = Figure(asked, panels, caption, height=height, legend=True)
     return Summary((table,), {"transfer": figure}, claims)
 
 

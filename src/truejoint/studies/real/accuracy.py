@@ -205,7 +205,10 @@ def _claims(groups: Mapping[tuple[str, str], Mapping[str, Any]]) -> list[Claim]:
         ]
         best = min(errors, key=lambda method: float(errors[method][k]))
         text = f"{name}: a model of the arm's history reaches {there:g} deg or mm"
-        number = f"{best} {errors[best][k]:.3f}; on other rows of the same arm than theirs"
+        number = (
+            f"{best} {errors[best][k]:.3f}, the best of {len(errors)} on the very rows that judge "
+            "them; other rows of the same arm than theirs"
+        )
         found.append(
             Claim(
                 text,
