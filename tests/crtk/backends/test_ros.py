@@ -22,6 +22,7 @@ ROBOT = get_robot("raven2")
 JOINTS = ROBOT.joint_names
 SHOULDER = np.eye(7)[0]
 STATE = "/arm1/operating_state"
+LONG = 60.0  # [s]
 
 
 class Served:
@@ -57,8 +58,8 @@ class Served:
 
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch):
-    """On a busy machine a thread that reports may be silent for a second."""
-    monkeypatch.setattr(ros, "SILENCE", 5.0)
+    """On a busy machine a thread that reports may be silent for long, above all if it compiles."""
+    monkeypatch.setattr(ros, "SILENCE", LONG)
 
 
 @pytest.fixture(params=["raven2_mended"])
@@ -83,7 +84,7 @@ def test_an_arm_over_ros_moves_and_reports_as_any_other(served, arm):
     served.ros.wait_for(
         "/ravenstate", lambda m: abs(m.jpos_d[0] - np.degrees(goal[0])) < 1e-4
     )  # RAVEN's own message, in degrees
-    now = arm.measured_js()
+    now = arm.measured_js(LONG)
     assert now.name == JOINTS
     assert now.position == pytest.approx(goal, abs=1e-6)
     # Torque at the motors became effort on the joints, and so for both profiles.
@@ -146,7 +147,7 @@ def test_a_homing_is_stopped_by_whoever_pauses(served, monkeypatch):
 
 def test_one_who_looks_on_moves_nothing_and_leaves_the_arm_as_it_is(served, arm):
     with served.client(controls=False) as onlooker:
-        assert onlooker.measured_js().position == pytest.approx(ROBOT.home)
+        assert onlooker.measured_js(LONG).position == pytest.approx(ROBOT.home)
         for command in (onlooker.pause, onlooker.hold, lambda: onlooker.move_jp(ROBOT.home)):
             with pytest.raises(CommandRefused, match="looks on"):
                 command()
@@ -228,14 +229,14 @@ def test_a_robot_without_joints_leaves_no_topic_open(served, arm, monkeypatch):
     [("servo_jp", "position"), ("servo_jr", "position"), ("servo_jv", "velocity")],
 )
 def test_the_server_refuses_what_an_arm_refuses_and_says_so(served, arm, caplog, name, field):
-    before = served.arm.setpoint_js().position
+    before = served.arm.setpoint_js(LONG).position
     with caplog.at_level(logging.WARNING):
         served.say(name, **{field: (ROBOT.home + 100.0).tolist()})
         served.say(name, **{field: [0.0]})
     texts = [record.getMessage() for record in caplog.records]
     assert any("is outside its range" in text or "would step" in text for text in texts)
     assert any("7 values" in text for text in texts)
-    assert served.arm.setpoint_js().position == pytest.approx(before)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(before)
     assert arm.operating_state().state == "ENABLED"
 
 
