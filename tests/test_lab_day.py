@@ -141,8 +141,10 @@ def package(simulator, tmp_path_factory) -> Iterator[Package]:
 def robot(ros, simulator, package) -> Iterator[Arm]:
     """The simulated one, which has come up while the package was made."""
     said(simulator, "/arm1/measured_js")
-    patience = pytest.MonkeyPatch()
-    patience.setattr(ros_backend, "SILENCE", LONG)  # others may have the processor for seconds
+    patience, valid = pytest.MonkeyPatch(), Arm._valid  # others may have the processor for seconds
+    for name in ("SILENCE", "CONNECT_TIMEOUT"):
+        patience.setattr(ros_backend, name, LONG)
+    patience.setattr(Arm, "_valid", lambda arm, name, age: valid(arm, name, max(age, LONG)))
     with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC)) as arm:
         yield arm
     patience.undo()
@@ -323,8 +325,8 @@ def test_a_crtk_client_moves_it_by_its_own_calls(robot):
 
 def test_a_master_that_starts_anew_is_told_all_topics(master, ros, robot):
     master.__exit__()
-    before = robot.measured_js(LONG).t  # connections that stand outlive it
+    before = robot.measured_js().t  # connections that stand outlive it
     master.__enter__()
     wait_for_writers(["/arm1/measured_js", "/arm1/servo_jp"])  # theirs and ours
-    until(lambda: robot.measured_js(LONG).t > before, "the joints")
+    until(lambda: robot.measured_js().t > before, "the joints")
     robot.move_jp(ROBOT.home + np.eye(7)[0] * 0.01).wait()

@@ -59,7 +59,8 @@ class Served:
 @pytest.fixture(autouse=True)
 def _patient(monkeypatch):
     """On a busy machine a thread that reports may be silent for long, above all if it compiles."""
-    monkeypatch.setattr(ros, "SILENCE", LONG)
+    for name in ("SILENCE", "CONNECT_TIMEOUT"):
+        monkeypatch.setattr(ros, name, LONG)
 
 
 @pytest.fixture(params=["raven2_mended"])
@@ -218,7 +219,7 @@ def test_a_robot_without_joints_leaves_no_topic_open(served, arm, monkeypatch):
     monkeypatch.setattr(backend._stream, "start", start_soon)
     monkeypatch.setattr(backend._stream, "_receive", lambda *_: None)
     for _ in range(2):  # and it may be tried again
-        monkeypatch.setattr(ros, "CONNECT_TIMEOUT", 20.0)
+        monkeypatch.setattr(ros, "CONNECT_TIMEOUT", LONG)
         with pytest.raises(RosError, match="no message on /arm1/measured_js"):
             Arm(backend)
     assert sum(map(len, served.ros.readers.values())) == before
