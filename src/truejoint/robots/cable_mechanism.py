@@ -240,7 +240,7 @@ class CableMechanism:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI; lists where the order counts, which keys of JSON may lose."""
-        plain = {
+        plain: dict[str, Any] = {
             "pins": [{"name": name, **asdict(pin)} for name, pin in self.pins.items()],
             "motors": [{"name": name, "radius": radius} for name, radius in self.motors.items()],
             "cables": [
