@@ -153,6 +153,20 @@ def test_signals_that_always_move_together_are_not_set_against_each_other(count)
     )
 
 
+def test_one_of_two_recordings_may_be_short_and_have_another_zero():
+    few, many = shifted(0, 0.5).rows(np.arange(60)), shifted(1, 0.0)
+    model = calibrate([few, many], Automatic([PolynomialRegressor(2)]))
+    assert model.estimator in {"linear", "offset", "raw"}
+    assert told(model)["offset"]["note"] == told(model)["raw"]["note"] == ""
+
+
+def test_of_positions_the_linear_model_stays_where_no_other_can_be_used():
+    recordings = [together(seed, coupled=True) for seed in range(2)]
+    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]), target="position")
+    assert model.estimator in {"linear", "poly2"}
+    assert sum(trial["weights"].get("jaw", 0.0) for trial in told(model).values()) == 1.0
+
+
 def test_the_features_of_one_signal_come_apart_from_others_alike():
     features = FeatureSet.parse(["measured/jaw", "effort/jaw", "rate(measured/jaw, 0.1)"])
     rows = np.arange(10.0)[:, None] + np.array([0.0, 10.0, 20.0])

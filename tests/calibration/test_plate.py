@@ -103,6 +103,14 @@ def test_a_pose_that_was_edited_is_refused(tmp_path, key):
         read_pose(path)
 
 
+def test_a_pose_without_size_is_refused(tmp_path):
+    path = tmp_path / "pose.toml"
+    write_pose(pose(), path)
+    path.write_text(path.read_text().replace("scale = 1.002", "scale = 0.0"))
+    with pytest.raises(CalibrationError, match="scale is 0"):
+        read_pose(path)
+
+
 def test_a_plate_without_dimples_is_none():
     with pytest.raises(CalibrationError, match="no dimples"):
         Plate("empty", "raven2", {}, 0.08)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -73,6 +74,20 @@ def test_the_dimples_lie_in_no_plane_and_no_turn_repeats_the_block(shape):
 def test_the_drawing_has_every_number_once(shape):
     numbers = [int(n) for n in re.findall(r">(\d+)</text>", plate_svg(shape))]
     assert numbers == list(range(1, len(shape.plate().points) + 1))
+    circles = re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', plate_svg(shape))
+    points = 1e3 * np.array(list(shape.plate().points.values()))
+    drawn = np.array(circles, dtype=float)
+    assert drawn[:, 0] == pytest.approx(points[:, 0])
+    assert drawn[:, 1] == pytest.approx(1e3 * shape.size[1] - points[:, 1])
+
+
+def test_a_workspace_that_is_hardly_deep_gets_no_plane_in_place_of_stairs():
+    space = ROBOT.workspace
+    lower = space.lower.copy()
+    lower[2] = space.upper[2] - 1e-3
+    shallow = replace(ROBOT, workspace=replace(space, lower=lower))
+    with pytest.raises(CalibrationError, match="dimples of a block can be reached"):
+        design_plate(shallow)
 
 
 def test_a_robot_of_unknown_geometry_gets_none():

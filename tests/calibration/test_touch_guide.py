@@ -69,6 +69,16 @@ def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, plate):
     assert len(guide.touches()) == 10
 
 
+def test_a_touch_while_the_arm_moves_is_refused_and_still_to_come(model, plate):
+    guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 6, finds_block=True)
+    stop = guide.next_stop()
+    made = touched(plate=plate, dimples=[stop.dimple, "1" if stop.dimple != "1" else "2"])
+    with pytest.raises(CalibrationError, match=r"moves by .* while dimple"):
+        guide.take(stop, made.touches.t[0] + 0.2, made.recording)
+    assert guide.next_stop() is stop
+    assert guide.take(stop, made.touches.t[0], made.recording) == Verdict(1, None, None)
+
+
 def test_sides_are_told_in_words(model, plate):
     guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 8, finds_block=False)
     sides = []
@@ -96,7 +106,10 @@ def test_a_plate_or_a_model_of_another_robot_is_refused(model, plate):
     with pytest.raises(CalibrationError, match="is for forceps"):
         design_pose(replace(plate, robot="forceps"), ROBOT)
     pose = replace(design_pose(plate, ROBOT), arm="right")
-    with pytest.raises(CalibrationError, match="the block is"):
+    with pytest.raises(CalibrationError, match="the model is of"):
+        Guide(model, ROBOT, pose, 6, finds_block=False)
+    pose = replace(design_pose(plate, ROBOT), model_sha256="other")
+    with pytest.raises(CalibrationError, match="with another calibration"):
         Guide(model, ROBOT, pose, 6, finds_block=False)
     with pytest.raises(CalibrationError, match="30 touches of 24 dimples"):
         Guide(model, ROBOT, design_pose(plate, ROBOT), 30, finds_block=False)

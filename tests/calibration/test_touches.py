@@ -168,6 +168,7 @@ def test_touches_that_cannot_be_are_refused(model, pose, first):
         ("t,dimple\n1.0\n", "line 2"),
         ("t,dimple\n2.0,3\n1.0,4\n", "must go up"),
         ("t,dimple\nnan,3\n", "must go up"),
+        ("t,dimple\n" + 200_000 * "1", "is no CSV file of touches"),
     ],
 )
 def test_a_file_that_is_not_of_touches_is_refused(tmp_path, text, said):

@@ -208,6 +208,7 @@ def test_a_registration_is_read_in_millimetres_and_degrees(tmp_path: Path) -> No
         ("sd = 0.1", "", "above 0"),
         ('joint = "insertion"', 'joint = "knee"', "no joint called 'knee'"),
         ('link = "roll"', 'link = "knee"', "no joint called 'knee'"),
+        ("[[stops]]", TOML[TOML.index("[[stops]]") :] + "[[stops]]", "two stops of insertion"),
         ("[[stops]]", "[stops]", r"write \[\[stops\]\]"),
         ("[marker]", 'marker = "roll"\n[other]', "other"),
     ],

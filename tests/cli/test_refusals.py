@@ -30,6 +30,8 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         (["--set", "epocs=3"], "did you mean 'epochs'?"),
         (["--set", "epochs=many"], "not of the kind"),
         (["--set", "epochs=-1"], "epochs is -1"),
+        (["-e", "rich_play", "--set", "leading=many"], "'many' is no whole number"),
+        (["-e", "rich_play", "--set", "leading=-1"], "leading is -1"),
         (["--robot", "raven"], "did you mean 'raven2'?"),
         (["--robot", "raven2", "--arm", "middle"], "no arm"),
         (["--robot", "raven2", "--joint", "elbw"], "did you mean 'elbow'?"),

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import typer
 from tests.calibration.test_touch_calibration import session as from_nothing
 from tests.calibration.test_touch_calibration import without_truth
-from tests.calibration.touched_arm import Touched, fitted, touched
+from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
 
 import truejoint
-from truejoint.calibration import write_plate
-from truejoint.cli.touch import prompted
+from truejoint.calibration import read_plate, write_plate
+from truejoint.calibration.touch_guide import Guide, design_pose
+from truejoint.cli.touch import follow_guide, prompted
+from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
 
 
@@ -71,14 +75,21 @@ def test_what_does_not_go_together_is_one_line(call, folder, tmp_path):
         result = call(*command, "-o", tmp_path / "out.safetensors")
         assert result.code == 2
         assert said in result.err
-        assert len(result.err.strip().splitlines()[-1:]) == 1
-        assert "Traceback" not in result.err
+        assert result.err.count("\n") == 1
+        assert "fault of truejoint" not in result.err
 
 
 def test_a_block_is_designed(call, tmp_path):
     result = call("plate", "raven2", "-o", tmp_path / "block")
     assert result.code == 0, result.err
-    assert "dimples in reach" in " ".join(result.out.split())
+    told = " ".join(result.out.split())
+    assert "dimples in reach" in told
+    stands = re.findall(r"dimple (\d+) is about \((.+?)\) mm", told)
+    made = read_plate(tmp_path / "block" / "plate.toml")
+    assert [number for number, _ in stands] == ["1", str(len(made.points))]
+    for number, place in stands:
+        expected = 1e3 * (made.rotation @ made.points[number] + made.translation)
+        assert [float(x) for x in place.split(",")] == pytest.approx(expected, abs=0.6)
     assert {p.name for p in (tmp_path / "block").iterdir()} == {
         "plate.stl", "plate.svg", "plate.toml",
     }  # fmt: skip
@@ -115,6 +126,9 @@ def test_a_simulated_arm_touches_what_re_zeroes_its_model(call, session, tmp_pat
     refused = call("touch", model, "-o", tmp_path / "none.csv")
     assert refused.code == 2
     assert "--plate, to find a block, or --bolted" in refused.err
+    refused = call("touch", *common, "-o", tmp_path / "touches.parquet")
+    assert refused.code == 2
+    assert "touches are written as .csv" in refused.err
 
 
 def test_a_person_is_asked_once_a_touch(monkeypatch):
@@ -124,6 +138,33 @@ def test_a_person_is_asked_once_a_touch(monkeypatch):
     monkeypatch.setattr("truejoint.cli.touch._AFTER", 0.0)
     assert prompted(device, stop) == 4.25
     assert asked == ["dimple 17, come with shoulder rising; seated?"]
+
+
+@pytest.mark.parametrize("is_early", [True, False])
+def test_a_run_goes_on_after_a_touch_that_is_refused(
+    folder, tmp_path, capsys, monkeypatch, is_early
+):
+    plate = read_plate(folder / "plate.toml")
+    guide = Guide(fitted(), ROBOT, design_pose(plate, ROBOT), 4, finds_block=True)
+    made, seated, early = [], [], 0.1 if is_early else 0.0
+    if not is_early:
+        fail = Mock(side_effect=CalibrationError("do not fit"))
+        monkeypatch.setattr("truejoint.calibration.touch_guide.fit_block", fail)
+
+    def seat(stop) -> float:
+        seated.append(stop.dimple)
+        asked = list(dict.fromkeys(seated))
+        made.append(touched(plate=plate, dimples=[*asked, next(n for n in plate.points
+                                                               if n not in asked)]))  # fmt: skip
+        return made[-1].touches.t[len(asked) - 1] + (early if len(seated) == 2 else 0.0)
+
+    recorder = SimpleNamespace(recording=lambda: made[-1].recording)
+    output = tmp_path / "touches.csv"
+    touches = follow_guide(guide, recorder, seat, output, 0.0, goes_on=is_early)
+    assert len(seated) == 4 + is_early
+    assert len(set(seated)) == len(touches) == 4
+    assert len(output.read_text().splitlines()) == 5
+    assert ("rest for 0.3 s" if is_early else "do not fit") in capsys.readouterr().err
 
 
 def test_a_model_is_made_of_touches_alone(call, tmp_path):
@@ -140,6 +181,7 @@ def test_a_model_is_made_of_touches_alone(call, tmp_path):
     for wrong, said in (
         ([*how[:2]], "give --touches, --plate and the one recording"),
         ([*how, "-e", "linear"], "leave out other options"),
+        ([*how, "--seed", "3"], "leave out other options"),
     ):
         refused = call(*arguments, *wrong, "--force")
         assert refused.code == 2

@@ -69,6 +69,12 @@ def test_a_feature_that_never_changes_is_not_learnt_of():
     )
 
 
+def test_where_no_feature_changes_the_mean_is_predicted():
+    X, y = np.ones((120, 2)), np.random.default_rng(0).normal(size=120)
+    model = GaussianProcess(points=20).fit(X, y)
+    np.testing.assert_allclose(model.predict(X[:1]), y.mean(), atol=0.1)
+
+
 def test_wrong_points_are_refused():
     with pytest.raises(CalibrationError, match="points is 1; it must be an integer from 2 to 4096"):
         GaussianProcess(points=1).fit(*waves())

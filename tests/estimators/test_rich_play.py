@@ -140,6 +140,13 @@ def test_products_with_the_first_features_and_their_squares_alone():
     assert cubic.arrays_["0/coef"].shape[0] == 24 + 24 + 24  # all seen, by the first, by its square
 
 
+def test_what_is_no_number_of_features_is_refused():
+    X = np.random.default_rng(0).normal(size=(200, 2))
+    for name in ("first", "crossed", "squared"):
+        with pytest.raises(CalibrationError, match=f"{name} is 'two'; it must be an integer"):
+            Ridge(**{name: "two"}).fit(X, X[:, 0])
+
+
 @pytest.mark.parametrize(
     ("given", "told"),
     [

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -208,6 +209,8 @@ def test_a_path_that_repeats_itself_is_refused_unless_told_about_where() -> None
         joining.find_path_offset(t, rounds(t), seen_t, rounds(seen_t))
     found = joining.find_path_offset(t, rounds(t), seen_t, rounds(seen_t), near=9.0)
     assert found == pytest.approx(10.0, abs=0.05)
+    with pytest.raises(RecordingError, match="about nan s"):
+        joining.find_path_offset(t, rounds(t), seen_t, rounds(seen_t), near=math.nan)
 
 
 def path(t: np.ndarray, seed: int) -> np.ndarray:

@@ -111,6 +111,9 @@ def test_what_is_no_track_is_one_line(tmp_path: Path) -> None:
     lost.to_csv(path, index=False)
     with pytest.raises(RecordingError, match=r"only 5 of 120 readings .*marker lost: 115"):
         read_track(path)
+    table(poses=False).assign(x=[None, *["near"] * 119]).to_parquet(tmp_path / "points.parquet")
+    with pytest.raises(RecordingError, match="is not a whole Parquet file of numbers"):
+        read_track(tmp_path / "points.parquet")
     (tmp_path / "points.parquet").write_bytes(b"PAR1 no more")
     with pytest.raises(RecordingError, match="is not a whole Parquet file"):
         read_track(tmp_path / "points.parquet")

@@ -148,8 +148,18 @@ def spoilt(*path: Any, value: Any) -> dict[str, Any]:
         (spoilt("cables", 0, "sign", value=2), "sign is 2; want 1 or -1"),
         (spoilt("cables", 0, "colour", value=2), "key 'colour' is not known"),
         (spoilt("cables", 1, "name", value="pitch_a"), "'pitch_a' stands twice; keep one"),
-        (spoilt("cables", 0, "nodes", value=[{}, {"wrap": 1.0}]), "state wrap"),
-        (spoilt("cables", value=3), "cables are 3; want a list"),
+        (spoilt("cables", 0, "nodes", value=[{}, {"wrap": 1.0}]), "node: 'wrap' is missing"),
+        (spoilt("cables", value=3), "cables: 3 is no list"),
+        (spoilt("cables", 0, "segments", value=1.0), "segments: 1.0 is no list"),
+        (spoilt("cables", 0, "segments", value=["a", 0.3, 0.4]), "segment is 'a'; want a finite"),
+        (spoilt("cables", 0, "nodes", value=2), "nodes: 2 is no list"),
+        (spoilt("cables", 0, "motor", value=3), "3 is no name"),
+        (spoilt("cables", 0, "nodes", 0, "joint", value=[1]), "no name; write it in quotes"),
+        (spoilt("cables", 0, "spring", value=-9.0), "spring is -9.0; want a finite number, 0 or"),
+        (spoilt("cables", 0, "spring", value="soft"), "spring is 'soft'; want a finite number"),
+        (spoilt("contact", "opening", value="wide"), "opening is 'wide'; want a table"),
+        (spoilt("contact", value={}), "contact: 'opening' is missing"),
+        (spoilt("pins", value=[{"name": "a"}, {"name": "a"}]), "with a name of its own"),
         (spoilt("cables", value=[]), "0 cables; want 1 to 64"),
         (spoilt("motors", "spare", value=1e-3), "motor 'spare' winds up no cable"),
         (spoilt("motors", "pitch", value=-1.0), "radius is -1.0; want a finite number above 0"),
@@ -176,6 +186,14 @@ def test_a_coupling_that_cannot_be_inverted_is_refused() -> None:
 def test_pins_and_joints_are_the_same() -> None:
     values = get_robot("wrist").to_dict()
     values["cable_mechanism"] = plain()
-    values["cable_mechanism"]["pins"]["yaw"] = values["cable_mechanism"]["pins"].pop("jaw2")
-    with pytest.raises(RobotError, match=r"no joint called 'jaw2'|pins"):
+    pins = values["cable_mechanism"]["pins"]
+    values["cable_mechanism"]["pins"] = {name: pins[name] for name in ("jaw1", "pitch", "jaw2")}
+    with pytest.raises(RobotError, match="pins jaw1, pitch, jaw2; want one for each joint, in ord"):
+        Robot.from_dict(values)
+
+
+def test_a_cable_turns_no_slide() -> None:
+    values = get_robot("wrist").to_dict()
+    values["joints"][0] |= {"kind": "prismatic"}
+    with pytest.raises(RobotError, match="joint 'pitch' is prismatic; cables here turn revolute"):
         Robot.from_dict(values)

@@ -106,6 +106,7 @@ def test_a_chain_up_to_a_joint_ends_with_the_link_that_it_moves(chain: SerialCha
     frames = frames_of(chain, joint)
     for k in range(5):
         np.testing.assert_allclose(chain.up_to(k).forward(joint), frames[k], atol=1e-12)
+        assert chain.up_to(k).crtk_from_base is chain.crtk_from_base
         # A joint further out moves nothing of it.
         assert not chain.up_to(k).jacobian(joint)[:, k + 1 :].any()
     still = SerialChain(chain.axes[:2], np.eye(2, 3))

@@ -245,6 +245,14 @@ def test_touches_that_do_not_tell_the_joints_are_refused():
     ):
         with pytest.raises(CalibrationError, match=said):
             filter_.touch(*touch)
+    with pytest.raises(CalibrationError, match="must be finite"):
+        filter_.touch(0.0, joint[0, :3], joint[0] * np.nan, "1", block)
+    with pytest.raises(CalibrationError, match="touch_sd"):
+        filter_.touch(0.0, joint[0, :3], joint[0], "1", block, touch_sd=0.0)
+    turns = touched_block()[2]
+    turns.joints = ("shoulder", "elbow", "roll")  # which turns about the tip, or nearly
+    with pytest.raises(CalibrationError, match="each in its own way"):
+        ReZero(turns).touch(0.0, joint[0, [0, 1, 3]], joint[0], "1", block)
     calibration.joints = ("shoulder", "elbow")
     calibration.effort_baseline = SimpleNamespace(residual=SIZE, correlation=TIME)
     with pytest.raises(CalibrationError, match="three joints"):

@@ -16,7 +16,7 @@ from truejoint.calibration.folds import FEW, Fold, hidden_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.combination import Combination
-from truejoint.estimators.polynomial import Raw
+from truejoint.estimators.polynomial import FixedOffset, Raw
 from truejoint.estimators.registry import LINEAR
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.models.family import Target
@@ -215,15 +215,20 @@ class Group:
         trial.is_member = model.family.row is not None and model.family.inputs is None
         trial.candidate = model.settled()
         spread = np.zeros(predicted.shape[1])
-        if len(self.recordings) < FEW:
+        if len(self.recordings) < FEW and not isinstance(model, FixedOffset):  # of no signal
             far = (model.evaluate(self._apart, self._dt) - self._middle) / self._deviation
             spread = np.sqrt(np.mean(far**2, axis=0))
         return predicted, spread
 
     @property
     def usable(self) -> Mask:
-        """Which candidates (m, n_joints) need no signals that move together."""
-        return np.asarray(self._spreads <= _FURTHEST)
+        """Which candidates (m, n_joints) do without signals that move together.
+
+        Where no simple model does, as may be of a position, the linear one counts as if it did.
+        """
+        good = np.asarray(self._spreads <= _FURTHEST)
+        good[0] |= ~good[: self._n_simple].any(axis=0)
+        return good
 
     @property
     def alone(self) -> Array:

@@ -238,12 +238,15 @@ def read_pose(path: Path) -> BlockPose:
         covariance = _matrix(values["covariance"], (6, 6), "covariance")
         if not (np.linalg.eigvalsh(covariance) > 0.0).all():
             raise CalibrationError("covariance is none; was the file edited? Find the pose again")
+        scale = _number(values["scale"], "scale")
+        if not scale > 0.0:
+            raise CalibrationError(f"scale is {scale:g}; was the file edited? Find the pose again")
         return BlockPose(
             plate,
             rotation=rotation,
             translation=_row(values["translation_m"], "translation_m"),
             covariance=covariance,
-            scale=_number(values["scale"], "scale"),
+            scale=scale,
             scale_sd=_number(values["scale_sd"], "scale_sd"),
             joint_sd=_joint_sd(values["joint_sd"]),
             **texts,
@@ -266,7 +269,7 @@ def write_pose(pose: BlockPose, path: Path, *, overwrite: bool = False) -> None:
         "homing_id": pose.homing_id, "model_sha256": pose.model_sha256,
     }  # fmt: skip
     body = "".join(f"{key} = {json.dumps(text)}\n" for key, text in texts.items())
-    body += f"scale = {pose.scale!r}\nscale_sd = {pose.scale_sd!r}\n"
+    body += f"scale = {float(pose.scale)!r}\nscale_sd = {float(pose.scale_sd)!r}\n"
     body += f"joint_sd = {json.dumps(pose.joint_sd.tolist())}\n"
     body += f"rotation = {json.dumps(pose.rotation.tolist())}\n"
     body += f"translation_m = {json.dumps(pose.translation.tolist())}\n"

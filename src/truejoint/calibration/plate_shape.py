@@ -18,6 +18,8 @@ PITCH: Final = 10e-3  # between dimples [m]
 MOST: Final = 9  # dimples along a side
 HIGHEST_STEP: Final = 12e-3
 """A wrist reaches further than this beyond its shaft, which so passes the next step [m]."""
+LOWEST_STEP: Final = 1e-3
+"""Of a workspace that is hardly deep [m]: one plane would leave a turn open."""
 BASE: Final = 10e-3  # below the lowest step [m]
 CONE: Final = 2e-3  # radius and depth of a dimple [m]
 _ROUND: Final = 24  # points of a dimple's rim; a multiple of 4
@@ -114,7 +116,8 @@ def design_plate(robot: Robot) -> PlateShape:
     x, y = np.meshgrid(np.arange(count[0]), np.arange(count[1]), indexing="ij")
     top = (count - 1) * [0.35, 0.6]
     level = np.round(np.maximum(np.abs(x - top[0]), np.abs(y - top[1]))).astype(np.int64)
-    step = min(HIGHEST_STEP, float(np.floor(_MM * (high - low)[2] / level.max()) / _MM))
+    deep = np.floor(_MM * (high - low)[2] / level.max()) / _MM
+    step = float(np.clip(deep, LOWEST_STEP, HIGHEST_STEP))
     middle = chain.forward(pose)[:3, 3]
     best = PlateShape(robot, level, step, np.ones(level.shape, dtype=np.bool_), rotation, middle)
     found = None
@@ -150,7 +153,7 @@ def plate_stl(shape: PlateShape) -> bytes:
     kind = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("more", "<u2")])
     table = np.zeros(len(facets), dtype=kind)
     table["normal"], table["vertices"] = normal, facets
-    head = f"truejoint block for {shape.robot.name}, mm".encode().ljust(80)
+    head = f"truejoint block for {shape.robot.name}, mm".encode()[:80].ljust(80)
     return head + len(facets).to_bytes(4, "little") + table.tobytes()
 
 
@@ -180,9 +183,9 @@ def plate_svg(shape: PlateShape) -> str:
             radius = CONE * _MM
             ink = "#000" if grey > 150 else "#fff"
             parts.append(
-                f'<circle cx="{middle[0]:g}" cy="{middle[1] + 1.6:g}" r="{radius:g}" fill="none" '
-                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle[0]:g}" y="{y + 3.6:g}" '
-                f'font-size="3.2" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
+                f'<circle cx="{middle[0]:g}" cy="{middle[1]:g}" r="{radius:g}" fill="none" '
+                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle[0]:g}" y="{y + 2.6:g}" '
+                f'font-size="2.4" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
             )
     low, high = float(tops[..., 2].min()), float(tops[..., 2].max())
     wide, deep = n_x * side, n_y * side

@@ -208,10 +208,17 @@ def read_registration(path: Path, robot: Robot) -> Registration:
         ]
         sd_mm = _positive(path, "touched_sd_mm", values.get("touched_sd_mm"))
         stated |= {"touched": 1e-3 * np.array(pairs), "touched_sd": 1e-3 * sd_mm}
-    stops = {}
-    for row in _list(path, "stops", values.get("stops", [])):
+    return Registration(**stated, stops=_stops(path, values.get("stops", []), robot))
+
+
+def _stops(path: Path, value: Any, robot: Robot) -> dict[str, tuple[float, float, float]]:
+    """Measured and true position, and deviation, of joints at a stop [rad or m]."""
+    stops: dict[str, tuple[float, float, float]] = {}
+    for row in _list(path, "stops", value):
         table = _table(path, "stops", row)
         joint = robot.joint(str(table.get("joint", "")))
+        if joint.name in stops:
+            raise CalibrationError(f"{path}: two stops of {joint.name}; state one of each joint")
         scale = display_unit(joint.unit).scale
         where = [
             float(_numbers(path, f"stops.{key}", [table.get(key)], 1)[0]) / scale
@@ -219,7 +226,7 @@ def read_registration(path: Path, robot: Robot) -> Registration:
         ]
         sd_joint = _positive(path, "stops.sd", table.get("sd")) / scale
         stops[joint.name] = (where[0], where[1], sd_joint)
-    return Registration(**stated, stops=stops)
+    return stops
 
 
 def _table(path: Path, name: str, value: Any) -> Mapping[str, Any]:

@@ -198,22 +198,30 @@ class TipRows:
         """Predicted less stated points (m, 3) [m]."""
         return self.predict(state) - state.scale * self.point
 
+    def moves(self, state: TipState) -> tuple[Array, Array]:
+        """Tool poses (m, 4, 4), and the geometric Jacobian (m, 6, n_joints) at the marker.
+
+        Both in the base, the latter of all joints.
+        """
+        joint = self.corrected(state)
+        tool, moves = self.kinematics.forward(joint), self.kinematics.jacobian(joint)
+        arm = tool[:, :3, :3] @ state.marker
+        moves[:, :3] += np.cross(moves[:, 3:], arm[:, :, None], axis=1)
+        return tool, moves
+
     def jacobian(self, state: TipState) -> tuple[Array, Array]:
         """Jacobians of `residual` by the parameters (m, 3, n) and by the corrected joints.
 
         The latter (m, 3, n_corrected) is what an error of a joint does to the point.
         """
-        joint = self.corrected(state)
-        tool, geometric = self.kinematics.forward(joint), self.kinematics.jacobian(joint)
-        arm = tool[:, :3, :3] @ state.marker
-        linear = geometric[:, :3] + np.cross(geometric[:, 3:], arm[:, :, None], axis=1)
+        tool, moves = self.moves(state)
         back = state.rotation.T
-        by_joint = back @ linear[:, :, self.columns]
-        seen = (tool[:, :3, 3] + arm - state.translation) @ state.rotation
+        by_joint = back @ moves[:, :3, self.columns]
+        seen = (tool[:, :3, 3] + tool[:, :3, :3] @ state.marker - state.translation) @ back.T
         m = len(self)
         parts = [
             by_joint @ self.basis,
-            _cross_matrix(seen),
+            cross_matrix(seen),
             np.broadcast_to(-back, (m, 3, 3)),
             back @ tool[:, :3, :3],
             -self.point[:, :, None],
@@ -407,7 +415,7 @@ def _inverse(normal: Array, names: list[str]) -> Array:
     return np.asarray((vectors / values) @ vectors.T / np.outer(size, size))
 
 
-def _cross_matrix(vectors: Array) -> Array:
+def cross_matrix(vectors: Array) -> Array:
     """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
     matrices = np.zeros((len(vectors), 3, 3))
     x, y, z = vectors.T

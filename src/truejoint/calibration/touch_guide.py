@@ -14,8 +14,10 @@ from truejoint.calibration.touch_plan import approach_sides, choose_touches, sho
 from truejoint.calibration.touches import (
     FEWEST,
     Touches,
+    check_pose,
     fit_block,
     known_kinematics,
+    resting,
     tip_rows,
     zero_prior,
 )
@@ -64,7 +66,7 @@ class Verdict:
     Attributes
     ----------
     count : int
-        Touches that fit so far.
+        Touches so far, but for those that are to be made once more.
     off : float or None
         How far off this one is [m], where it does not fit.
     tip_sd : float or None
@@ -113,15 +115,15 @@ class Guide:
     Raises
     ------
     CalibrationError
-        If fewer dimples can be reached than asked for, or the block is another arm's.
+        If fewer dimples can be reached than asked for, or the block's pose is in another arm's base
+        or was found with another calibration.
     """
 
     def __init__(
         self, calibration: Calibration, robot: Robot, pose: BlockPose, count: int, *,
         finds_block: bool, seed: int = 0,
     ) -> None:  # fmt: skip
-        if (robot.name, robot.arm) != (pose.robot, pose.arm):
-            raise CalibrationError(f"the block is {pose.title}, the model of {robot.title}")
+        check_pose(calibration, pose)
         self._calibration, self._pose, self._finds_block = calibration, pose, finds_block
         names, joint = reachable(robot, pose)
         columns = tuple(robot.index(calibration.joints))
@@ -138,8 +140,8 @@ class Guide:
         self._prior = zero_prior(pose, homing)
         chosen = choose_touches(self._rows, self._prior, count)
         space = robot.workspace
-        speed = np.ones(n) if space is None else space.speed
         moving = robot.index(robot.positioning if space is None else space.joints)
+        speed = np.ones(len(moving)) if space is None else space.speed
         chosen = chosen[shortest_order(joint[chosen][:, moving], speed)]
         sides = approach_sides(count, len(robot.positioning), seed)
         words = [
@@ -174,11 +176,14 @@ class Guide:
         """Take a touch at `t` [s, the arm's clock] with what was recorded until now.
 
         One that does not fit is asked for once more, at the end of the run; what is seated twice
-        is believed. Raises CalibrationError if the arm moved meanwhile.
+        is believed. Raises CalibrationError if the arm moved meanwhile, and then the stop is still
+        to come, or if the touches so far do not fit each other, and then it is kept.
         """
-        self._left.remove(stop)
         start = recording.provenance.start
-        self._made.append((t - (0.0 if np.isnan(start) else start), stop.dimple))
+        stamp = t - (0.0 if np.isnan(start) else start)
+        resting(recording, Touches((stamp,), (stop.dimple,), self._source))
+        self._left.remove(stop)
+        self._made.append((stamp, stop.dimple))
         found = self._fit(recording)
         if found is None:
             return Verdict(len(self._made), None, None)

@@ -29,7 +29,7 @@ REST: Final = 0.3
 FEWEST: Final = 3
 """Touches that re-zero a calibration; the block's pose takes twice as many."""
 _SLACK: Final = 5e-4
-"""How far positions may stray within `REST` of a touch [rad, and tenfold in m]."""
+"""How far positions may stray within `REST` of a touch [rad, and a tenth of it in m]."""
 _MISFIT: Final = 3.0
 """Squares of residuals, as a multiple of what is expected, beyond which nothing fits. Where block,
 arm and day are right they stay below two on ten arms whose errors are 2.5 times as stated."""
@@ -91,7 +91,10 @@ def read_touches(path: Path) -> Touches:
     ('3', '17')
     """
     text = read_small(path, CalibrationError, _MAX_BYTES, "touches").decode("utf-8", "replace")
-    rows = list(csv.reader(text.splitlines()))
+    try:
+        rows = list(csv.reader(text.splitlines()))
+    except csv.Error as error:  # a file of something else: a field of 100 kB
+        raise CalibrationError(f"{path}: is no CSV file of touches ({error})") from None
     header = [name.strip() for name in rows[0]] if rows else []
     if not {"t", "dimple"} <= set(header):
         raise CalibrationError(f"{path}: its first line names {header!r:.60}; want t,dimple")
@@ -272,17 +275,7 @@ def touched_zero(
         touches fit neither offset nor pose.
     """
     check_count(touches, FEWEST, "re-zero")
-    if (calibration.robot, calibration.arm) != (pose.robot, pose.arm):
-        raise CalibrationError(
-            f"the model is of {calibration.title}, the block's pose {pose.title}; find the pose "
-            "with this model"
-        )
-    sha = str(calibration.metadata.get("data_sha256", ""))
-    if pose.model_sha256 and sha != pose.model_sha256:
-        raise CalibrationError(
-            f"the pose of {pose.title} was found with another calibration than this model; find it "
-            "with this one, on the day of its full calibration"
-        )
+    check_pose(calibration, pose)
     rows = tip_rows(calibration, recording, touches, pose.plate, touch_sd=touch_sd)
     if len(pose.joint_sd) == len(rows.columns):
         rows = replace(rows, joint_sd=pose.joint_sd)
@@ -358,6 +351,21 @@ def known_kinematics(robot: Robot) -> Kinematics:
             "joints; give its robot file a table [kinematics]"
         )
     return robot.kinematics
+
+
+def check_pose(calibration: Calibration, pose: BlockPose) -> None:
+    """Refuse a block's pose in another arm's base, or one that another calibration found."""
+    if (calibration.robot, calibration.arm) != (pose.robot, pose.arm):
+        raise CalibrationError(
+            f"the model is of {calibration.title}, the block's pose {pose.title}; find the pose "
+            "with this model"
+        )
+    sha = str(calibration.metadata.get("data_sha256", ""))
+    if pose.model_sha256 and sha != pose.model_sha256:
+        raise CalibrationError(
+            f"the pose of {pose.title} was found with another calibration than this model; find it "
+            "with this one, on the day of its full calibration"
+        )
 
 
 def check_count(touches: Touches, fewest: int, what: str) -> None:

@@ -19,7 +19,17 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.registration import Registered, Registration
-from truejoint.calibration.tip_rows import MARKER, POSE, TipPrior, TipRows, TipState, align
+from truejoint.calibration.tip_rows import (
+    GATE,
+    HUBER,
+    MARKER,
+    POSE,
+    TipPrior,
+    TipRows,
+    TipState,
+    align,
+    cross_matrix,
+)
 from truejoint.errors import CalibrationError
 from truejoint.models.features import Feature, FeatureSet
 from truejoint.recordings.joining import ClockOffset, find_path_offset, join_truth
@@ -44,8 +54,6 @@ _DELAY_SD: Final = 10.0  # s
 _UNSEEN: Final = 0.3  # share of what a zero may be that is left open: the motion did not show it
 
 _MOST_READINGS: Final = 4000  # that the fit takes, spread over the motion
-_HUBER: Final = 2.8  # as in `tip_rows`
-_GATE: Final = 4.5
 _NORM_MEDIAN: Final = 1.538  # of the length of three standard normal numbers
 _STEPS: Final = 40
 _SETTLED: Final = 1e-2  # of a parameter's standard deviation
@@ -150,7 +158,7 @@ def tracked_truth(
         raise CalibrationError(
             f"{source}: the points follow the tool, which moves {1e3 * way:.0f} mm, to no better "
             f"than {1e3 * off:.1f} mm, and {100 * strays / inside:.0f} % are further off than "
-            f"{_GATE:g} times that; does the tracker confuse two markers, or is it another motion? "
+            f"{GATE:g} times that; does the tracker confuse two markers, or is it another motion? "
             "Look at them, and leave such stretches out"
         )
     stream = Stream(
@@ -382,7 +390,9 @@ class _Known:
             ours, theirs = registration.touched[:, 0], registration.touched[:, 1]
             turned, shift = align(ours, theirs)
             base[:3, :3], base[:3, 3] = turned, shift
-            rows = np.concatenate([_cross(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
+            rows = np.concatenate(
+                [cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2
+            )
             precision += np.einsum("mia,mib->ab", rows, rows) / registration.touched_sd**2
         if registration.base is not None:
             base[:] = np.linalg.inv(registration.base)
@@ -439,11 +449,6 @@ def _stops(registration: Registration, robot: Robot, motion: _Motion) -> tuple[A
         precision += np.outer(row, row) / sd**2
         pull += row * (true - measured) / sd**2
     return np.asarray(np.linalg.solve(precision, pull), dtype=np.float64), precision
-
-
-def _cross(vectors: Array) -> Array:
-    """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
-    return np.cross(vectors[:, None], np.eye(3)[None]).transpose(0, 2, 1) * 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -508,7 +513,7 @@ def _settle(
     precision[:n, :n] = prior.precision
     own = np.ix_(free, free)
     fewer = np.ones(1 if seen is None else 2)
-    for gate in (math.inf, _GATE, _GATE):
+    for gate in (math.inf, GATE, GATE):
         for _ in range(_STEPS):
             found = _equations(motion, rows, seen, state, turn)
             noise = found.noise
@@ -567,13 +572,13 @@ class _Equations:
     def whitened(self, noise: Array, fewer: Array, gate: float) -> tuple[Array, Array]:
         """Residuals and Jacobian in deviations; what is far off weighs less (Huber) or nothing."""
         distance = (self.lengths / noise).max(axis=1)
-        weight = np.minimum(1.0, _HUBER / np.maximum(distance, 1e-12)) * (distance <= gate)
+        weight = np.minimum(1.0, HUBER / np.maximum(distance, 1e-12)) * (distance <= gate)
         root = self.whitening(noise * np.sqrt(fewer)) * np.sqrt(weight)[:, None, None]
         return (root @ self.residual[:, :, None])[:, :, 0], root @ self.by_parameter
 
     def fewer(self, noise: Array) -> Array:
         """How many residuals of points, and of turns, count as one, as neighbours are alike."""
-        near = (self.lengths / noise).max(axis=1) <= _GATE
+        near = (self.lengths / noise).max(axis=1) <= GATE
         residual = self.residual[near].reshape(int(near.sum()), -1, 3)
         means = np.array([residual[rows].mean(axis=0) for rows in _blocks(len(residual))])
         size = len(residual) / _BLOCKS
@@ -588,11 +593,9 @@ def _equations(
     by_parameter, _ = rows.jacobian(state)
     m, _, n = by_parameter.shape
     k, back = len(state.coefficients), state.rotation.T
-    joint, columns = rows.corrected(state), list(rows.columns)
-    frame, geometric = rows.kinematics.forward(joint), rows.kinematics.jacobian(joint)
-    arm = frame[:, :3, :3] @ state.marker
-    linear = geometric[:, :3] + np.cross(geometric[:, 3:], arm[:, :, None], axis=1)
-    residual, moves = rows.residual(state), back @ linear
+    columns = list(rows.columns)
+    frame, geometric = rows.moves(state)
+    residual, moves = rows.residual(state), back @ geometric[:, :3]
     by_parameter = np.concatenate([by_parameter, np.zeros((m, 3, 3))], axis=2)
     if seen is not None:
         predicted, turns = back @ frame[:, :3, :3] @ turn, back @ geometric[:, 3:]
@@ -685,7 +688,7 @@ def _solve(
     state = replace(fit.state, coefficients=still)
     rows = motion.rows(stamps, points)
     distance = np.linalg.norm(rows.residual(state), axis=1) / noise
-    fits = motion.inside(stamps) & (distance < _GATE)
+    fits = motion.inside(stamps) & (distance < GATE)
     columns = list(motion.columns)
     joint = rows.corrected(state)
     bare = replace(state, coefficients=np.zeros_like(still))

@@ -155,6 +155,7 @@ def calibrate(
         chosen = (
             estimator, settings, features, joints, target, redundant, fit_rate_hz, test, interval,
             accept, part, split, interval_rezero_s, prior, zero != "shared",
+            seed,
         )  # fmt: skip
         calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
         return
@@ -331,7 +332,10 @@ def configured(
 
 
 def _value(text: str, default: Any, setting: str) -> Any:
-    """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``."""
+    """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``.
+
+    What is found out where nothing is stated, None, is a whole number.
+    """
     if isinstance(default, str):
         return text
     if isinstance(default, bool):
@@ -340,10 +344,11 @@ def _value(text: str, default: Any, setting: str) -> Any:
         return text.lower() == "true"
     several = isinstance(default, tuple)
     with suppress(ValueError):
-        kind = type(default[0] if several else default)
+        kind = int if default is None else type(default[0] if several else default)
         values = tuple(kind(value) for value in text.strip("()[], ").split(","))
         if several or len(values) == 1:
             return values if several else values[0]
     raise CalibrationError(
-        f"--set {setting!r}: {text!r} is not of the kind of the default {default!r}"
+        f"--set {setting!r}: {text!r} is "
+        + ("no whole number" if default is None else f"not of the kind of the default {default!r}")
     )

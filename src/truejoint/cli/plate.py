@@ -43,15 +43,19 @@ def plate(
     }
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size
-    x, y, z = (1e3 * shape.translation).tolist()
     if as_json:
         places = {"rotation": shape.rotation.tolist(), "translation": shape.translation.tolist()}
         result_json({"files": [str(path) for path in files], "dimples": reached, **places})
         return
     size = " x ".join(f"{1e3 * v:g}" for v in shape.size)
     out.print(f"{output}: {made.name}, {size} mm, {reached} of {cells} dimples in reach")
+    stands = []
+    for number in (1, reached):
+        place = shape.rotation @ made.points[str(number)] + shape.translation
+        x, y, z = (1e3 * place).tolist()
+        stands.append(f"dimple {number} is about ({x:.0f}, {y:.0f}, {z:.0f}) mm")
     out.print(
-        f"Stand the corner beside dimple 1 about ({x:.0f}, {y:.0f}, {z:.0f}) mm from the base's "
-        "origin, the dimples looking against the tool's way in."
+        f"Stand it so that {' and '.join(stands)} from the base's origin, the dimples looking "
+        "against the tool's way in."
     )
     say("print it at 100 %, measure along x, and enter measured_mm in plate.toml")

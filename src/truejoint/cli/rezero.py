@@ -148,9 +148,9 @@ def calibrate_touched(
     if touches is None or plate is None or len(recordings) != 1:
         raise CalibrationError("give --touches, --plate and the one recording of these touches")
     block, made = read_plate(plate), read_touches(touches)
-    whole = files.find(recordings)()
+    whole = _only(files.find(recordings)(), recordings[0])
     with progress("Fitting joints and block"):
-        fitted, report = truejoint.calibration.calibrate_by_touch(whole[0], made, block)
+        fitted, report = truejoint.calibration.calibrate_by_touch(whole, made, block)
     fitted = fitted.with_metadata(command=command_line())
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
@@ -175,10 +175,14 @@ def _read(
 
     calibration, made = truejoint.read_calibration(model), read_touches(touches)
     name = str(recording or touches.with_suffix(".parquet"))
-    found = files.find([name], model=calibration)()
+    return calibration, _only(files.find([name], model=calibration)(), name), made
+
+
+def _only(found: Sequence[truejoint.Recording], name: str) -> truejoint.Recording:
+    """Give the one recording of a file or bag."""
     if len(found) != 1:
         raise RecordingError(f"{name}: {len(found)} recordings; touches are of one at a time")
-    return calibration, found[0], made
+    return found[0]
 
 
 def _facts(found: TipFit, made: Touches) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import typer
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, print_table, say
-from truejoint.errors import CommandRefused
+from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.files import check_target, write_atomically
 from truejoint.units import shown
 
@@ -87,6 +87,8 @@ def touch(
     if output is None:
         _print_plan(guide)
         return
+    if output.suffix != ".csv":
+        raise CommandRefused(f"{output}: touches are written as .csv; name it so")
     for path in (output, output.with_suffix(".parquet")):
         check_target(path, overwrite=force)
     opened = _by_hand(robot, namespace, ros) if by_hand else _simulated(model, pose, twin, seed)
@@ -97,7 +99,7 @@ def touch(
             command=command_line(),
         ) as recorder,
     ):  # fmt: skip
-        made = follow_guide(guide, recorder, seat, output, until_mm / 1e3)
+        made = follow_guide(guide, recorder, seat, output, until_mm / 1e3, goes_on=by_hand)
     out.print(f"{output}: {len(made)} touches of {pose.plate.name}")
     following = "bolt" if plate is not None else "rezero"
     option = f"--plate {plate}" if plate is not None else f"--bolted {bolted}"
@@ -105,15 +107,28 @@ def touch(
 
 
 def follow_guide(
-    guide: Guide, recorder: Recorder, seat: Seat, output: Path, until: float
-) -> Touches:
+    guide: Guide, recorder: Recorder, seat: Seat, output: Path, until: float, *,
+    goes_on: bool = False,
+) -> Touches:  # fmt: skip
     """Touch what a guide says until all is touched, or the tip is stated to be within `until` [m].
 
     `seat` seats the tip and gives the time at which that is done. Each touch is written at once.
+    Where a touch is refused that is said and, if the run `goes_on`, the stop comes again: a person
+    may answer too early. Touches that do not fit each other are said, and kept: of more it may be
+    told which are wrong.
     """
     while (stop := guide.next_stop()) is not None:
         t = seat(stop)
-        verdict = guide.take(stop, t, recorder.recording())
+        try:
+            verdict = guide.take(stop, t, recorder.recording())
+        except CalibrationError as error:
+            is_made = guide.next_stop() is not stop
+            if not (is_made or goes_on):
+                raise
+            say(f"  {error}")
+            if is_made:
+                _write(guide.touches(), output)
+            continue
         _write(guide.touches(), output)
         if verdict.off is not None:
             off = shown(verdict.off, "m")

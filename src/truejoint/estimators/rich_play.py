@@ -75,16 +75,16 @@ class Ridge(TermsRegressor):
         """Parameters of the family: by default, the numbers for what it is fitted to."""
         k = int(vars(self).get("n_features_in_", 0))
         usual = k if k * (k + 1) // 2 <= _PRODUCTS else 0
-        first = usual if self.first is None else int(self.first)
-        crossed = first if self.crossed is None else int(self.crossed)
-        return {"first": first, "crossed": crossed, "squared": int(self.squared)}
+        first = usual if self.first is None else self.first
+        crossed = first if self.crossed is None else self.crossed
+        return {"first": first, "crossed": crossed, "squared": self.squared}
 
     def minimum_rows(self, n_features: int) -> int:
         """Two rows for each input, which the penalty makes enough."""
         return max(100, 2 * n_features)
 
     def factors(self, n_features: int) -> Integers:
-        """Features that each term multiplies (n_terms, 2)."""
+        """Features that each term multiplies (n_terms, 2), or 3 where there are `squared`."""
         return interactions.interaction_factors(n_features, **self.model_params())
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
@@ -187,8 +187,9 @@ class RichPlay(JointRegressor):
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
     leading : int, optional
-        By how many of the features, the first ones, everything is multiplied; by default all if
-        that makes few enough products, else only features by features.
+        By how many of the features, the first ones, everything is multiplied; by default the
+        `squared`, or, without, all if that makes few enough products, else only features by
+        features.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
     random_state : int, optional

@@ -76,6 +76,7 @@ class SimulatedHand:
         self.arm.subscribe(self._look)
         self.arm.wait(0.01)
         if self._true is None:
+            self.close()
             raise CommandRefused(
                 f"{self.arm.robot.title} does not say where its joints really are; touch by hand"
             )

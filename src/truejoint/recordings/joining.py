@@ -231,6 +231,8 @@ def _coarse_offset(
     `likeness` takes both on one grid, and lags, and tells for each lag a score and the share of
     motion that the truth explains.
     """
+    if near is not None and not math.isfinite(near):
+        raise RecordingError(f"an offset of about {near} s; state a number (--near-s)")
     spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
     steps = [float(np.median(np.diff(stamps))) for stamps in (t, truth_t)]
     dt = max(*steps, max(spans) / _MAX_GRID)

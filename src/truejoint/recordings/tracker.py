@@ -232,7 +232,7 @@ def _parquet(source: Path) -> tuple[list[str], list[Array]]:
             check_size(source, file)
             table = file.read(columns=names, use_threads=False)
             return names, [table[name].to_numpy().astype(np.float64) for name in names]
-    except (pa.ArrowException, OSError, ValueError) as error:
+    except (pa.ArrowException, OSError, TypeError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise
         raise RecordingError(
@@ -248,7 +248,7 @@ def _read_bag(source: Path, topic: str) -> Track:
         found = [topic]
     if len(found) != 1 or found[0] not in kinds:
         listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))
-        what = f"no points or poses on {topic!r}" if topic else "which topic is the tracker's?"
+        what = f"no points or poses on {topic!r}." if topic else "which topic is the tracker's?"
         raise RecordingError(
             f"{source}: {what} Name one (--topic); of points or poses there are {listed or 'none'}"
         )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from numpy.typing import ArrayLike
 
+from truejoint.errors import TruejointError
 from truejoint.recordings.recording import Provenance, Recording
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.wrist.twin import WristTwin
@@ -16,8 +17,11 @@ def record_wrist(
 
     Columns are ``measured``, ``effort``, ``motor`` and ``truth`` of every joint, tensions where
     they are measured, and what no laboratory has: ``truth_exact`` of the joints and ``truth_load``,
-    torques [Nm] of grip and tip. Raises what `WristTwin.run` does.
+    torques [Nm] of grip and tip. Raises what `WristTwin.run` does, and TruejointError unless the
+    rate is above 0.
     """
+    if not log_rate > 0.0:
+        raise TruejointError(f"a log rate of {log_rate} Hz; it must be above 0")
     run = twin.run(setpoint)
     every = max(1, round(1.0 / (SETPOINT_DT * log_rate)))
     columns = {"t": run.t, **run.columns()}

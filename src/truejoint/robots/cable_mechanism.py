@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, Final, TypeVar
 
 import numpy as np
@@ -32,7 +32,7 @@ class Node:
     """Where a cable bends: wrap angle [rad] in the pose of zeros.
 
     A `joint` that is named turns the cable's path with it: its angle shortens the wrap of cables
-    whose moment about it is positive and lengthens that of the others.
+    whose moment about it is positive and lengthens that of those whose moment is negative.
     """
 
     wrap: float
@@ -111,10 +111,9 @@ class CableMechanism:
     motors: Mapping[str, float]
     cables: tuple[Cable, ...]
     contact: Contact | None = None
-    arms: Mapping[str, Mapping[str, float]] = ()  # type: ignore[assignment]
+    arms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "arms", dict(self.arms))
         for joint, pin in self.pins.items():
             for key, value in vars(pin).items():
                 _check_number(value, key != "friction", f"joint {joint!r}: {key}")
@@ -141,7 +140,8 @@ class CableMechanism:
             )
 
     def _check_cable(self, cable: Cable) -> None:
-        where = f"cable {cable.name!r}"
+        where = f"cable {cable.name!r:.40}"
+        _check_values(cable, where)
         if bool(cable.motor) == (cable.spring > 0.0):
             raise RobotError(
                 f"{where} ends nowhere; give it a motor, or a spring [N/m]"
@@ -155,18 +155,15 @@ class CableMechanism:
         self._check_joints(cable.moments, where)
         if not any(cable.moments.values()):
             raise RobotError(f"{where} ends nowhere: it turns no joint; give it a moment [m]")
-        shares = np.array(cable.segments)
-        if len(cable.nodes) != len(shares) - 1 or not (shares > 0).all():
+        if len(cable.nodes) != len(cable.segments) - 1:
             raise RobotError(
-                f"{where}: {len(shares)} segments and {len(cable.nodes)} nodes; want one segment "
-                "more than nodes, each above 0"
+                f"{where}: {len(cable.segments)} segments and {len(cable.nodes)} nodes; want one "
+                "segment more than nodes"
             )
-        if abs(float(shares.sum()) - 1.0) > 1e-6:
-            raise RobotError(f"{where}: segments add up to {shares.sum():g}; want shares of 1")
-        for node in cable.nodes:
-            _check_number(node.wrap, False, f"{where}: wrap")
-            if node.joint:
-                self._check_joints({node.joint: 0.0}, where)
+        whole = math.fsum(cable.segments)
+        if abs(whole - 1.0) > 1e-6:
+            raise RobotError(f"{where}: segments add up to {whole:g}; want shares of 1")
+        self._check_joints({node.joint: 0.0 for node in cable.nodes if node.joint}, where)
 
     def _check_joints(self, by_joint: Mapping[str, float], where: str) -> None:
         for joint, value in by_joint.items():
@@ -220,17 +217,16 @@ class CableMechanism:
             name: _made(Pin, row, f"pin {name!r}")
             for name, row in _by_name(values["pins"], "pins").items()
         }
-        rows = values["cables"]
-        if not isinstance(rows, list | tuple):
-            raise RobotError(f"cables are {rows!r:.40}; want a list of tables")
         contact = values.get("contact")
+        if isinstance(contact, Mapping) and "opening" in contact:
+            contact = {**contact, "opening": _numbers(contact["opening"], "contact: opening")}
         return cls(
             pins,
             {
                 name: row["radius"] if isinstance(row, Mapping) and "radius" in row else row
                 for name, row in _by_name(values["motors"], "motors").items()
             },
-            tuple(_cable(row, n) for n, row in enumerate(rows, 1)),
+            tuple(_cable(row, n) for n, row in enumerate(_list(values["cables"], "cables"), 1)),
             None if contact is None else _made(Contact, contact, "contact"),
             {
                 name: _numbers(row, name)
@@ -293,21 +289,37 @@ def _cable(values: Any, number: int) -> Cable:
     where = f"cable {number}"
     row = dict(_table(values, where))
     row["moments"] = _numbers(row.get("moments", {}), where)
-    row["segments"] = tuple(row.get("segments", (1.0,)))
-    row["nodes"] = tuple(_made(Node, node, f"{where}: node") for node in row.get("nodes", ()))
+    row["segments"] = tuple(_list(row.get("segments", (1.0,)), f"{where}: segments"))
+    nodes = _list(row.get("nodes", ()), f"{where}: nodes")
+    row["nodes"] = tuple(_made(Node, node, f"{where}: node") for node in nodes)
     return _made(Cable, row, where)
 
 
 def _made(kind: type[_Made], values: Any, where: str) -> _Made:
     """Make a value of a table that states its fields."""
     table = _table(values, where)
-    fields = kind.__dataclass_fields__  # type: ignore[attr-defined]
-    check_keys(table, tuple(fields), (), where)
-    try:
-        return kind(**table)
-    except TypeError:
-        missing = [name for name in fields if name not in table]
-        raise RobotError(f"{where}: state {', '.join(missing)}") from None
+    own = fields(kind)  # type: ignore[arg-type]
+    needed = [f.name for f in own if f.default is MISSING and f.default_factory is MISSING]
+    check_keys(table, [f.name for f in own], needed, where)
+    return kind(**table)
+
+
+def _check_values(cable: Cable, where: str) -> None:
+    """Refuse what is no text or number where one is needed."""
+    for text in (cable.name, cable.motor, *(node.joint for node in cable.nodes)):
+        if not isinstance(text, str):
+            raise RobotError(f"{where}: {text!r:.40} is no name; write it in quotes")
+    _check_number(cable.spring, False, f"{where}: spring")
+    for share in cable.segments:
+        _check_number(share, True, f"{where}: segment")
+    for node in cable.nodes:
+        _check_number(node.wrap, False, f"{where}: wrap")
+
+
+def _list(values: Any, where: str) -> Sequence[Any]:
+    if not isinstance(values, list | tuple):
+        raise RobotError(f"{where}: {values!r:.40} is no list; write it in brackets")
+    return values
 
 
 def _table(values: Any, where: str) -> Mapping[str, Any]:
@@ -321,7 +333,10 @@ def _by_name(values: Any, where: str) -> Mapping[str, Any]:
     if not isinstance(values, list | tuple):
         return _table(values, where)
     rows = [dict(_table(row, where)) for row in values]
-    return {str(row.pop("name", "")): row for row in rows}
+    found = {str(row.pop("name", "")): row for row in rows}
+    if len(found) < len(rows) or "" in found:
+        raise RobotError(f"{where}: want a table each, with a name of its own")
+    return found
 
 
 def _numbers(values: Any, where: str) -> dict[str, float]:

@@ -101,7 +101,7 @@ class SerialChain:
         if not moved.size:
             raise RobotError(f"joint {joint} moves no axis of the chain; name another one")
         count = int(moved[-1]) + 1
-        return SerialChain(self.axes[:count], self.axis_from_joint[:count])
+        return SerialChain(self.axes[:count], self.axis_from_joint[:count], self.crtk_from_base)
 
     def _frames(self, joint: ArrayLike, last: int) -> Array:
         """Frames of the last axes (..., last, 4, 4)."""

@@ -340,6 +340,12 @@ class Robot(Summarised):
                 f"{self.name}: its cables have pins {', '.join(mechanism.joint_names)}; want one "
                 f"for each joint, in order: {', '.join(self.joint_names)}"
             )
+        for joint in self.joints:
+            if joint.kind != "revolute":
+                raise RobotError(
+                    f"{self.name}: joint {joint.name!r} is {joint.kind}; cables here turn revolute "
+                    "joints"
+                )
         if self.transmission is None:
             object.__setattr__(self, "transmission", Transmission(mechanism.coupling))
         elif not np.allclose(self.transmission.matrix, mechanism.coupling, rtol=1e-9, atol=1e-12):

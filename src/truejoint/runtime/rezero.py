@@ -26,6 +26,7 @@ CORRELATION_MARGIN: Final = 3.0
 a slower motion stays longer where the calibration errs one way."""
 PRIOR: Final = 1e3
 """Standard deviation of the offset before any truth, in those of the calibration's errors."""
+_WORST_CONDITION: Final = 1e6  # of what three joints do to the tip [m/rad, m/m]
 
 # Rows of the state of each joint.
 OFFSET, LOCAL, VAR_OFFSET, COVARIANCE, VAR_LOCAL, REJECTED, SIDE, LAST = 0, 1, 2, 3, 4, 5, 6, 7
@@ -146,7 +147,8 @@ class ReZero:
         it. The pose's error is the same at each touch, of which `sd` knows nothing.
 
         Raises CalibrationError if the block is another robot's or has no such dimple, a shape is
-        wrong, or the tip does not tell the calibrated joints: it tells three.
+        wrong or a number not finite, or the tip does not tell the calibrated joints: it tells
+        three, of which none may turn about it.
         """
         robot = get_robot(*self._arm)
         if self._arm != (block.robot, block.arm):
@@ -157,14 +159,18 @@ class ReZero:
                 f"corrected {here.shape} and measured {joint.shape} must hold {len(self.offset)} "
                 f"and {len(robot.joints)} joints"
             )
+        if not (np.isfinite([*here, *joint]).all() and 0.0 < touch_sd < math.inf):
+            raise CalibrationError(
+                f"positions at a touch must be finite, and touch_sd {touch_sd!r} m above 0"
+            )
         columns, chain = robot.index(self._joints), robot.kinematics
-        if chain is None or len(columns) != 3:
+        joint[columns] = here
+        slope = np.zeros((3, 0)) if chain is None else chain.jacobian(joint)[:3, columns]
+        if chain is None or slope.shape != (3, 3) or np.linalg.cond(slope) > _WORST_CONDITION:
             raise CalibrationError(
                 f"a touch of {robot.title} does not tell {', '.join(self._joints)}: it takes known "
-                "kinematics, and three joints"
+                "kinematics, and three joints that move the tip each in its own way"
             )
-        joint[columns] = here
-        slope = chain.jacobian(joint)[:3, columns]
         point = block.scale * block.plate.at((dimple,))[0]
         place = block.rotation @ point
         x, y, z = point
@@ -172,7 +178,7 @@ class ReZero:
         by_pose = np.hstack([turned, np.eye(3)])
         spread = touch_sd**2 * np.eye(3) + by_pose @ block.covariance @ by_pose.T
         spread += (block.scale_sd / block.scale) ** 2 * np.outer(place, place)
-        inverse = np.linalg.pinv(slope, rcond=1e-6)
+        inverse = np.linalg.inv(slope)
         miss = block.translation + place - chain.forward(joint)[:3, 3]
         noise = self._noise.copy()
         noise[2] = np.maximum(noise[2], np.sqrt(np.diag(inverse @ spread @ inverse.T)))

@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from tests.robots.test_cable_mechanism import TOOL
 
 from truejoint.crtk.backends.simulated import simulated_arm
 from truejoint.errors import CommandRefused, RobotError, TruejointError
+from truejoint.robots import catalogue
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import FAMILIES, family_of, population
 from truejoint.simulation.wrist.twin import MAX_LOAD, WristTwin
@@ -46,8 +48,9 @@ def test_pitch_drags_the_jaws_by_their_coupling():
 def test_homing_draws_new_zeros_and_the_seed_repeats_them():
     twin = homed()
     first = twin._zero
-    twin.home()
+    again = twin.home()
     assert np.abs(twin._zero - first).max() > 1e-4
+    assert np.abs(again.velocity).max() < 3.0  # a new zero is no motion
     np.testing.assert_array_equal(homed()._zero, first)
 
 
@@ -79,6 +82,21 @@ def test_tensions_are_read_where_they_are_measured(which, columns):
     twin = WristTwin(WristParameters.read().with_values({"sensors.tensions": which}), seed=1)
     out = twin.run(np.zeros((20, 3)))
     assert {name for name in out.extra if name.startswith("tension/")} == columns
+
+
+def test_what_a_mechanism_lacks_is_not_ignored(tmp_path, monkeypatch):
+    monkeypatch.setattr(catalogue, "_described", {})
+    path = tmp_path / "finger.toml"
+    path.write_text(TOOL)
+    both = WristParameters.read().with_values({"sensors.tensions": "both"})
+    twin = WristTwin(both, robot=str(path))
+    # The tension at a spring is none at a motor.
+    assert {"tension/pull"} == {n for n in twin.run(np.zeros((2, 1))).extra if "tension" in n}
+    with pytest.raises(RobotError, match="finger states no arm that a load pulls at"):
+        twin.load = 0.1
+    twin.held = lambda t: np.zeros(len(t))
+    with pytest.raises(RobotError, match="finger states no jaws that hold"):
+        twin.run(np.zeros((2, 1)))
 
 
 def test_an_arm_moves_it():

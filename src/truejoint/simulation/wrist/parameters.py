@@ -12,7 +12,10 @@ MAXWELL_SLIP: Final = "maxwell_slip"
 
 
 class Cables(NamedTuple):
-    """Every cable: stiffness [N/m], pretension [N], ``mu phi`` per node without, with a joint."""
+    """Every cable: stiffness [N/m] and pretension [N].
+
+    And coefficients of friction at nodes that no joint turns, and at those that one does.
+    """
 
     stiffness: Annotated[float, Bounds(1e3, 1e6)]
     pretension: Annotated[float, Bounds(0.1, 100.0)]

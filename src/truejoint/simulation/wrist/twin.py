@@ -47,10 +47,10 @@ class WristTwin:
     (n, n_arms) [N], one column for each of the mechanism's arms, and `held` the opening [rad] (n,)
     of what is between the jaws, both at times (n,) [s] of the twin; without `held` the jaws meet
     each other. The seed is that of sensors and homing; single parts are drawn with
-    ``variation.seed``.
+    ``variation.seed``. Of the plant there are `substeps` a millisecond.
 
     Raises TruejointError if the seed or the load is out of range, RobotError if the robot states no
-    cables.
+    cables, or a load has no arm to pull at.
 
     Examples
     --------
@@ -106,7 +106,12 @@ class WristTwin:
 
     @load.setter
     def load(self, mass: float) -> None:
-        self._load = checked_load(mass, MAX_LOAD)
+        mass = checked_load(mass, MAX_LOAD)
+        if mass and not self._arms:
+            raise RobotError(
+                f"{self.robot.title} states no arm that a load pulls at; add [cable_mechanism.arms]"
+            )
+        self._load = mass
 
     @property
     def time(self) -> float:
@@ -131,7 +136,9 @@ class WristTwin:
         way = self._way(self._command, zero)
         yield from map(self.run, in_grains(np.vstack([way, hold(zero, _SETTLING)])))
         self.homing_count += 1
-        self._zero = self._registered()
+        before, self._zero = self._zero, self._registered()
+        # The motors stand still while their zeros change.
+        self._reading = self._reading + before - self._zero
         way = self._way(zero, home)
         yield from map(self.run, in_grains(np.vstack([way, hold(home, _SETTLING)])))
 
@@ -139,7 +146,8 @@ class WristTwin:
         """Follow joint angles (n, n_joints) [rad], one row a millisecond; reached at its end.
 
         Raises CommandRefused if the shape is wrong, or a value is not finite or far beyond a
-        joint's limit, and TruejointError if the plant leaves the finite numbers.
+        joint's limit, TruejointError if the plant leaves the finite numbers, and RobotError if
+        something is held where no jaws meet.
         """
         joints = checked_rows(self.robot, setpoint, "run")
         self._check_limits(joints)
@@ -208,6 +216,10 @@ class WristTwin:
             force += _shaped(self.tip_force(t), force.shape, "tip_force")
         held = np.zeros(len(t))
         if self.held is not None:
+            if not self._meets:
+                raise RobotError(
+                    f"{self.robot.title} states no jaws that hold; add [cable_mechanism.contact]"
+                )
             held = _shaped(self.held(t), held.shape, "held")
         return force, np.ascontiguousarray(held)
 
@@ -226,7 +238,7 @@ class WristTwin:
         return {
             f"tension/{name}": read[:, n]
             for n, name in enumerate(self._cable_names)
-            if which == "both" or motors[n] not in motors[:n]
+            if motors[n] >= 0 and (which == "both" or motors[n] not in motors[:n])
         }
 
     def _known(self, joint: Array, grip: Array, force: Array) -> dict[str, Array]:

@@ -15,6 +15,7 @@ from truejoint.errors import StudyError
 from truejoint.estimators import RichPlay
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
+from truejoint.robots import get_robot
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
@@ -82,6 +83,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     check_counts(settings, "free_s", "loaded_s")
     if not settings["test_s"] > _SETTLED:
         raise StudyError(f"test_s={settings['test_s']:g}; it must be above {_SETTLED:g}")
+    get_robot("wrist", settings["instrument"])  # refused here if there is none
     family, count = settings["family"], settings["count"]
     drawn = population(count, settings.seed, family)
     asked = ("methods", "instrument", "free_s", "loaded_s", "test_s")
