@@ -25,7 +25,7 @@ lint: $(VENV)/.installed-dev ## Check style, types and which package imports whi
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.installed-bench ## Measure accuracy and speed (an hour); tables go to bench/
+bench: $(VENV)/.installed-bench ## Measure accuracy and speed (hours); tables go to bench/
 	$(BIN)/python -m benchmarks
 
 fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): commands, files, exported C

@@ -2,7 +2,7 @@
 
     python -m benchmarks [NAME ...] [--out bench]
 
-Takes about an hour on two cores; name the ones you want to have it sooner.
+Takes hours on two cores; name the ones you want to have it sooner.
 """
 
 from __future__ import annotations
@@ -23,12 +23,14 @@ BENCHMARKS = (
     "filter_speed",
     "corrector_speed",
     "exported_c_speed",
+    "bag_extraction",
     "speed_training",
     "beyond_chance",
     "clock_offset",
     "histories",
     "grasper",
     "tracker",
+    "wrist_tool",
     "moved_zeros",
     "told_mechanism",
     "play_widths",
@@ -40,6 +42,7 @@ BENCHMARKS = (
     "faults",
     "disk_faults",
     "effort_monitor",
+    "touch",
     "monitor",
     "soak",
     "paced_loop",

@@ -26,8 +26,8 @@ StringStamped = genpy.dynamic.generate_dynamic(TEXT, f"Header header\nstring str
 
 
 def until(is_so, what):
-    """Look again and again, for half a minute."""
-    end = time.monotonic() + 30.0
+    """Look again and again, for two minutes."""
+    end = time.monotonic() + 120.0
     while not is_so():
         if time.monotonic() > end:
             raise SystemExit(f"waited in vain for {what}")

@@ -1,16 +1,12 @@
-"""Reference data of other people's filters, and no deadlines on a busy machine."""
+"""Reference data of other people's filters."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
 
 from truejoint.recordings.datasets.store import data_folders
-
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
 
 
 @pytest.fixture(scope="session")

@@ -7,14 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import settings
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import Provenance, Recording
-
-# How long a test takes on a busy machine says nothing.
-settings.register_profile("untimed", deadline=None)
-settings.load_profile("untimed")
 
 
 @pytest.fixture

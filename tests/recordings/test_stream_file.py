@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
@@ -46,7 +46,7 @@ def test_a_whole_file_gives_all_streams(tmp_path: Path) -> None:
     assert recording.joints_of("truth") == ("jaw",)
 
 
-@settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60)
 @given(share=st.floats(0.0, 1.0))
 def test_cut_anywhere_it_gives_the_blocks_before(tmp_path: Path, share: float) -> None:
     whole, cut = tmp_path / "run.arrows", tmp_path / "cut.arrows"
@@ -69,7 +69,7 @@ def test_cut_anywhere_it_gives_the_blocks_before(tmp_path: Path, share: float) -
         assert np.array_equal(state.columns["measured/jaw"], np.sin(state.t))
 
 
-@settings(max_examples=150, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=150)
 @given(data=st.data())
 def test_a_flipped_bit_is_never_read_as_another_value(tmp_path: Path, data: st.DataObject) -> None:
     whole, flipped = tmp_path / "run.arrows", tmp_path / "flipped.arrows"

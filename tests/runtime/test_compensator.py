@@ -264,8 +264,8 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     def progress(share):
         shares.append(share)
         if len(shares) == 1:
-            Timer(0.05, lagging_arm.resume).start()
             lagging_arm.pause()
+            Timer(0.05, lagging_arm.resume).start()
 
     lagging_arm.subscribe(blocks.append)
     follow(

@@ -12,7 +12,7 @@ from threading import Barrier, Event
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import write_calibration
@@ -297,9 +297,7 @@ def test_models_that_cannot_be_checked_are_refused(tmp_path, calibration):
 
 
 @given(st.data())
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60)
 def test_mutated_model_files_are_refused_in_one_line(tmp_path, calibration, data):
     """Also those with a sound hash: someone may sign whatever they like."""
     description, arrays = encode(calibration)

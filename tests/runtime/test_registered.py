@@ -11,7 +11,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import write_calibration
@@ -338,9 +338,7 @@ def test_a_fault_of_the_filter_is_no_estimate(name):
 
 
 @given(st.data(), st.sampled_from(CAUSAL))
-@settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=60)
 def test_mutated_model_files_are_refused_in_one_line(tmp_path, data, name):
     description, arrays = encode(model(name))
     description = copy.deepcopy(description)

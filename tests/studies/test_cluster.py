@@ -75,7 +75,7 @@ def test_workers_of_several_threads_or_none_are_refused(toy, monkeypatch, worker
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "gopher://127.0.0.1:9", ""])
 def test_a_scheduler_that_cannot_be_reached_is_one_line(toy, monkeypatch, address):
-    monkeypatch.setattr(cluster, "_PATIENCE", 0.2)
+    monkeypatch.setattr(cluster, "_ANSWER", 0.2)
     with pytest.raises(StudyError, match="no scheduler at") as refused:
         run_study(toy.study, cluster=address)
     assert "\n" not in str(refused.value)

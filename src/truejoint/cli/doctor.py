@@ -97,3 +97,4 @@ def _listen(
             except KeyboardInterrupt:
                 say(f"stopped after {time.monotonic() - began:.1f} s; of these:")
         return link.diagnose()
+    raise KeyboardInterrupt  # which ended the node before there was anything to judge

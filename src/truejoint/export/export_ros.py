@@ -86,8 +86,8 @@ def _context(calibration: Calibration, robot: Robot, prefix: str) -> dict[str, A
     lacking = [name for name, value in zip(signals, values, strict=True) if not value]
     if lacking:
         raise ExportError(
-            f"no joint state has {', '.join(lacking)}, which the model takes: calibrate with "
-            "--features that do without, or use --to c"
+            f"no joint state has {', '.join(lacking)}, which the model takes: calibrate on "
+            "others (--feature), or use --to c"
         )
     return {
         "version": version("truejoint"),

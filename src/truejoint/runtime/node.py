@@ -203,10 +203,10 @@ class CorrectorNode:
 
     def _refuse(self, corrector: Corrector, columns: Mapping[str, Array]) -> None:
         lacking = [signal for signal in corrector.signals if signal not in columns]
-        advice = "give the profile or topics that have them, or calibrate with --features that do "
+        advice = "give the profile or topics that have them, or calibrate on others (--feature)"
         self._stream.refusal = (
             f"{self.topic} has no {', '.join(lacking)}, which the model needs: "
-            f"{self._stream.stale or f'{advice}without'}"
+            f"{self._stream.stale or advice}"
         )
 
     def _tell_homing(self, corrector: Corrector) -> None:

@@ -19,7 +19,8 @@ from truejoint.extras import require
 T = TypeVar("T")
 R = TypeVar("R")
 
-_PATIENCE: Final = 20.0  # [s] for a scheduler to answer, and to have workers
+_ANSWER: Final = 20.0  # [s] for a scheduler to answer
+_PATIENCE: Final = 20.0  # [s] for it to have workers
 _LOOK: Final = 5.0  # [s] between two looks at whether there are workers
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
@@ -52,7 +53,7 @@ def on_cluster(call: Callable[[T], R], tasks: Sequence[T], address: str) -> Iter
     if not address:
         raise StudyError("no scheduler at ''; give its address, such as tcp://10.0.0.5:8786")
     try:
-        client = distributed.Client(address, timeout=_PATIENCE)
+        client = distributed.Client(address, timeout=_ANSWER)
     except (OSError, ValueError) as error:
         said = str(error).partition("\n")[0]
         raise StudyError(f"no scheduler at {address:.80}: {said:.120}; is it running?") from None

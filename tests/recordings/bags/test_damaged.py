@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.recordings.bags.conftest import make_session
 
@@ -29,7 +29,7 @@ def bags(tmp_path_factory) -> dict[str, bytes]:
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap", ".mcap.zstd"])
-@settings(max_examples=40, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40)
 @given(
     changes=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 255)), max_size=6),
     kept=st.floats(0.0, 1.0),

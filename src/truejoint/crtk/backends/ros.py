@@ -30,6 +30,7 @@ from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 CONNECT_TIMEOUT: Final = 5.0
 """How long a topic may take to say its first word [s]."""
 _HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
+_BEGINNING: Final = 1.0  # [s] within which a robot that has something to home says so
 _ARRIVAL: Final = 0.2  # [s] that the robot may take to report the last set-point
 _ARRIVED: Final = 1e-6  # [rad or m]
 _log = logging.getLogger(__name__)
@@ -206,7 +207,7 @@ class RosBackend:
                     f"'home' stopped at t = {now.t:.3f} s: {now.state}; the arm is not homed"
                 )
             # A robot that is homed already may have nothing to do.
-            begun = left["begun"] or now.t - began > SILENCE
+            begun = left["begun"] or now.t - began > _BEGINNING
             return begun and now.is_homed and not now.is_busy
 
         with self._changed:
