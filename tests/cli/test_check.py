@@ -83,7 +83,7 @@ def test_wrong_calls_are_code_2_and_one_line(call, model, pieces, tmp_path):
     for arguments, said in (
         ([model, pieces / "p9.parquet", *both], "give one of the two"),
         ([model, pieces / "p9.parquet", "--level", "95"], "takes at least 19"),
-        ([model, pieces / "*.parquet"], "check takes one at a time"),
+        ([model, pieces / "*.parquet"], "takes one at a time"),
         ([tmp_path / "no.st", pieces / "p9.parquet"], "no.st"),
     ):
         result = call("check", *arguments)

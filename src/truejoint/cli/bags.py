@@ -132,10 +132,8 @@ def bag(
 ) -> None:
     """Write a recording as a ROS bag of CRTK's topics, for other tools."""
     check_target(output, overwrite=force)
-    found = files.find([recording])()
-    if len(found) != 1:
-        raise RecordingError(f"{recording}: {len(found)} recordings; a bag takes one at a time")
+    found = files.one(recording)
     with progress(f"Writing {output}"):
-        truejoint.recordings.write_bag(found[0], output, profile=profile, overwrite=force)
+        truejoint.recordings.write_bag(found, output, profile=profile, overwrite=force)
     topics = ", ".join(truejoint.recordings.bag_topics(output))
-    out.print(f"{output}: {len(found[0])} rows as {topics}")
+    out.print(f"{output}: {len(found)} rows as {topics}")

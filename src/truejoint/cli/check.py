@@ -69,21 +69,19 @@ def check(
     other = None if against is None else truejoint.read_calibration(against)
     if calibration.interval is not None:
         calibration.interval.index(level)
-    loaded = files.find([recording], part=part, model=calibration)()
-    if len(loaded) != 1:
-        raise RecordingError(f"{recording}: {len(loaded)} recordings; check takes one at a time")
+    loaded = files.one(recording, part=part, model=calibration)
     if other is not None:
         with progress("Comparing the two calibrations"):
             agreement = truejoint.calibration.compare_calibrations(
-                calibration, other, loaded[0], level
+                calibration, other, loaded, level
             )
         _report_agreement(calibration, agreement, as_json)
         holds: bool | None = bool(agreement.consistent.all())
     else:
         with progress("Comparing with the truth"):
-            result = truejoint.runtime.check_calibration(calibration, loaded[0], level)
+            result = truejoint.runtime.check_calibration(calibration, loaded, level)
         if rezero is not None:
-            moved = truejoint.calibration.rezeroed(calibration, loaded[0])
+            moved = truejoint.calibration.rezeroed(calibration, loaded)
             truejoint.write_calibration(moved, rezero, overwrite=force)
         _report_check(calibration, result, rezero, as_json)
         holds = result.holds

@@ -86,6 +86,15 @@ class Files:
 
         return read if names else list
 
+    def one(
+        self, name: str, *, part: str | None = None, model: truejoint.Calibration | None = None
+    ) -> truejoint.Recording:
+        """Read the one recording that `name` means; `part` and `model` as of `find`."""
+        found = self.find([name], part=part, model=model)()
+        if len(found) != 1:
+            raise RecordingError(f"{name}: {len(found)} recordings; this takes one at a time")
+        return found[0]
+
     def _check(self) -> None:
         if self.robot is not None:
             truejoint.get_robot(self.robot, self.arm)
@@ -212,6 +221,12 @@ def _is_plain_folder(path: Path) -> bool:
     except RecordingError:
         return True
     return False
+
+
+def check_offset(near_s: float | None, offset_s: float | None) -> None:
+    """Raise RecordingError where an offset of two clocks is both given and to be found."""
+    if near_s is not None and offset_s is not None:
+        raise RecordingError("--near-s and --offset-s: give one of the two")
 
 
 def say_dropped(recording: truejoint.Recording) -> None:

@@ -11,8 +11,7 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.inputs import Files, say_dropped, takes_files
-from truejoint.errors import RecordingError
+from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
 from truejoint.files import check_target
 
 
@@ -35,10 +34,7 @@ def join(
         Path | None,
         typer.Option(help="TOML file that names the columns of TRUTH; see `truejoint columns`."),
     ] = None,
-    near_s: Annotated[
-        float | None,
-        typer.Option(help="About how large the offset is, where the motion repeats itself [s]."),
-    ] = None,
+    near_s: options.NearS = None,
     offset_s: Annotated[
         float | None,
         typer.Option(
@@ -52,16 +48,13 @@ def join(
     files: Files,
 ) -> None:
     """Join a robot's recording with the truth that was recorded in a file of its own."""
-    if near_s is not None and offset_s is not None:
-        raise RecordingError("--near-s and --offset-s: give one of the two")
+    check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
-    found = files.find([robot_file])()
-    if len(found) != 1:
-        raise RecordingError(f"{robot_file}: {len(found)} recordings; join takes one at a time")
-    arm = found[0].robot
+    found = files.one(robot_file)
+    arm = found.robot
     truth = truejoint.recordings.read_truth(truth_file, arm.name, arm.arm, truth_columns)
     with progress("Finding the offset of the clocks"):
-        recording, clock = truejoint.recordings.join_truth(found[0], truth, offset_s, near=near_s)
+        recording, clock = truejoint.recordings.join_truth(found, truth, offset_s, near=near_s)
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
     known = int(

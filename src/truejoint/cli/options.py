@@ -23,6 +23,12 @@ Arm = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+NearS = Annotated[
+    float | None,
+    typer.Option(
+        "--near-s", help="About how large the offset is, where the motion repeats itself [s]."
+    ),
+]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same seed, same result.")]
 
 Model = Annotated[

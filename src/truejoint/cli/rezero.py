@@ -19,7 +19,7 @@ from truejoint.cli.console import (
     say,
 )
 from truejoint.cli.inputs import Files, check_model_target, takes_files
-from truejoint.errors import CalibrationError, RecordingError
+from truejoint.errors import CalibrationError
 from truejoint.files import check_target
 from truejoint.units import with_unit
 
@@ -148,7 +148,7 @@ def calibrate_touched(
     if touches is None or plate is None or len(recordings) != 1:
         raise CalibrationError("give --touches, --plate and the one recording of these touches")
     block, made = read_plate(plate), read_touches(touches)
-    whole = _only(files.find(recordings)(), recordings[0])
+    whole = files.one(recordings[0])
     with progress("Fitting joints and block"):
         fitted, report = truejoint.calibration.calibrate_by_touch(whole, made, block)
     fitted = fitted.with_metadata(command=command_line())
@@ -175,14 +175,7 @@ def _read(
 
     calibration, made = truejoint.read_calibration(model), read_touches(touches)
     name = str(recording or touches.with_suffix(".parquet"))
-    return calibration, _only(files.find([name], model=calibration)(), name), made
-
-
-def _only(found: Sequence[truejoint.Recording], name: str) -> truejoint.Recording:
-    """Give the one recording of a file or bag."""
-    if len(found) != 1:
-        raise RecordingError(f"{name}: {len(found)} recordings; touches are of one at a time")
-    return found[0]
+    return calibration, files.one(name, model=calibration), made
 
 
 def _facts(found: TipFit, made: Touches) -> dict[str, Any]:

@@ -10,8 +10,7 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import out, progress, result_json, say
-from truejoint.cli.inputs import Files, say_dropped, takes_files
-from truejoint.errors import RecordingError
+from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
 from truejoint.files import check_target
 
 _MANY: Final = 0.05  # strays, as a share of the readings
@@ -47,10 +46,7 @@ def track(
         list[str] | None,
         typer.Option(help="Joint to be found, once for each; default: those that place the tool."),
     ] = None,
-    near_s: Annotated[
-        float | None,
-        typer.Option(help="About how large the offset is, where the motion repeats itself [s]."),
-    ] = None,
+    near_s: options.NearS = None,
     offset_s: Annotated[
         float | None,
         typer.Option(
@@ -64,19 +60,16 @@ def track(
     files: Files,
 ) -> None:
     """Turn what a tracker or a camera saw of the tool into the truth of the joints."""
-    if near_s is not None and offset_s is not None:
-        raise RecordingError("--near-s and --offset-s: give one of the two")
+    check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
     seen = truejoint.recordings.read_track(points, topic, unit)
-    found = files.find([robot_file])()
-    if len(found) != 1:
-        raise RecordingError(f"{robot_file}: {len(found)} recordings; track takes one at a time")
+    found = files.one(robot_file)
     known = None
     if registration is not None:
-        known = truejoint.calibration.read_registration(registration, found[0].robot)
+        known = truejoint.calibration.read_registration(registration, found.robot)
     with progress("Finding where the tracker stands, and what it says of the joints"):
         recording, registered = truejoint.calibration.tracked_truth(
-            found[0], seen, known, joint or (), offset=offset_s, near=near_s
+            found, seen, known, joint or (), offset=offset_s, near=near_s
         )
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
