@@ -265,7 +265,7 @@ _FORCEPS: Final = (
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=2,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=3,
     ),
     _study(
         "physical", "Does friction in physical parameters make a better filter?",
