@@ -237,11 +237,13 @@ _FORCEPS: Final = (
         "loaded", "What do 30 to 250 g on the jaw do to it?",
         "yan2020, Table 3, figure 9", _SPECIMEN, _MASSES, _DIRECTIONS, _FEW,
         Option("draws", 8, "of the hand that hangs each weight", small=2),
+        version=2,
     ),
     _study(
         "strategies", "Which sensor buys which accuracy: none on the cables, one, or both?",
         "yan2020, II-B and IV-C",
         _SPECIMEN, _DIRECTIONS, Option("masses_g", (50.0, 100.0, 200.0), "weights [g]"), _CHOICES,
+        version=2,
     ),
     _study(
         "population", "Does it hold on other specimens? Every method on each",
@@ -259,11 +261,11 @@ _FORCEPS: Final = (
         _CALIBRATED,
         _MASSES, _DIRECTIONS,
         _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
-        version=2,
+        version=3,
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=2,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=3,
     ),
     _study(
         "physical", "Does friction in physical parameters make a better filter?",
@@ -283,7 +285,7 @@ _FORCEPS: Final = (
         Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
         Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
-        version=2,
+        version=3,
     ),
     _study(
         "sweep", "Which sensors, cables, friction and homing buy which accuracy?",
@@ -298,6 +300,7 @@ _FORCEPS: Final = (
         Option("target_deg", 0.1, "RMS error that a design must keep [deg]"),
         Option("count", 10, "virtual specimens; more of them begin with the fewer", small=2),
         Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
+        version=2,
     ),
     _study(
         "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",
