@@ -68,15 +68,17 @@ class Clock:
         self._thread.join()
 
 
-def spent(page: ArmPage) -> float:
-    """Processor time [s] of the thread that corrects, and of the process that draws."""
+def spent(page: ArmPage) -> np.ndarray:
+    """Processor time [s] of the monitor's threads here, and of the process that draws."""
     here = [t.native_id for t in threading.enumerate() if t.name.startswith("monitor")]
-    files = [Path(f"/proc/self/task/{task}/stat") for task in here]
-    total = 0
-    for file in [*files, Path(f"/proc/{page._page.pid}/stat")]:
-        fields = file.read_text().rpartition(")")[2].split()
-        total += int(fields[11]) + int(fields[12])
-    return total / os.sysconf("SC_CLK_TCK")
+    ours = sum(ticks(Path(f"/proc/self/task/{task}/stat")) for task in here)
+    return np.array([ours, ticks(Path(f"/proc/{page._page.pid}/stat"))]) / os.sysconf("SC_CLK_TCK")
+
+
+def ticks(file: Path) -> int:
+    """Processor time that the kernel states of a thread or process."""
+    fields = file.read_text().rpartition(")")[2].split()
+    return int(fields[11]) + int(fields[12])
 
 
 def memory(page: ArmPage) -> float:
@@ -162,7 +164,8 @@ def main() -> None:
     print_table([
         ("pictures/s that are made", f"{next(made) / duration:.1f}", "20"),
         ("pictures/s that the browser shows", f"{len(seen) / duration:.1f}", "20"),
-        ("share of a core", f"{share:.3f}", "0.25"),
+        ("share of a core", f"{share.sum():.3f}", "0.25"),
+        ("of it in the arm's own process", f"{share[0]:.3f}", ""),
         ("latency arm to page, median [ms]", f"{median:.0f}", "100"),
         ("the same, of 95 % [ms]", f"{p95:.0f}", ""),
         (f"memory, {size[0]:.0f} to {size[-1]:.0f} MB: slope [MB/h]", f"{slope:.1f}", "0"),

@@ -87,6 +87,7 @@ class Arm:
         self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._subscriptions: list[Subscription] = []
         self._watchers: list[Callable[[OperatingState], None]] = []
+        self._telling = threading.RLock()  # of who watches
         self._latest: StateBlock | None = None
         self._lock = threading.RLock()  # of what follows
         self._motion: Motion | None = None
@@ -382,8 +383,12 @@ class Arm:
             self._watchers.remove(callback)
 
     def _tell_watchers(self) -> None:
-        for callback in tuple(self._watchers):
-            callback(self.operating_state())
+        if not self._watchers:
+            return
+        with self._telling:  # else an older state could be told after a newer one
+            now = self.operating_state()
+            for callback in tuple(self._watchers):
+                callback(now)
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):

@@ -246,7 +246,9 @@ def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame
         name: pd.DataFrame({"t": stream.t, **stream.columns}) for name, stream in streams.items()
     }
     if OPERATING_STATE in tables:
-        states = tables[OPERATING_STATE]
+        # Told by several threads, one of which may have come late.
+        states = tables[OPERATING_STATE].sort_values("t", kind="stable", ignore_index=True)
+        tables[OPERATING_STATE] = states
         numbers = states["state"].to_numpy()
         if not np.isin(numbers, range(len(STATES))).all():
             raise RecordingError(f"{path}: names operating states that this truejoint lacks")
