@@ -145,7 +145,8 @@ def _shifted(
         name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns
     }
     units = {**recording.units, **units}
-    return Recording.from_columns(columns, recording.provenance, units), counts
+    # Arrays of the other recording, and new ones.
+    return Recording.from_columns(columns, recording.provenance, units, copy=False), counts
 
 
 def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOffset:

@@ -25,7 +25,7 @@ from truejoint.recordings import (
     read_topic,
     write_bag,
 )
-from truejoint.recordings.bags import container, reading
+from truejoint.recordings.bags import assembling, container, wiring
 from truejoint.recordings.bags.container import (
     CUT_SHORT,
     DAMAGED,
@@ -113,18 +113,18 @@ def test_topics_are_counted_by_the_index_or_by_reading(session, tmp_path, monkey
 
 def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
     columns = {"t": np.arange(4.0), "measured/jaw": np.array([0.0, np.nan, 2.0, 3.0])}
-    assert list(reading._keep_known(columns).values()) == [1]
+    assert list(assembling._keep_known(columns).values()) == [1]
     np.testing.assert_array_equal(columns["t"], [0.0, 2.0, 3.0])
-    assert reading._keep_known(columns) == {}
+    assert assembling._keep_known(columns) == {}
     np.testing.assert_array_equal(columns["measured/jaw"], [0.0, 2.0, 3.0])
 
 
 def test_of_many_topics_a_message_lists_thirty():
-    assert reading._listed({}) == "there are none"
+    assert wiring.listed({}) == "there are none"
     topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(31)}
-    assert reading._listed(topics).endswith("/29 (std_msgs/String, 29), ...")
+    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
     topics.pop("/30")
-    assert reading._listed(topics).endswith("/29 (std_msgs/String, 29)")
+    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29)")
 
 
 def test_any_command_reads_a_bag(bag, session):
