@@ -18,7 +18,7 @@ from truejoint.crtk.messages import (
 from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.bags.series import Lot, Series, keep_rows
 from truejoint.recordings.bags.wiring import HOMED, Wiring
-from truejoint.recordings.joining import join_truth
+from truejoint.recordings.joining import cover_same_time, join_truth
 from truejoint.recordings.readers.raven_csv import without_homing
 from truejoint.recordings.recording import (
     MISSING,
@@ -31,7 +31,6 @@ from truejoint.recordings.signals import GAP_STEPS
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 from truejoint.robots import Robot
 
-_OVERLAP: Final = 0.5  # share of the shorter stream that truth and state have in common, on a clock
 _SECOND: Final = 1e9  # ns
 
 
@@ -128,9 +127,8 @@ def _series_of(
 
 def _with_truth(recording: Recording, truth: Stream, offset: float | None) -> Recording:
     """Join the truth by stamps, or by motion where they have too little in common."""
-    t, notes = recording.t, recording.provenance.notes
-    common = min(t[-1], truth.t[-1]) - max(t[0], truth.t[0])
-    if offset is None and common >= _OVERLAP * min(np.ptp(t), np.ptp(truth.t)):
+    notes = recording.provenance.notes
+    if offset is None and cover_same_time(recording.t, truth.t):
         joined, _ = join_truth(recording, truth, 0.0)
         return replace(joined, provenance=replace(joined.provenance, notes=notes))
     return join_truth(recording, truth, offset)[0]
@@ -150,10 +148,10 @@ def _columns(series: Series, base: int, name: str, dropped: dict[str, int]) -> d
     keep, homing = (last, {}) if levels is None else without_homing(levels)
     repeated = int((~last).sum())
     dropped |= ({f"{name}: repeated time stamp": repeated} if repeated else {}) | homing
-    rows = np.flatnonzero(last & keep)
-    t = (stamps[rows] - base) / _SECOND
+    rows = np.flatnonzero(last & keep).astype(np.float64)
+    t = (stamps[last & keep] - base) / _SECOND
     # By their numbers alone: the columns of a day take much memory.
-    kept = usable_rows(Stream(t, {"row": rows.astype(np.float64)}), name, dropped)
+    kept = usable_rows(Stream(t, {"row": rows}), name, dropped)
     if len(kept.t) < len(stamps):
         keep_rows(columns, kept.columns["row"].astype(np.int64))
     return {"t": kept.t, **columns}

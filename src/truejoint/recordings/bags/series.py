@@ -40,10 +40,10 @@ class Series:
 
     expected: int = 0
     count: int = field(default=0, init=False)
-    _columns: dict[str, Array] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
         self._places = self._stamps = np.empty(0, dtype=np.int64)
+        self._columns: dict[str, Array] = {}
 
     def add(
         self, places: NDArray[np.int64], stamps: NDArray[np.int64], columns: Mapping[str, Array]
@@ -78,7 +78,7 @@ class Series:
         """Stamps [ns] and columns in the order of the messages, which are forgotten here."""
         places, stamps = self._places[: self.count], self._stamps[: self.count]
         columns = {name: values[: self.count] for name, values in self._columns.items()}
-        self._columns.clear()
+        self.__post_init__()
         if (np.diff(places) < 0).any():  # messages of different lengths came in lots of their own
             order = np.argsort(places)
             keep_rows(columns, order)
