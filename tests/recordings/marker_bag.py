@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -21,22 +23,9 @@ def write_marker_bag(
 ) -> None:
     """Say at stamps (n,) [s] where a marker is (n, 3) [m], (n, 4), on topics of one of `KINDS`.
 
-    A path that ends in ``.bag`` is of ROS 1; a folder ``.mcap`` or ``.db3`` of ROS 2.
+    What the `path` ends in says of which kind, as for `bag_writer`.
     """
-    rosbags = pytest.importorskip("rosbags", reason="rosbags is not installed (truejoint[ros])")
-    assert rosbags
-    from rosbags import rosbag1, rosbag2, typesys  # noqa: PLC0415
-
-    ros1 = path.suffix == ".bag"
-    stores = typesys.Stores
-    store = typesys.get_typestore(stores.ROS1_NOETIC if ros1 else stores.ROS2_HUMBLE)
-    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
-    if ros1:
-        writer: Any = rosbag1.Writer(path)
-    else:
-        plugins = {".mcap": rosbag2.StoragePlugin.MCAP, ".db3": rosbag2.StoragePlugin.SQLITE3}
-        writer = rosbag2.Writer(path, version=9, storage_plugin=plugins[path.suffix])
-    with writer:
+    with bag_writer(path) as (writer, store, serialize):
         links = {
             name: (kind, writer.add_connection(name, f"geometry_msgs/msg/{kind}", typestore=store))
             for name, kind in topics.items()
@@ -44,17 +33,43 @@ def write_marker_bag(
         for k in range(len(t)):
             stamp = round(1e9 * t[k])
             for kind, link in links.values():
-                message = _message(store.types, kind, k, stamp, points[k], turns[k])
+                message = _message(store.types, kind, stamp, points[k], turns[k])
                 writer.write(link, stamp + 10**7, serialize(message, f"geometry_msgs/msg/{kind}"))
 
 
-def _message(
-    of: Any, kind: str, number: int, stamp: int, point: np.ndarray, turn: np.ndarray
-) -> object:
+@contextmanager
+def bag_writer(path: Path) -> Iterator[tuple[Any, Any, Callable[[Any, str], bytes]]]:
+    """Give a writer of a bag, the types it may hold, and what makes bytes of a message.
+
+    A path that ends in ``.bag`` is of ROS 1; a folder ``.mcap`` or ``.db3`` of ROS 2.
+    """
+    rosbag1, rosbag2, typesys = (
+        pytest.importorskip(f"rosbags.{name}", reason="rosbags is not installed (truejoint[ros])")
+        for name in ("rosbag1", "rosbag2", "typesys")
+    )
+    ros1 = path.suffix == ".bag"
+    stores = typesys.Stores
+    store = typesys.get_typestore(stores.ROS1_NOETIC if ros1 else stores.ROS2_HUMBLE)
+    serialize = store.serialize_ros1 if ros1 else store.serialize_cdr
+    if ros1:
+        made: Any = rosbag1.Writer(path)
+    else:
+        plugins = {".mcap": rosbag2.StoragePlugin.MCAP, ".db3": rosbag2.StoragePlugin.SQLITE3}
+        made = rosbag2.Writer(path, version=9, storage_plugin=plugins[path.suffix])
+    with made as writer:
+        yield writer, store, serialize
+
+
+def header_at(of: Any, stamp: int) -> object:
+    """Header of a message at a stamp [ns], which in ROS 1 counts messages too."""
+    made = of["std_msgs/msg/Header"]
+    counted = {"seq": 0} if "seq" in made.__dataclass_fields__ else {}
     time = of["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-    header = of["std_msgs/msg/Header"]
-    numbered = "seq" in header.__dataclass_fields__  # ROS 2 counts no messages
-    head = header(**({"seq": number} if numbered else {}), stamp=time, frame_id="tracker")
+    return made(**counted, stamp=time, frame_id="tracker")
+
+
+def _message(of: Any, kind: str, stamp: int, point: np.ndarray, turn: np.ndarray) -> object:
+    head = header_at(of, stamp)
     made = of[f"geometry_msgs/msg/{kind}"]
     place = of["geometry_msgs/msg/Point"](*point)
     way = of["geometry_msgs/msg/Quaternion"](*turn)

@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import medfilt
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.registration import Registered, Registration, Stretch
 from truejoint.calibration.tip_rows import GATE, MARKER, POSE, TipRows, TipState
 from truejoint.calibration.tracked_motion import TrackedMotion
@@ -305,20 +305,56 @@ def _stretches(
     """Stretches of the time `t` (n,) [s] in which most readings stray, and what is in them (n,).
 
     Where all of a stretch are off by the same `shift` (n, 3) [m] on the marker's link, another
-    marker is seen.
+    marker is seen; and so it is between two of them that are off alike, even where a fit that bends
+    to them finds nothing odd.
     """
-    found, within = [], np.zeros(len(t), dtype=np.bool_)
+    found: list[_Off] = []
     most = medfilt(stray.astype(np.float64), _RUN)
     for first, end in runs(np.convolve(most, np.ones(_RUN), "same") > 0.0):
         own = first + np.flatnonzero(stray[first:end])
-        within[own[0] : own[-1] + 1] = True
-        middle = np.median(shift[own], axis=0)
-        distance = float(np.median(np.linalg.norm(shift[own], axis=1)))
-        spread = float(np.median(np.linalg.norm(shift[own] - middle, axis=1)))
-        alike = spread < max(GATE * noise, _ALIKE * distance)
-        begin, until = float(t[own[0]]), float(t[own[-1]])
-        found.append(Stretch(begin, until, int(own[-1] + 1 - own[0]), distance, alike=alike))
-    return tuple(found), within
+        one = _Off.of(own, shift, noise)
+        if found and one.is_as(found[-1]):
+            one = _Off.of(np.concatenate([found.pop().rows, own]), shift, noise)
+        found.append(one)
+    within = np.zeros(len(t), dtype=np.bool_)
+    told = []
+    for one in found:
+        begin, end = one.rows[0], one.rows[-1]
+        within[begin : end + 1] = True
+        many = int(end + 1 - begin)
+        told.append(Stretch(float(t[begin]), float(t[end]), many, one.distance, alike=one.is_alike))
+    return tuple(told), within
+
+
+@dataclass(frozen=True, eq=False)
+class _Off:
+    """Readings of a stretch that stray."""
+
+    rows: Integers
+    middle: Array  # (3,) by which they are off on the marker's link [m]
+    distance: float  # [m]
+    spread: float  # of the shift about its middle, in the median [m]
+    limit: float  # within which two shifts are the same [m]
+
+    @classmethod
+    def of(cls, rows: Integers, shift: Array, noise: float) -> _Off:
+        middle = np.median(shift[rows], axis=0)
+        distance, spread = (
+            float(np.median(np.linalg.norm(off, axis=1)))
+            for off in (shift[rows], shift[rows] - middle)
+        )
+        return cls(rows, middle, distance, spread, max(GATE * noise, _ALIKE * distance))
+
+    @property
+    def is_alike(self) -> bool:
+        return self.spread < self.limit
+
+    def is_as(self, before: _Off) -> bool:
+        """Whether this and another one, not long before, are off by the same."""
+        between = self.rows[0] - before.rows[-1]
+        near = between < max(np.ptp(self.rows), np.ptp(before.rows))
+        apart = float(np.linalg.norm(self.middle - before.middle))
+        return bool(near and self.is_alike and before.is_alike and apart < self.limit)
 
 
 def _check_followed(source: str, found: _Judged, fit: TrackFit, motion: TrackedMotion) -> None:

@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 from rosbags import highlevel, rosbag1, rosbag2
 from tests.recordings.bags.conftest import make_session
+from tests.recordings.marker_bag import bag_writer, header_at
 
 from truejoint import read_recording
-from truejoint.crtk.messages import DEFINITIONS, RAVEN_FIELDS
+from truejoint.crtk.messages import DEFINITIONS, RAVEN_FIELDS, ros2_definition
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import (
     Recording,
@@ -395,24 +396,25 @@ def test_rows_of_homing_are_left_out(session, tmp_path):
     assert AMID not in found.provenance.dropped
 
 
-def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path):
-    kind, system = "crtk_msgs/msg/operating_state", typesys()  # as RAVEN-II still calls it
-    store = system.get_typestore(system.Stores.ROS1_NOETIC)
-    store.register(system.get_types_from_msg(DEFINITIONS["crtk_msgs/operating_state"], kind))
-    start = session.provenance.start
-    with rosbag1.Writer(tmp_path / "said.bag") as writer:
+@pytest.mark.parametrize("kind", ["operating_state", "OperatingState"])  # as RAVEN-II, as CRTK
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path, kind, suffix):
+    start, kind = session.provenance.start, f"crtk_msgs/msg/{kind}"
+    text = DEFINITIONS["crtk_msgs/operating_state"]
+    if suffix != ".bag":
+        text = ros2_definition("crtk_msgs/operating_state")
+    said = tmp_path / f"said{suffix}"
+    with bag_writer(said) as (writer, store, serialize):
+        store.register(typesys().get_types_from_msg(text, kind))
         topic = writer.add_connection("/arm1/operating_state", kind, typestore=store)
         for after, is_homed in ((0.0, True), (1.0, False), (2.0, True)):
             stamp = round((start + after) * 1e9)
-            time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-            header = store.types["std_msgs/msg/Header"](0, time, "")
+            header = header_at(store.types, stamp)
             message = store.types[kind](header, "ENABLED", is_homed, not is_homed)
-            writer.write(topic, stamp, store.serialize_ros1(message, kind))
-    write_bag(session, tmp_path / "a.bag", profile="raven2_mended")
-    found = read_bag(
-        [tmp_path / "a.bag", tmp_path / "said.bag"], "raven2", profile="raven2_mended",
-        state="/arm1/measured_js",
-    )  # fmt: skip
+            writer.write(topic, stamp, serialize(message, kind))
+    whole = tmp_path / ("a.bag" if suffix == ".bag" else "a.mcap")
+    write_bag(session, whole, profile="raven2_mended")
+    found = read_bag([whole, said], "raven2", profile="raven2_mended", state="/arm1/measured_js")
     amid = (session.t >= 1.0 - 1e-9) & (session.t < 2.0 - 1e-9)
     assert found.provenance.dropped[AMID] == amid.sum() > 10
     np.testing.assert_allclose(found.t, session.t[~amid], atol=1e-6)
