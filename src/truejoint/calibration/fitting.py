@@ -150,6 +150,7 @@ def calibrate(
     model = model.for_recordings(recordings)
     chosen = chosen_joints(robot, recordings, joints)
     feature_set = chosen_features(model, robot, recordings, features)
+    model = model.for_features(feature_set.names)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
@@ -255,7 +256,8 @@ def _choose(
         rules = RowRules(feature_set, chosen, gap_limit, stride)
         parts = map(rules.rows, recordings, outlying)
         rows = [Rows(p.recording.t, p.dt, p.features, p.targets(target)) for p in parts]
-        groups.append(Group(feature_set, rows, candidates, target))
+        known = [one.for_features(feature_set.names) for one in candidates]
+        groups.append(Group(feature_set, rows, known, target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 

@@ -156,7 +156,10 @@ _RAVEN: Final = (
             _RAVENS,
             Option(
                 "models",
-                ("dnn", "linear", "poly2", "gru", "gpr", "forest", "rich_play", "rich_trees"),
+                (
+                    "dnn", "linear", "poly2", "gru", "lstm", "tcn", "gpr", "forest",
+                    "network_forest", "rich_play", "rich_trees",
+                ),
                 "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
             ),
             _LONGEST, Option("hours", 6, "of unloaded work", small=2), _SESSIONS,
