@@ -197,6 +197,7 @@ _PAST: Final = (
             Option("features", "positioning", "of the positioning joints, or all"),
             Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
         ),
+        version=2,
     ),
 )  # fmt: skip
 
