@@ -160,7 +160,7 @@ def _always_left(
     *,
     is_each_zeroed: bool,
 ) -> dict[str, Array]:
-    """What each model has always left (n, n_joints) at rows like those of `parts`.
+    """Give what each model has always left (n, n_joints) at rows like those of `parts`.
 
     Where each recording `before` has a zero of its own, that is no part of it.
     """

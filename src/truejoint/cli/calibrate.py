@@ -170,17 +170,8 @@ def calibrate(
     is_cross = interval == [_CROSS]
     dataset = only_dataset(recordings)
     own = (estimator, settings, features, joints, target, redundant, zero != "shared", is_cross)
-    if prior is None:
-        unfitted = start(estimator, settings or [], dataset, features)
-        if reference:
-            raise CalibrationError("--reference: it is that of a prior; give --prior MODEL, too")
-    else:
-        if any(own):
-            raise CalibrationError(
-                "--prior: estimator, features, joints, target and zero are the prior's, and it "
-                "takes no --interval cross; leave these options out"
-            )
-        changed = truejoint.read_calibration(prior)
+    unfitted = start(estimator, settings or [], dataset, features)
+    changed = checked_prior(prior, reference, own)
     if dataset is not None:
         features = features or [dataset]
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
@@ -200,12 +191,13 @@ def calibrate(
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
     how["redundant"] = [] if redundant == [_NONE] else redundant
     how |= {"rezero": interval_rezero_s} if is_cross else {}
-    if prior is None:
-        fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
-    else:
-        fitted = truejoint.calibration.adapted(
+    fitted = (
+        fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
+        if changed is None
+        else truejoint.calibration.adapted(
             changed, training, reference=before, fit_rate=fit_rate_hz
         ).with_metadata(command=command_line())
+    )
     went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
     fitted = fitted.with_metadata(accepted=went_on)
     if unseen:
@@ -224,6 +216,26 @@ def calibrate(
         if "choice" in fitted.metadata:
             print_choice(fitted)
         out.print(f"{output}: {fitted}", soft_wrap=True)
+
+
+def checked_prior(
+    prior: Path | None, reference: Sequence[str] | None, own: Sequence[object]
+) -> truejoint.Calibration | None:
+    """Read the prior, if there is one.
+
+    Raises CalibrationError where any of what is its `own` was given beside it, or a reference
+    without one.
+    """
+    if prior is None:
+        if reference:
+            raise CalibrationError("--reference: it is that of a prior; give --prior MODEL, too")
+        return None
+    if any(own):
+        raise CalibrationError(
+            "--prior: estimator, features, joints, target and zero are the prior's, and it "
+            "takes no --interval cross; leave these options out"
+        )
+    return truejoint.read_calibration(prior)
 
 
 def start(

@@ -28,7 +28,6 @@ from truejoint.studies.study import (
 )
 from truejoint.studies.table import Table
 
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 1_000_000  # of the arms' seeds, so that no other study has the same
 _MOTION_SEED: Final = 3_000_000  # between the seed of an arm and that of its motion
 _SECONDS: Final = (3.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0)  # of the motion, followed again
@@ -62,7 +61,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     for title, raven in s.specimens(settings["specimens"]).items():
         for number, change in enumerate(CHANGES):
             for session in range(settings["sessions"]):
-                seed = _OFFSET + _SEED * settings.seed + len(CHANGES) * session + number
+                seed = _OFFSET + s.STUDY_SEED * settings.seed + len(CHANGES) * session + number
                 if change in settings["changes"]:
                     arguments = {"raven": raven, "change": change, "seed": seed, **common}
                     found.append(Part(f"{title}-{change}-{session}", go_over, arguments))
