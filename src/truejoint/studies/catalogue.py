@@ -97,12 +97,13 @@ _RAVEN: Final = (
     ),
     Study(
         "endurance", "How does a calibration last: six hours idle, at work, under a load?",
-        "peng2024, II-G, figure 6, Table III", "truejoint.studies.raven2.endurance",
+        "peng2024, II-G, figures 6 and 7, Table III", "truejoint.studies.raven2.endurance",
         (
             _RAVENS, Option("works", ("idle", "unloaded", "loaded"), "what the arm does"), _SETS,
             Option("hours", 6, "of it", small=2), Option("load_g", 500.0, "on the tool [g]"),
             _SESSIONS, Option("networks", 2, "seeds of the network", small=1),
         ),
+        version=2,
     ),
     Study(
         "features", "What do all features of the robot's state cost, against 16 selected ones?",
@@ -200,6 +201,7 @@ _PAST: Final = (
             Option("features", "positioning", "of the positioning joints, or all"),
             Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
         ),
+        version=2,
     ),
 )  # fmt: skip
 
