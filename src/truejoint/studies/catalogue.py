@@ -324,7 +324,15 @@ _WRIST: Final = Study(
         Option("test_s", 60.0, "each test [s]", small=15.0),
         Option(
             "methods",
-            ("coupling", "linear_motor", "play_motor", "linear_effort", "play_effort"),
+            (
+                "coupling",
+                "linear_motor",
+                "play_motor",
+                "linear_effort",
+                "play_effort",
+                "filter",
+                "play_filter",
+            ),
             "rows of the table, as in studies/wrist/accuracy.py",
         ),
     ),
