@@ -338,7 +338,25 @@ _WRIST: Final = Study(
     ),
 )
 
-STUDIES: Final = {study.name: study for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST)}
+_WRIST_LOOP: Final = Study(
+    "wrist-loop",
+    "How exactly do pitch and jaws go where they are wanted, with an estimate in the loop?",
+    "",
+    "truejoint.studies.wrist.closed_loop",
+    (
+        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("seconds", 30.0, "of steps that are tracked [s]", small=10.0),
+        Option("rate_hz", 200.0, "of the loop"),
+        Option("gain", 0.3, "share of the remaining error that a step adds"),
+    ),
+)
+
+STUDIES: Final = {
+    study.name: study for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST, _WRIST_LOOP)
+}
 """In the order in which they are listed."""
 
 

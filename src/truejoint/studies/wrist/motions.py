@@ -115,8 +115,8 @@ def record(
     path = joints(pose)
     twin.run(glide(twin.commanded, path[0], 1.5))
     if held is not None:
-        twin.held = _from(twin.time, held)
-        twin.tip_force = _from(twin.time, pushes(len(pose), seed))
+        twin.held = later(twin.time, held)
+        twin.tip_force = later(twin.time, pushes(len(pose), seed))
     kind = f"{motion.__name__} {'loaded' if load else 'free'} {seed}"
     try:
         return record_wrist(twin, path, session=kind)
@@ -124,8 +124,11 @@ def record(
         twin.held = twin.tip_force = None
 
 
-def _from(start: float, values: Array) -> Callable[[Array], Array]:
-    """Give rows of `values`, one a millisecond from `start` [s] on, at times of a twin."""
+def later(start: float, values: Array) -> Callable[[Array], Array]:
+    """Give rows of `values`, one a millisecond from `start` [s] on, at times of a twin.
+
+    The first and the last one hold before and after.
+    """
 
     def at(t: Array) -> Array:
         rows = np.clip(np.rint((t - start) / SETPOINT_DT).astype(np.int64), 0, len(values) - 1)

@@ -98,8 +98,10 @@ class Signals:
     def first(self, seconds: float) -> Signals:
         """Its beginning."""
         rows = slice(round(seconds / self.dt))
-        arrays = (self.motor, self.effort, self.speed, self.truth, self.load)
-        return Signals(*(a[rows] for a in arrays), self.dt)
+        return Signals(
+            self.motor[rows], self.effort[rows], self.speed[rows], self.truth[rows],
+            self.load[rows], self.dt,
+        )  # fmt: skip
 
 
 def geometry(rigid: Array) -> Array:
@@ -248,12 +250,15 @@ def _linear(s: Sequence[Signals], p: Array) -> tuple[Array, Array, list[Array], 
         number = np.arange(len(one.motor))[rows] * one.dt // _BLOCK
         blocks.append(number + 1e6 * n)
     geometries, left = np.vstack(basis), np.vstack(angle)
-    added = np.linalg.lstsq(geometries, left, rcond=None)[0]
+    added = np.asarray(np.linalg.lstsq(geometries, left, rcond=None)[0], dtype=np.float64)
     left = left - geometries @ added
     design, told = np.concatenate(columns), np.vstack(effort)
-    by_motor = [np.linalg.lstsq(design[:, m], told[:, m], rcond=None)[0] for m in range(r.N)]
+    by_motor = [
+        np.asarray(np.linalg.lstsq(design[:, m], told[:, m], rcond=None)[0], dtype=np.float64)
+        for m in range(r.N)
+    ]
     off = np.column_stack([told[:, m] - design[:, m] @ own for m, own in enumerate(by_motor)])
-    return np.hstack([left, off]), added, by_motor, np.concatenate(blocks)
+    return np.asarray(np.hstack([left, off])), added, by_motor, np.concatenate(blocks)
 
 
 def identify(recordings: Sequence[Recording], robot: Robot) -> Physical:
@@ -277,12 +282,14 @@ def identify(recordings: Sequence[Recording], robot: Robot) -> Physical:
         return np.ravel(_linear(signals, parameters(logarithms))[0] / scale)
 
     search = least_squares(
-        misfit, table[:, 0], bounds=(table[:, 1], table[:, 2]), diff_step=1e-3, max_nfev=15,
+        misfit, table[:, 0], bounds=(table[:, 1], table[:, 2]), diff_step=[1e-3], max_nfev=15,
         x_scale=0.3,
     )  # fmt: skip
     p = parameters(search.x)
     left, added, by_motor, blocks = _linear(signals, p)
-    deviation = np.exp(search.x) * _robust(search.jac, search.fun, np.repeat(blocks, 2 * r.N))
+    deviation = np.exp(search.x) * _robust(
+        np.asarray(search.jac), search.fun, np.repeat(blocks, 2 * r.N)
+    )
     p[r.EFFORT : r.EFFORT + 4 * r.N] = np.array(by_motor).T.ravel()
     spread = np.mean([np.var(one.load, axis=0) for one in own if np.any(one.load)], axis=0)
     p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * spread / _DECAY
