@@ -354,8 +354,23 @@ _WRIST_LOOP: Final = Study(
     ),
 )
 
+_WRIST_CHANGES: Final = Study(
+    "wrist-changes",
+    "What does an instrument that changed after its calibration cost, and does it show?",
+    "",
+    "truejoint.studies.wrist.changes",
+    (
+        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
+    ),
+)
+
 STUDIES: Final = {
-    study.name: study for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST, _WRIST_LOOP)
+    study.name: study
+    for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST, _WRIST_LOOP, _WRIST_CHANGES)
 }
 """In the order in which they are listed."""
 

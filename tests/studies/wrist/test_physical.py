@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from truejoint.errors import StudyError
+from truejoint.recordings.wrist import record_wrist
 from truejoint.robots import get_robot
+from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.wrist import physical
 from truejoint.studies.wrist import reduced as r
 
@@ -85,6 +87,13 @@ def test_deviations_of_least_squares_hold_what_rows_have_in_common():
     common = rng.normal(size=400)[blocks]  # each draw counts ten times, and tells once
     jacobian = np.ones((4000, 1))
     assert physical._robust(jacobian, common, blocks)[0] == pytest.approx(0.05, rel=0.15)
+
+
+def test_a_calibration_without_a_load_is_not_asked_for_loads():
+    twin = WristTwin(seed=1)
+    free = record_wrist(twin, np.zeros((400, 3)))
+    with pytest.raises(StudyError, match="add a minute under loads"):
+        physical.identify([free], twin.robot)
 
 
 def test_a_robot_without_cables_is_refused():

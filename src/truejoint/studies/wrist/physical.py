@@ -265,12 +265,19 @@ def identify(recordings: Sequence[Recording], robot: Robot) -> Physical:
     """Find stiffness, friction, radii and sensors' gains in recordings with truth and loads.
 
     Deviations count the misfits of two seconds as one draw (cluster-robust), so that a model that
-    is not quite true says so. Raises StudyError where the robot states no cables.
+    is not quite true says so.
+
+    Raises StudyError where the robot states no cables, or no recording has a load.
     """
     mechanism = robot.cable_mechanism
     if mechanism is None:
         raise StudyError(f"{robot.title} states no cables; add [cable_mechanism]")
     own = [Signals.of(recording) for recording in recordings]
+    if not any(np.any(one.load) for one in own):
+        raise StudyError(
+            "no recording has a load, so that grip and tip torque cannot be told from friction; "
+            "add a minute under loads"
+        )
     signals = [one.first(_LONGEST) for one in own]
     names, table = tuple(_SOUGHT), np.log(np.array(list(_SOUGHT.values())))
     scale = np.repeat([_ANGLE_NOISE, _EFFORT_NOISE], r.N)
