@@ -332,13 +332,54 @@ _WRIST: Final = Study(
         Option("test_s", 60.0, "each test [s]", small=15.0),
         Option(
             "methods",
-            ("coupling", "linear_motor", "play_motor", "linear_effort", "play_effort"),
+            (
+                "coupling",
+                "linear_motor",
+                "play_motor",
+                "linear_effort",
+                "play_effort",
+                "filter",
+                "play_filter",
+            ),
             "rows of the table, as in studies/wrist/accuracy.py",
         ),
     ),
 )
 
-STUDIES: Final = {study.name: study for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST)}
+_WRIST_LOOP: Final = Study(
+    "wrist-loop",
+    "How exactly do pitch and jaws go where they are wanted, with an estimate in the loop?",
+    "",
+    "truejoint.studies.wrist.closed_loop",
+    (
+        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("seconds", 30.0, "of steps that are tracked [s]", small=10.0),
+        Option("rate_hz", 200.0, "of the loop"),
+        Option("gain", 0.3, "share of the remaining error that a step adds"),
+    ),
+)
+
+_WRIST_CHANGES: Final = Study(
+    "wrist-changes",
+    "What does an instrument that changed after its calibration cost, and does it show?",
+    "",
+    "truejoint.studies.wrist.changes",
+    (
+        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
+    ),
+)
+
+STUDIES: Final = {
+    study.name: study
+    for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST, _WRIST_LOOP, _WRIST_CHANGES)
+}
 """In the order in which they are listed."""
 
 
