@@ -92,6 +92,29 @@ def test_growing_plays_know_a_loop_whose_width_grows_where_products_do_not():
         np.std(loops[1] - m.fit(rows[0], loops[0]).predict(rows[1])) for m in (model, RichPlay())
     )
     assert left < 0.7 * without
+    assert model.pairs_ == ((0, 1),)
+
+
+def test_growing_plays_that_tell_nothing_are_left_out():
+    (X, _), rng = slack(0), np.random.default_rng(0)
+    y = 0.2 * X[:, 0] + 0.05 * rng.normal(size=len(X))
+    model, plain = RichPlay(pairs=((0, 1),)).fit(X, y), RichPlay().fit(X, y)
+    assert model.pairs_ == ()
+    assert model.predict(X).tobytes() == plain.predict(X).tobytes()
+
+
+def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(1000, 3))
+    y = np.column_stack([X[:, 0] + 0.1 * rng.normal(size=1000), rng.normal(size=1000)])
+    model = Ridge().fit(X, y)
+    left = []
+    for block in np.array_split(np.arange(1000), 5):
+        seen = np.setdiff1d(np.arange(1000), block)
+        line = LinearRegressor().fit(X[seen], y[seen, 0])
+        left.append(line.predict(X[block]) - y[block, 0])
+    expected = np.sqrt(np.mean(np.square(left))) / y[:, 0].std()
+    np.testing.assert_allclose(model.errors_, [expected, 1.0], rtol=0.02)
 
 
 def test_it_knows_a_loop_whose_width_grows_with_the_load():
