@@ -218,6 +218,39 @@ def calibrate(
     return replace(fitted, effort_baseline=baseline)
 
 
+def reseeded(
+    fitted: Calibration,
+    recordings: Sequence[Recording],
+    seeds: Iterable[int],
+    *,
+    fit_rate: float | None = None,
+) -> list[Calibration]:
+    """Calibrations that differ from a fitted one by the estimator's seed alone.
+
+    As `calibrate` makes them of the same `recordings` and `fit_rate`, with one zero, but what they
+    share is worked out once; the baseline of the efforts, which they do not share, is left out.
+
+    Examples
+    --------
+    >>> first = calibrate(training, truejoint.estimators.get_estimator("dnn").set_params(epochs=1))
+    >>> len(reseeded(first, training, [1, 2]))
+    2
+    """
+    recordings = as_recordings(recordings)
+    stride = stride_of(fit_rate, fitted.metadata["sample_dt"])
+    rules = RowRules(fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
+    parts = list(map(rules.rows, recordings, outlying_values(recordings, fitted.joints)))
+    models = [_unfitted(fitted.model, fitted.target, seed) for seed in seeds]
+    return [
+        replace(
+            fitted,
+            model=_fit_model(model, parts, fitted.target, lambda _fraction: None),
+            effort_baseline=None,
+        ).with_metadata(settings=" ".join(repr(model).split()))
+        for model in models
+    ]
+
+
 def _choose(
     recordings: Sequence[Recording],
     wanted: Automatic,

@@ -45,7 +45,8 @@ class Ridge(TermsRegressor):
     """Ridge regression on features and products of them, its penalties cross-validated.
 
     For each output by itself, a penalty and how much more products are penalised are those of the
-    least mean square on five blocks of rows, on end, that are left out in turn.
+    least mean square on five parts of the rows that are left out in turn: blocks on end, or, of
+    fewer than five histories, a block of each.
 
     Parameters
     ----------
@@ -100,7 +101,7 @@ class Ridge(TermsRegressor):
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
         targets = (y - scales["target_mean"]) / scales["target_scale"]
-        blocks = np.array_split(np.arange(len(X)), BLOCKS)
+        blocks = left_out(dt)
         products = np.array([_products(scaled[b], targets[b], factors) for b in blocks])
         is_product = factors[:, 1] < X.shape[1]
         shares = SHARES if is_product.any() else SHARES[-1:]
@@ -126,6 +127,19 @@ class Ridge(TermsRegressor):
             "coef": np.ascontiguousarray(table[1:]),
             "intercept": table[0] + scales["target_mean"],
         }
+
+
+def left_out(dt: Array) -> list[Integers]:
+    """Rows of each of the `BLOCKS` parts, of the time (n,) since the row before.
+
+    Of few histories none is left out as a whole: what it alone shows, such as a load, would then
+    count as something that cannot be learnt.
+    """
+    starts = np.flatnonzero(dt == 0.0)
+    whole = [np.arange(len(dt))]
+    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
+    cut = [np.array_split(rows, BLOCKS) for rows in own]
+    return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
 
 
 def _products(scaled: Array, y: Array, factors: Integers) -> Array:
@@ -294,17 +308,19 @@ class RichPlay(JointRegressor):
         params = self.model_params()
         seen = play_bank.expand_rows(params, arrays, X, dt, kept)
         crossed = play_bank.n_constant(params, X.shape[1])
-        if self.pairs_ and not self._gains(seen, crossed, X.shape[1], y[kept]):
+        starts = np.where(np.diff(np.cumsum(dt == 0.0)[kept], prepend=0) > 0, 0.0, 1.0)
+        if self.pairs_ and not self._gains(seen, crossed, X.shape[1], y[kept], starts):
             self.pairs_, seen = (), np.ascontiguousarray(seen[:, :crossed])
-        self.model_ = self._unfitted(X.shape[1], crossed, y.shape[1]).fit(seen, y[kept], progress)
+        unfitted = self._unfitted(X.shape[1], crossed, y.shape[1])
+        self.model_ = unfitted.fit(seen, y[kept], progress, starts)
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
 
-    def _gains(self, seen: Array, crossed: int, n_features: int, y: Array) -> bool:
+    def _gains(self, seen: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
         """Whether a ridge regression errs less with what is `seen` beyond the first `crossed`."""
         products = self._products(n_features, crossed)
         log_errors = [
-            np.log(np.maximum(Ridge(*products).fit(rows, y).errors_, 1e-12)).mean()
+            np.log(np.maximum(Ridge(*products).fit(rows, y, dt=dt).errors_, 1e-12)).mean()
             for rows in (seen, seen[:, :crossed])
         ]
         return bool(log_errors[0] < log_errors[1] + math.log1p(-_GAIN))
