@@ -8,8 +8,8 @@ from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor, RichPlay
-from truejoint.estimators.rich_play import PENALTIES, Ridge, loaded_pairs
+from truejoint.estimators import LinearRegressor, RichPlay, rich_play
+from truejoint.estimators.rich_play import PENALTIES, Ridge, left_out, loaded_pairs
 from truejoint.models import play_bank
 from truejoint.models.features import FeatureSet, time_steps
 from truejoint.models.play_bank import expand_rows
@@ -101,6 +101,17 @@ def test_growing_plays_that_tell_nothing_are_left_out():
     model, plain = RichPlay(pairs=((0, 1),)).fit(X, y), RichPlay().fit(X, y)
     assert model.pairs_ == ()
     assert model.predict(X).tobytes() == plain.predict(X).tobytes()
+
+
+@pytest.mark.parametrize(("histories", "seen"), [(5, 1), (4, 4)])
+def test_a_recording_that_is_hidden_changes_no_blocks_of_the_ridge(monkeypatch, histories, seen):
+    """Of five, four are cut as five are: a choice judges what it then fits to all."""
+    (X, y), told = slack(0), []
+    dt = np.where(np.arange(2000) % (2000 // histories) == 0, 0.0, 0.02)
+    y = np.where(np.arange(2000) >= 1600, np.nan, y)
+    monkeypatch.setattr(rich_play, "left_out", lambda own: told.append(own) or left_out(own))
+    RichPlay().fit(X, y, dt=dt)
+    assert (told[0].size, (told[0] == 0.0).sum()) == (1600, seen)
 
 
 def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():
