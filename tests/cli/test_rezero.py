@@ -17,7 +17,7 @@ from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
 
 import truejoint
 from truejoint.calibration import read_plate, write_plate
-from truejoint.calibration.touch_guide import Guide, design_pose
+from truejoint.calibration.touch_guide import FindingBlock, Guide, design_pose
 from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
@@ -145,7 +145,8 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
     folder, tmp_path, capsys, monkeypatch, is_early
 ):
     plate = read_plate(folder / "plate.toml")
-    guide = Guide(fitted(), ROBOT, design_pose(plate, ROBOT), 4, finds_block=True)
+    pose = design_pose(plate, ROBOT)
+    guide = Guide(FindingBlock(fitted(), pose), ROBOT, pose, 4)
     made, seated, early = [], [], 0.1 if is_early else 0.0
     if not is_early:
         fail = Mock(side_effect=CalibrationError("do not fit"))
@@ -179,7 +180,7 @@ def test_a_model_is_made_of_touches_alone(call, tmp_path):
     assert "zero of shoulder: not seen" in made.out
     assert "not seen" in call("show", tmp_path / "m.safetensors").out
     for wrong, said in (
-        ([*how[:2]], "give --touches, --plate and the one recording"),
+        ([*how[:2]], "--touches and --plate belong together"),
         ([*how, "-e", "linear"], "leave out other options"),
         ([*how, "--seed", "3"], "leave out other options"),
     ):

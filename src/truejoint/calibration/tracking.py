@@ -28,7 +28,6 @@ from truejoint.calibration.tip_rows import (
     TipRows,
     TipState,
     align,
-    cross_matrix,
 )
 from truejoint.errors import CalibrationError
 from truejoint.models.features import Feature, FeatureSet
@@ -126,7 +125,7 @@ def tracked_truth(
     """
     registration = registration or Registration()
     robot, source = recording.robot, track.source
-    chain, link = _chain(robot, registration.link)
+    chain, link = carrier(robot, registration.link)
     names = tuple(joints) or robot.positioning[:3]
     robot.index(names)
     if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
@@ -196,8 +195,11 @@ def tracked_truth(
     return replace(joined, provenance=replace(provenance, notes=notes, dropped=dropped)), registered
 
 
-def _chain(robot: Robot, link: str) -> tuple[Kinematics, str]:
-    """Kinematics of what carries the marker, and the joint that moves it."""
+def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
+    """Kinematics of what carries a marker, and the joint that moves it; the tool without a `link`.
+
+    Raises CalibrationError where kinematics are not known, or are not those of a chain.
+    """
     kinematics = robot.kinematics
     if kinematics is None:
         raise CalibrationError(
@@ -377,26 +379,11 @@ class _Known:
         poses = motion.kinematics.forward(_at(stamps[inside], motion.t, motion.joint))
         tip = poses[:, :3, 3] + poses[:, :3, :3] @ marker
         seen = track.position[inside]
-        turned, shift = align(tip, seen)
         _check_hand(track.source, tip, seen)
-        base = np.eye(4)
-        base[:3, :3], base[:3, 3] = turned, shift
-        precision = np.zeros((6, 6))
-        if len(registration.touched) and registration.base is not None:
-            raise CalibrationError(
-                "registration: it states the base's pose and touched points; leave one of them out"
-            )
-        if len(registration.touched):
-            ours, theirs = registration.touched[:, 0], registration.touched[:, 1]
-            turned, shift = align(ours, theirs)
-            base[:3, :3], base[:3, 3] = turned, shift
-            rows = np.concatenate(
-                [cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2
-            )
-            precision += np.einsum("mia,mib->ab", rows, rows) / registration.touched_sd**2
-        if registration.base is not None:
-            base[:] = np.linalg.inv(registration.base)
-            precision += np.diag(registration.base_sd**-2.0)
+        base, precision = registration.known_base()
+        if base is None:
+            base = np.eye(4)
+            base[:3, :3], base[:3, 3] = align(tip, seen)
         coefficients, stated = _stops(registration, robot, motion)
         n = len(coefficients)
         whole = np.zeros((n + 10, n + 10))
