@@ -1,7 +1,7 @@
 """Re-zeroing and calibrating by touching a block, on arms that nobody has seen.
 
     python -m benchmarks.touch [--nothing] [--twins nominal peng2024] [--arms 10] [--hours 3]
-        [--keep FOLDER]
+        [--keep FOLDER] [--guided]
 
 An arm is a specimen of the RAVEN-II twin whose physics are drawn anew: scale, coupling, friction
 and stiffness by up to 20 %, zeros by .3 to .5 deg or mm, run-out by any phase. On the first day it
@@ -15,7 +15,8 @@ joints and block together. Judged is the tip in the block's frame, its pose as e
 two touches 1 mm off in each axis, with two numbers exchanged, with a print .5 % small that nobody
 measured, with links whose angles are off by .2 deg, with three other arms (seeds 200 to 202) or
 the first day of the same arm as a prior, and as single shots of a tracker in place of dimples. A
-twin called ``nominal+loaded`` has another friction.
+twin called ``nominal+loaded`` has another friction. With `--guided` twelve touches are guided with
+that prior, and it is told how often a person is asked and how long they wait for the next dimple.
 """
 
 from __future__ import annotations
@@ -383,6 +384,30 @@ def others_of(specimen: str, first: int, folder: Path | None) -> list[Calibratio
     return [calibrate(one.training, "linear", random_state=0) for one in sessions]
 
 
+def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
+    """Print how often a person is asked in twelve guided touches, and how long they wait."""
+    arm = new_arm(specimen, seed)
+    plate, rotation, translation = free_points(arm, 120, seed)
+    robot, asked = arm.robot, 0
+    meant = BlockPose(plate, robot.name, robot.arm, rotation, translation, np.eye(6), 1.0, 5e-3)
+    guide = Guide(Learning(robot, plate, known), robot, meant, 12, seed=seed)
+    hand, seconds = SimulatedHand(arm, rotation, translation, seed=seed), []
+    with Recorder(arm, session="guided") as recorder:
+        while (stop := guide.next_stop()) is not None:
+            t = hand.touch(plate.points[stop.dimple], stop.side)
+            asked += 1
+            arm.wait(0.6)
+            whole, begin = recorder.recording(), time.perf_counter()
+            guide.take(stop, t, whole)
+            guide.next_stop()
+            seconds.append(time.perf_counter() - begin)
+    hand.close()
+    print(
+        f"{specimen} {seed}: {asked} prompts, {len(guide.touches())} touches; fit and next dimple "
+        f"{np.median(seconds[3:]):.2f} s, at most {max(seconds[3:]):.2f} s"
+    )
+
+
 def main() -> None:
     """Measure, print, and write JSON."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
@@ -392,13 +417,18 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=0.0)
     parser.add_argument("--estimators", nargs="+", default=["linear", "rich_play"])
     parser.add_argument("--nothing", action="store_true")
+    parser.add_argument("--guided", action="store_true")
     parser.add_argument("--keep", type=Path, help="folder in which recordings are kept")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     everything: dict[str, Any] = {}
     for twin in options.twins:
         rows = everything[twin] = []
-        others = others_of(twin, 200, options.keep) if options.nothing else []
+        others = others_of(twin, 200, options.keep) if options.nothing or options.guided else []
+        if options.guided:
+            for seed in range(options.first, options.first + options.arms):
+                guided(twin, seed, others)
+            continue
         for seed in range(options.first, options.first + options.arms):
             session = kept(options.keep, twin, seed, options.hours)
             rows.append(

@@ -135,10 +135,10 @@ def touch_facts(found: TipFit, made: Touches) -> dict[str, Any]:
     return {"touches": len(made), "left_out": left, "residual_rms": float(rms)}
 
 
-def say_left_out(found: TipFit, made: Touches) -> None:
-    """Print how well touches fit, and say which were left out."""
+def say_left_out(found: TipFit, made: Touches, what: str = "touches") -> None:
+    """Print how well touches, or `what` they are, fit, and say which were left out."""
     facts = touch_facts(found, made)
-    out.print(f"{len(made)} touches, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
+    out.print(f"{len(made)} {what}, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
     for i in found.left_out.nonzero()[0]:
         off = with_unit(float((found.residual[i] ** 2).sum() ** 0.5), "m")
         say(f"left out: dimple {made.dimple[i]} at {made.t[i]:.1f} s, {off} off: badly seated, or "

@@ -104,7 +104,7 @@ def calibrate_touched(
         result_json({"model": str(output), "metadata": fitted.metadata})
         return
     facts = fitted.metadata["touch"]
-    say_left_out(report.fit, report.rests)
+    say_left_out(report.fit, report.rests, facts["what"])
     near, sd = with_unit(report.left_out_error, "m"), with_unit(report.left_out_sd, "m")
     out.print(
         f"{output}: the tip is within {near} ± {sd} (RMS) in the {facts['frame']}'s frame, by "
