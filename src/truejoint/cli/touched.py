@@ -108,10 +108,11 @@ def calibrate_touched(
     near, sd = with_unit(report.left_out_error, "m"), with_unit(report.left_out_sd, "m")
     out.print(
         f"{output}: the tip is within {near} ± {sd} (RMS) in the {facts['frame']}'s frame, by "
-        f"{facts['what']} left out in turn"
+        f"{facts['what']} left out in turn",
+        soft_wrap=True,
     )
     for text in report.not_seen:
-        out.print(f"  {text}")
+        out.print(f"  {text}", soft_wrap=True)
 
 
 def known_calibrations(prior: Path) -> list[truejoint.Calibration]:
