@@ -397,14 +397,16 @@ def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
             t = hand.touch(plate.points[stop.dimple], stop.side)
             asked += 1
             arm.wait(0.6)
-            whole, begin = recorder.recording(), time.perf_counter()
+            whole, begin = recorder.recording(), (time.perf_counter(), time.process_time())
             guide.take(stop, t, whole)
             guide.next_stop()
-            seconds.append(time.perf_counter() - begin)
+            seconds.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
     hand.close()
+    waits, work = np.array(seconds[3:]).T
     print(
         f"{specimen} {seed}: {asked} prompts, {len(guide.touches())} touches; fit and next dimple "
-        f"{np.median(seconds[3:]):.2f} s, at most {max(seconds[3:]):.2f} s"
+        f"{np.median(waits):.2f} s, at most {waits.max():.2f}; of processor {np.median(work):.2f} "
+        f"and {work.max():.2f}"
     )
 
 

@@ -169,6 +169,20 @@ def test_a_prior_that_contradicts_the_touches_is_not_used():
     assert error_in_block(model, 2) == pytest.approx(error_in_block(alone, 2), rel=1e-6)
 
 
+def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
+    recording, touches, plate, _ = session(30, 2)
+    small = replace(plate, points={n: p / 0.99 for n, p in plate.points.items()}, measured=np.nan)
+    _, blind = calibrate_by_touch(recording, touches, small)
+    assert any(text.startswith("size of the print: not seen") for text in blind.not_seen)
+    model, report = calibrate_by_touch(recording, touches, small, known=[fitted()])
+    (told,) = (text for text in report.not_seen if text.startswith("size of the print: -"))
+    assert "measure it, and enter measured_mm" in told
+    assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-1])
+    measured, calm = calibrate_by_touch(recording, touches, plate)
+    assert not any("size" in text for text in calm.not_seen)
+    assert measured.metadata["touch"]["scale"] == pytest.approx(1.0, abs=2e-3)
+
+
 def test_what_touches_state_has_a_deviation_of_its_own(calibrated):
     _, report = calibrated
     squares = (report.left_out**2).sum(axis=1)

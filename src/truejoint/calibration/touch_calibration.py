@@ -46,7 +46,8 @@ _FOLDS: Final = 6
 _FLAT: Final = 0.05  # of the touches' extent, below which they lie in a plane
 _SIDED: Final = 0.15  # of the touches that come from either side of each joint
 _SEEN: Final = 0.5  # of what was expected, above which a deviation says that it was not seen
-_WORTH: Final = 5e-5  # of the tip, above which a size that was not seen is told [m]
+_SIZED: Final = 0.8  # the same of the size of a print
+_WORTH: Final = 5e-5  # of the tip, above which what a print's size leaves open is told [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -348,16 +349,17 @@ def _unseen(seen: Sighted, fit: TermsFit, terms: Terms, *, is_given: bool) -> tu
         elif own > 0.2:
             words.append(f"zero of {joint}: ± {within}")
     size = float(np.sqrt(((seen.point - seen.point.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    scale_sd, off = float(found.sd[-1]), found.state.scale / seen.scale - 1.0
-    if seen.scale_sd and abs(off) > 3.0 * scale_sd:
+    if seen.scale_sd * size > _WORTH:  # nobody has measured it
+        sd, off = float(found.sd[-1]), found.state.scale / seen.scale - 1.0
+        within = f"which is {with_unit(sd * size, 'm')} of the tip"
+        is_seen = sd < _SIZED * seen.scale_sd
         words.append(
-            f"size of the print: {100 * off:+.2f} % ± {100 * scale_sd:.2f} % off what its file "
-            "says: measure it, and enter measured_mm"
-        )
-    elif scale_sd > _SEEN * seen.scale_sd and scale_sd * size > _WORTH:
-        words.append(
-            f"size of the print: not seen, assumed within {100 * scale_sd:.1f} %, which is "
-            f"{with_unit(scale_sd * size, 'm')} of the tip: measure it, and enter measured_mm"
+            (
+                f"size of the print: {100 * off:+.2f} % ± {100 * sd:.2f} %, {within}"
+                if is_seen
+                else f"size of the print: not seen, assumed within {100 * sd:.1f} %, {within}"
+            )
+            + ": measure it, and enter measured_mm"
         )
     if is_given and not fit.is_learned:
         words.append("the prior: the touches are likelier without it, so it was not used")
