@@ -350,16 +350,13 @@ def _unseen(seen: Sighted, fit: TermsFit, terms: Terms, *, is_given: bool) -> tu
             words.append(f"zero of {joint}: ± {within}")
     size = float(np.sqrt(((seen.point - seen.point.mean(axis=0)) ** 2).sum(axis=1).mean()))
     if seen.scale_sd * size > _WORTH:  # nobody has measured it
-        sd, off = float(found.sd[-1]), found.state.scale / seen.scale - 1.0
-        within = f"which is {with_unit(sd * size, 'm')} of the tip"
-        is_seen = sd < _SIZED * seen.scale_sd
+        size_sd, off = float(found.sd[-1]), found.state.scale / seen.scale - 1.0
+        share = f"{100 * off:+.2f} % ± {100 * size_sd:.2f} %"
+        if size_sd > _SIZED * seen.scale_sd:
+            share = f"not seen, assumed within {100 * size_sd:.1f} %"
         words.append(
-            (
-                f"size of the print: {100 * off:+.2f} % ± {100 * sd:.2f} %, {within}"
-                if is_seen
-                else f"size of the print: not seen, assumed within {100 * sd:.1f} %, {within}"
-            )
-            + ": measure it, and enter measured_mm"
+            f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "
+            "measure it, and enter measured_mm"
         )
     if is_given and not fit.is_learned:
         words.append("the prior: the touches are likelier without it, so it was not used")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -93,9 +93,10 @@ def calibrate_touched(
 
     seen.check(recordings)
     known = [] if prior is None else known_calibrations(prior)
+    fit = _fitting(seen, known)
     whole = files.one(recordings[0])
     with progress("Fitting joints and frame"):
-        fitted, report = _fit(seen, whole, known)
+        fitted, report = fit(whole)
     fitted = fitted.with_metadata(command=command_line())
     truejoint.write_calibration(fitted, output, overwrite=force)
     if seen.touch_report is not None:
@@ -127,9 +128,10 @@ def known_calibrations(prior: Path) -> list[truejoint.Calibration]:
     return [truejoint.read_calibration(path) for path in found]
 
 
-def _fit(
-    seen: Seen, whole: truejoint.Recording, known: Sequence[truejoint.Calibration]
-) -> tuple[truejoint.Calibration, TouchReport]:
+def _fitting(
+    seen: Seen, known: Sequence[truejoint.Calibration]
+) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, TouchReport]]:
+    """Read what was touched or shot; gives what fits a recording to it."""
     from truejoint.calibration.plate import TOUCH_SD  # noqa: PLC0415  # NumPy
     from truejoint.calibration.sighted import SHOT_SD  # noqa: PLC0415
 
@@ -137,11 +139,17 @@ def _fit(
     sd = None if seen.touch_sd_mm is None else seen.touch_sd_mm / 1e3
     if seen.touches is not None and seen.plate is not None:
         made, block = calibration.read_touches(seen.touches), calibration.read_plate(seen.plate)
-        return calibration.calibrate_by_touch(
+        return lambda whole: calibration.calibrate_by_touch(
             whole, made, block, touch_sd=sd or TOUCH_SD, known=known
         )
-    stands = None
-    if seen.registration is not None:
-        stands = calibration.read_registration(seen.registration, whole.robot)
     shots = calibration.read_shots(seen.points or Path())
-    return calibration.calibrate_by_points(whole, shots, stands, shot_sd=sd or SHOT_SD, known=known)
+
+    def fit(whole: truejoint.Recording) -> tuple[truejoint.Calibration, TouchReport]:
+        stands = None
+        if seen.registration is not None:
+            stands = calibration.read_registration(seen.registration, whole.robot)
+        return calibration.calibrate_by_points(
+            whole, shots, stands, shot_sd=sd or SHOT_SD, known=known
+        )
+
+    return fit
