@@ -158,43 +158,33 @@ def test_an_unsure_offset_gives_way_to_what_plays_and_efforts_say(
     monkeypatch: pytest.MonkeyPatch, sd: float, delay: float, uncertainty: float, moves: bool
 ) -> None:
     recording, truth = robot_and_truth(5.0, 0)
-    left = [delay] * 2 + [0.0] * 2  # of two sets of plays, and again at the better offset
     monkeypatch.setattr(joining, "find_clock_offset", lambda *_: ClockOffset(5.0, sd, JOINTS))
-    monkeypatch.setattr(joining, "estimate_delay", lambda *_: Delay(left.pop(0), uncertainty, 0.5))
+    monkeypatch.setattr(joining, "estimate_delay", lambda *_: Delay(delay, uncertainty, 0.5))
     _, clock = join_truth(recording, truth)
     assert clock.seconds == pytest.approx(5.0 - delay if moves else 5.0)
     if moves:
-        assert clock.sd < sd
+        assert delay / 2 < clock.sd < sd
     else:  # how far off the other one is leaves it open
         assert clock.sd == pytest.approx(np.hypot(sd, delay) if sd > 0.01 else sd)
 
 
-@pytest.mark.parametrize("width", [0.01, 0.02])
-@pytest.mark.parametrize("vary", [0.0, 0.1, 0.3])
-def test_strokes_of_one_speed_say_how_far_off_their_offset_may_be(
-    vary: float, width: float
-) -> None:
-    """Each stroke is longer or shorter by up to `vary`; at one speed a play is like a delay."""
-    fine = np.arange(0.0, 60.0, 2e-3)
-    t, truth_t = np.arange(0.0, 59.9, 1 / 30), np.arange(0.003, 59.9, 0.01)
-    columns, truth, random = {"t": t}, {}, np.random.default_rng(0)
-    for joint, speed in zip(JOINTS, (0.24, 0.21), strict=True):
-        turns = 0.7 + 0.3 * (1 + vary * random.uniform(-1, 1, 40)) * np.where(
-            np.arange(40) % 2, -1, 1
-        )
-        when = np.append(0.0, np.cumsum(np.abs(np.diff(turns)) / speed))
-        motor = np.interp(fine, when, turns)
-        joint_at = [motor[0]]
-        for place in motor[1:]:
-            joint_at.append(min(max(joint_at[-1], place - width), place + width))
-        noise = 1e-5 * random.standard_normal(len(t))
-        columns[f"measured/{joint}"] = np.interp(t, fine, motor) + noise
+def test_strokes_that_are_all_alike_leave_the_offset_open_and_that_is_said() -> None:
+    """Up and down at one speed, in periods that never change: a play looks like a delay."""
+    fine = np.arange(0.0, 100.0, 1e-3)
+    t, truth_t = np.arange(0.0, 99.9, 1 / 30), np.arange(0.003, 99.9, 0.01)
+    columns, truth = {"t": t}, {}
+    for joint, period in zip(JOINTS, (5.0, 5.7), strict=True):
+        strokes = 0.7 + 0.3 * (2.0 * np.abs(2.0 * ((fine / period) % 1.0) - 1.0) - 1.0)
+        joint_at = [strokes[0]]
+        for motor in strokes[1:]:
+            joint_at.append(min(max(joint_at[-1], motor - 0.01), motor + 0.01))
+        noise = 1e-5 * np.random.default_rng(0).standard_normal(len(t))
+        columns[f"measured/{joint}"] = np.interp(t, fine, strokes) + noise
         truth[f"truth/{joint}"] = np.interp(truth_t, fine, joint_at)
     recording = Recording.from_columns(columns, Provenance("bros"))
     _, clock = join_truth(recording, Stream(truth_t, truth), near=0.0)
     assert abs(clock.seconds) < 2.0 * clock.sd
-    if vary:  # what turns at another time each time tells play from delay
-        assert clock.sd < 0.02
+    assert clock.sd > 0.02
 
 
 @pytest.mark.parametrize("seed", range(4))

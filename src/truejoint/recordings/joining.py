@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -14,7 +14,7 @@ from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
-from truejoint.recordings.checks.delay import Delay, estimate_delay
+from truejoint.recordings.checks.delay import estimate_delay
 from truejoint.recordings.checks.explained import OTHER_PLAYS, PLAYS, SLOW, explain
 from truejoint.recordings.recording import Recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
@@ -29,9 +29,7 @@ _SLOW: Final = 0.1  # of the RMS speed; slower, a joint keeps its last direction
 _ROUNDS: Final = 20
 _FEWEST: Final = 200  # rows of which plays and efforts can explain the error
 _UNSURE: Final = 0.01  # s; an offset that is known better is left as it is
-_SURE: Final = 4.0  # deviations by which a better offset may differ from a first one
-_REFITS: Final = 4  # of a better offset, each at the one before
-_SETTLED: Final = 1e-3  # s
+_SURE: Final = 3.0  # deviations by which a better offset may differ from a first one
 _MAX_ROWS: Final = 20_000  # of the truth, for the regressions
 
 
@@ -162,42 +160,32 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
 
     Plays and efforts tell friction from a delay where a motion of one speed, as a zig-zag is, does
     not. It counts where `found` is unsure, and this one is surer and no further off than may be.
-    What is far off weighs nothing, and at a wrong offset that is what tells most, at each turn: so
-    it is found anew at the better offset. By how much it differs with plays of other half-widths is
-    part of its deviation: of strokes that are all alike a wrong width and a delay explain the same.
-    Where it does not count, how far off it is adds to the deviation of `found`.
+    By how much it differs with plays of other half-widths is part of its deviation: of strokes that
+    are all alike a wrong width and a delay explain the same. So is half its way from `found`: rows
+    at a turn tell most, and what is far off at the first offset weighs little. Where it does not
+    count, how far off it is adds to the deviation of `found`.
     """
     if found.sd < _UNSURE:
         return found
-    seconds, moved = found.seconds, [0.0, 0.0]
-    for _ in range(_REFITS):
-        joined, _ = _shifted(recording, truth, seconds)
-        joined = joined.with_truth(found.joints)
-        if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
-            return found
-        delays = _delays(joined, found.joints)
-        moved = [seconds - delay.seconds - found.seconds for delay in delays]
-        seconds -= delays[0].seconds
-        if abs(delays[0].seconds) < _SETTLED:
-            break
-    uncertainty = math.hypot(delays[0].uncertainty, moved[1] - moved[0], delays[0].seconds)
-    if not (uncertainty < found.sd and abs(moved[0]) < _SURE * found.sd):
-        return replace(found, sd=math.hypot(found.sd, max(moved, key=abs)))
-    steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
-    sd = math.hypot(uncertainty, *(step / math.sqrt(12.0) for step in steps))
-    return replace(found, seconds=seconds, sd=min(sd, found.sd))
-
-
-def _delays(joined: Recording, joints: Sequence[str]) -> list[Delay]:
-    """Delays of the truth that are left, with plays of one set of half-widths and of another."""
+    joined, _ = _shifted(recording, truth, found.seconds)
+    joined = joined.with_truth(found.joints)
+    if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
+        return found
     with threadpool_limits(1, user_api="blas"):
-        return [
+        delay, other = (
             estimate_delay(
-                [[joined]] * len(joints),
-                [explain([joined], joint, plays=plays) for joint in joints],
+                [[joined]] * len(found.joints),
+                [explain([joined], joint, plays=plays) for joint in found.joints],
             )
             for plays in (PLAYS, OTHER_PLAYS)
-        ]
+        )
+    uncertainty = math.hypot(delay.uncertainty, other.seconds - delay.seconds)
+    if not (uncertainty < found.sd and abs(delay.seconds) < _SURE * found.sd):
+        apart = max(abs(delay.seconds), abs(other.seconds))
+        return replace(found, sd=math.hypot(found.sd, apart))
+    steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
+    sd = math.hypot(uncertainty, delay.seconds / 2, *(step / math.sqrt(12.0) for step in steps))
+    return replace(found, seconds=found.seconds - delay.seconds, sd=min(sd, found.sd))
 
 
 def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:
