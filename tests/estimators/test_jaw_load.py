@@ -7,14 +7,15 @@ from tests.estimators.conftest import SETTLED, steps, target
 from truejoint.errors import CalibrationError
 from truejoint.estimators.friction_filter import FrictionFilter
 from truejoint.estimators.jaw_load import EncoderZero, find_encoder_zero, identify_stiffness
-from truejoint.models.friction_filter import HIDDEN_LOAD
+from truejoint.models.friction_filter import SHOWN, TURNING, UNSHOWN, hidden_load
+from truejoint.models.jaw import FLICKER, SLIDING
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.studies.forceps.load import effective_stiffness
+from truejoint.studies.forceps.load import effective_stiffness, rocking_test
 
 # Off Table 1: a thicker jaw pulley, a smaller wheel, another gear.
 OFF = {
@@ -72,6 +73,20 @@ def test_known_weights_tell_the_stiffness_and_what_it_is_off_by(plant, model, fo
     )
 
 
+def test_weights_under_which_the_jaw_rocks_tell_it_better(plant, model, found):
+    """A hand that swings the weight leaves in the friction of a jaw at rest what it will."""
+    X, torque = [], []
+    for way in ("along", "opposing"):
+        run = record_forceps(plant, rocking_test(0.2, way), seed=5)
+        X.append(rows(run))
+        torque.append(np.where(run.t >= 14.0, run.column("truth_load/jaw"), np.nan))
+    dt = np.r_[0.0, np.full(len(X[0]) - 1, 5e-3)]
+    rocked = identify_stiffness(model, np.concatenate(X), np.concatenate(torque), np.tile(dt, 2))
+    true = effective_stiffness(plant)
+    assert rocked.drive_stiffness == pytest.approx(true, rel=0.04)
+    assert abs(rocked.drive_stiffness - true) < 3.0 * rocked.deviation < 0.15 * true
+
+
 @pytest.mark.parametrize(("mass", "way"), [(0.1, "along"), (0.25, "along"), (0.25, "opposing")])
 def test_other_weights_are_then_within_what_is_stated(plant, model, found, mass, way):
     identified, test = model.with_stiffness(found), LoadTest(mass, way)
@@ -84,11 +99,34 @@ def test_other_weights_are_then_within_what_is_stated(plant, model, found, mass,
     stated = states.load_deviation[still]
     assert (np.abs(error) < 3.0 * stated).all()
     # It is no more than the stiffness, and the jaw's standing friction, leave open.
-    most = np.hypot(
-        HIDDEN_LOAD * identified.jaw_friction, identified.stiffness_error * states.load[still]
+    law = identified.stiffness_error * states.load[still]
+    shown, unshown = (np.hypot(size * identified.jaw_friction, law) for size in (SHOWN, UNSHOWN))
+    assert (stated > shown).all()
+    assert (stated < 1.1 * unshown).all()
+
+
+def test_a_load_that_nothing_shows_may_be_as_large_as_friction_holds():
+    """Moving, at rest, and turned by a load, by the definitions."""
+    hold = np.zeros(5)
+    step, still, part = 50e-6, np.zeros(200), 5e-6
+
+    def after(drive, reset, fresh=False):
+        dt = np.r_[0.0 if fresh else 5e-3, np.full(len(drive) - 1, 5e-3)]
+        return [hidden_load(*row, hold) for row in zip(dt, drive, reset, strict=True)][-1]
+
+    moving = np.arange(200) * step
+    assert after(moving, moving, fresh=True) < 0.01
+    turning, end = moving[-1] - moving, moving[-1] + still
+    assert after(turning[:100], end[:100]) == pytest.approx(TURNING)
+    place = float(turning[99])
+    assert after(place + still, end) == pytest.approx(UNSHOWN) == pytest.approx(2.0 / 3.0**0.5)
+    assert after(place + still, end - part) == pytest.approx(
+        np.hypot(UNSHOWN * np.exp(x := -(part - 2.0 * FLICKER) / SLIDING), SHOWN * -np.expm1(x))
     )
-    assert (stated < 1.5 * most).all()
-    assert (stated > most).all()
+    assert after(place + still, end - 20 * part) == pytest.approx(SHOWN, rel=0.01)
+    # The motor goes on, and what was shown is of another place.
+    after(place + moving, end - moving)
+    assert after(place + moving[-1] + still, end - moving[-1]) == pytest.approx(UNSHOWN)
 
 
 def test_a_load_that_cannot_be_is_not_believed(model, hung):

@@ -7,7 +7,7 @@ from tests.estimators.conftest import columns, fitted, rms_deg
 from truejoint.errors import CalibrationError
 from truejoint.estimators import GatedPlay, Play
 from truejoint.estimators.play import ridge
-from truejoint.models.gated_play import LAYOUT, redescending
+from truejoint.models.gated_play import LAYOUT, no_more, redescending
 from truejoint.models.play import bank_columns
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
@@ -92,6 +92,35 @@ def test_its_deviation_grows_with_a_load_as_its_error_does(pair):
     assert after == pytest.approx(np.linalg.norm([together, alone, alone]), rel=1e-3)
     inside = np.abs(errors) <= 1.645 * widths  # a stated 90 %
     assert 0.85 < inside[moving].mean() < 0.95
+
+
+@pytest.mark.parametrize(
+    ("value", "before", "left"),
+    [(0.3, 0.1, 0.1), (0.1, 0.3, 0.1), (-0.2, 0.1, 0.0), (-0.3, -0.1, -0.1), (0.2, 0.0, 0.0)],
+)
+def test_what_is_believed_may_fall_and_not_grow(value, before, left):
+    assert no_more(value, before) == left
+
+
+@pytest.mark.parametrize("drift", [-8e-6, 8e-6])
+def test_what_the_sides_come_to_differ_by_while_the_motor_stands_is_not_believed(pair, drift):
+    """A load that moves the reset cable alone, on a jaw at rest; then the motor goes on."""
+    model, at_rest, goes_on = fitted(pair, GatedPlay()), 2200, 2400
+    X = columns(pair.verification, model)[np.minimum(np.arange(2500), 2000)]
+    X[:, 1] += drift * np.clip((np.arange(2500) - at_rest) / 100.0, 0.0, 1.0)
+    X[goes_on:, 0] += 0.02
+    dt = np.r_[0.0, np.full(2499, 5e-3)]
+    reset = fitted(pair, RESET).evaluate(X[:, 1:], dt)[:, 0]
+    difference = fitted(pair, BOTH).evaluate(X, dt)[:, 0] - reset
+    believed = model.evaluate(X, dt)[:, 0] - reset
+    gate = float(model.arrays_["gate"][0])
+    whole = np.array([redescending(d, gate) for d in difference])
+    before, after = whole[at_rest], whole[goes_on - 1]
+    assert abs(after - before) > 1e-4  # the load makes the sides differ otherwise than they did
+    low, high = sorted((0.0, before))
+    assert believed[goes_on - 1] == pytest.approx(np.clip(after, low, high), abs=1e-12)
+    for rows in (slice(1100, 2000), slice(goes_on, None)):  # it moves
+        assert np.abs(believed - whole)[rows].max() < 1e-12
 
 
 def test_gate_is_continuous_and_lets_go():

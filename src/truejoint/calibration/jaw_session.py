@@ -38,7 +38,8 @@ def weighed(
     arm : float
         Lever of the weights [m].
     last : float
-        Time at the end of each recording for which the weight hangs still [s].
+        Time at the end of each recording for which the weight hangs freely [s]: on a jaw that
+        goes slowly there and back, whole cycles, or one that stands, which tells less.
 
     Returns
     -------
@@ -71,9 +72,9 @@ def weighed(
                 "as the load of its provenance"
             )
         X, dt = _signals(calibration, recording)
-        still = recording.t > recording.t[-1] - last
-        side = -np.sign(float(model.states(X, dt).stretch[still].mean())) or 1.0
-        torques.append(np.where(still, side * mass * GRAVITY * arm, np.nan))
+        hangs = recording.t > recording.t[-1] - last
+        side = -np.sign(float(model.states(X, dt).stretch[hangs].mean())) or 1.0
+        torques.append(np.where(hangs, side * mass * GRAVITY * arm, np.nan))
         rows.append(X)
         steps.append(dt)
     if not rows:

@@ -31,7 +31,7 @@ def stiffness(
     output: _Output,
     arm_mm: Annotated[float, typer.Option(help="Lever of the weights at the jaw [mm].")],
     last_seconds: Annotated[
-        float, typer.Option(help="For how long each weight hangs still, at the end [s].")
+        float, typer.Option(help="For how long each weight hangs freely, at the end [s].")
     ] = 5.0,
     part: options.Part = None,
     force: options.Force = False,

@@ -209,6 +209,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """
         return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
 
+    def for_features(self, _names: Sequence[str]) -> Self:
+        """Unfitted copy that knows what its features are."""
+        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""
         times = np.full(n, _REGULAR) if dt is None else np.array(dt, dtype=np.float64)

@@ -159,14 +159,14 @@ class FrictionFilter(JawEstimator):
         well.
         """
         unscented = friction_filter.friction_filter(self.model_params(), self.arrays_)
-        drive, reset = self._drive(X)[:, None], X[:, 1]
+        drive, reset = self._drive(X), X[:, 1]
         moved = np.where(dt > 0.0, np.diff(reset, prepend=reset[:1]), 0.0)
         control, prior = np.column_stack([moved, reset]), friction_prior(len(self.widths))
-        x, P = run_histories(unscented, prior, drive, control, dt, smoothed=smoothed)
+        x, P = run_histories(unscented, prior, drive[:, None], control, dt, smoothed=smoothed)
         cable = friction_filter.cable_numbers(self.model_params(), self.arrays_)
         found, scale = np.empty((4, len(X))), float(self.arrays_["scale"][0])
         friction_filter.judge_rows(
-            dt, np.ascontiguousarray(reset), scale, x, P, self.arrays_["angle"], cable, found
+            dt, drive, np.ascontiguousarray(reset), scale, x, P, self.arrays_["angle"], cable, found
         )
         angle_deviation = np.sqrt(found[1] + self.arrays_["misfit"][1] ** 2)
         return JawStates(found[0], angle_deviation, found[2], np.sqrt(found[3]), x[:, -1])

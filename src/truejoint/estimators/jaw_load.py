@@ -15,6 +15,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.friction_filter import USUAL_GROWTH, FrictionFilter, Stiffness
 from truejoint.estimators.jaw import reversals
 from truejoint.models.friction_filter import DEGREE, external_torque
+from truejoint.models.jaw import FLICKER, SLIDING
 
 LARGEST_RATIO: Final = 3.0  # of identified and assumed stiffness, either over the other
 LARGEST_SHIFT: Final = 3e-4  # shift [m] beyond which the instrument was not homed but taken apart
@@ -32,8 +33,9 @@ def identify_stiffness(
 ) -> Stiffness:
     """Find the drive cable's stiffness, and its growth with tension, from known weights.
 
-    Hang at least one that pulls along the last motion, where friction gives way at once; one each
-    way tells the growth. What friction may hide of a weight counts as not known.
+    Hang one each way, which tells the growth, and move the jaw slowly there and back under it,
+    whole cycles: friction then cancels. Under a weight that only hangs still, what friction may
+    hide of it counts as not known, and what a hand's swinging leaves in it biases the stiffness.
 
     Parameters
     ----------
@@ -42,7 +44,7 @@ def identify_stiffness(
     X : array_like, shape (n, 2)
         Records in which weights hang: motor angle [rad] and ``x2`` [m].
     torque : array_like, shape (n,)
-        Of the weight that hangs still in a row [Nm], positive where it opens the jaw; NaN in rows
+        Of the weight that hangs freely in a row [Nm], positive where it opens the jaw; NaN in rows
         where none does.
     dt : array_like, shape (n,), optional
         Time since the row before [s], 0 where a record starts; rows 5 ms apart by default.
@@ -71,8 +73,8 @@ def identify_stiffness(
     hangs = _hangs(known, times)
     if not hangs:
         raise CalibrationError(
-            "no weight is stated: give the torque of each in the rows in which it hangs still, and "
-            "NaN in the others"
+            "no weight is stated: give the torque of each in the rows in which it hangs freely, "
+            "and NaN in the others"
         )
     stretch = model.states(rows, times).stretch
     bent = model.elements(rows, times) @ model.arrays_["drive"][1 + DEGREE :]
@@ -93,7 +95,9 @@ def identify_stiffness(
         )
     # Of the jaw's friction, what may still turn round: nothing where it yields to the weight.
     turned = np.array([bent[own].mean() for own in hangs]) / most
-    hidden = np.clip(1.0 - np.sign(weights) * turned, 0.0, 2.0)
+    moved = np.array([np.ptp(rows[own, 1]) for own in hangs])
+    known_again = np.exp(-np.maximum(moved - FLICKER, 0.0) / SLIDING)
+    hidden = np.clip(1.0 - np.sign(weights) * turned, 0.0, 2.0) * known_again
     found = Stiffness(model.drive_stiffness, model.stiffness_growth, math.inf)
     for _ in range(_ROUNDS):
         friction = model.with_stiffness(found).jaw_friction
@@ -134,7 +138,7 @@ def _fitted(
 
 
 def _hangs(torque: Array, dt: Array) -> list[slice]:
-    """Give the runs of rows in which a weight hangs still."""
+    """Give the runs of rows in which a weight hangs."""
     hung = np.isfinite(torque) & (torque != 0.0)
     starts = hung & (np.concatenate([[True], ~hung[:-1]]) | (dt == 0.0))
     ends = hung & np.concatenate([~hung[1:] | (dt[1:] == 0.0), [True]])

@@ -35,16 +35,21 @@ from truejoint.models.family import (
     only_joint,
 )
 from truejoint.models.filtered import advance, quadratic
-from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET, stand
+from truejoint.models.jaw import MECHANISM_RULES, MOTOR, RESET, SLIDING, stand
 
 DEGREE: Final = 4
 """Highest power of ``x2`` in both polynomials."""
 
-HIDDEN_LOAD: Final = 0.7
-"""Deviation of what stands hidden in the jaw's friction, in sizes of that friction. A load spread
-evenly over all that may hide, twice the friction, has 1.15; most loads show a part."""
+UNSHOWN: Final = 2.0 / sqrt(3.0)
+"""Deviation of a load that nothing has shown, in sizes of the jaw's friction: motor and reset cable
+stand, and it may be anything from nothing to twice the friction."""
+SHOWN: Final = 0.4
+"""The same of a load that has moved the reset cable: it came past where it now rests, or nearly
+there, and friction holds some of what is left."""
+TURNING: Final = 0.5
+"""The same while the motor moves and the reset cable does not yet: friction is turning round."""
 HIDDEN_ANGLE: Final = 0.3
-"""The same of the angle and the slider's friction."""
+"""The same of the angle and the slider's friction, while the reset cable stands."""
 
 _LARGEST: Final = 1e30
 _FARTHEST: Final = 3.0
@@ -116,8 +121,30 @@ def external_torque(stretch: float, tension: float, cable: Array) -> float:
 
 
 @compiled
+def hidden_load(dt: float, drive: float, reset: float, hold: Array) -> float:
+    """Deviation of what the jaw's friction may hide of a load, in sizes of that friction.
+
+    Of the drive cable's place by the motor and the reset cable's [m]. `hold` (5,) changes: places
+    and standstill of reset and drive cable, as `stand` takes them, and what share of a load the
+    reset cable has not shown since the motor stands.
+    """
+    before = hold[0]
+    standing = stand(dt, reset, hold[0:2])
+    motor_stands = stand(dt, drive, hold[2:4]) >= 1.0
+    if dt == 0.0 or not motor_stands:
+        hold[4] = 1.0
+    else:
+        hold[4] = hold[4] * exp(-abs(hold[0] - before) / SLIDING)
+    if not motor_stands:
+        return float(TURNING * standing)
+    unshown, shown = UNSHOWN * hold[4], SHOWN * (1.0 - hold[4])
+    return float(standing * sqrt(unshown * unshown + shown * shown))
+
+
+@compiled
 def judge(
     dt: float,
+    drive: float,
     reset: float,
     stretch: float,
     stretch_variance: float,
@@ -129,16 +156,16 @@ def judge(
 
     `cable` (8,) goes on with the spring's stiffness [N/m], the share that the torque may be off by,
     friction of the jaw [Nm] and of the slider, in terms of the angle [rad], and the largest load
-    [Nm]. `hold` (2,) is as `stand` takes it.
+    [Nm]. `drive`, `reset` [m] and `hold` (5,) are as `hidden_load` takes them.
     """
-    standing = stand(dt, reset, hold)
+    hidden = hidden_load(dt, drive, reset, hold) * cable[5]
     tension = cable[3] * reset
     torque = external_torque(stretch, tension, cable)
     slope = (cable[0] + cable[1] * tension) * exp(stiffening(stretch, cable[1])) * cable[2]
-    off, hidden = cable[4] * torque, HIDDEN_LOAD * standing * cable[5]
+    off = cable[4] * torque
     load[0] = torque
     load[1] = sqrt(slope * slope * max(stretch_variance, 0.0) + off * off + hidden * hidden)
-    return float((HIDDEN_ANGLE * standing * cable[6]) ** 2)
+    return float((HIDDEN_ANGLE * hold[1] * cable[6]) ** 2)
 
 
 def jaw_friction(params: Params, arrays: Mapping[str, Array]) -> float:
@@ -205,7 +232,7 @@ BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the load's half-width i
 ANGLE: Final = LAYOUT.array("angle", "constant, powers and elements of the angle [rad]")
 LOAD: Final = LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]")
 CABLE: Final = LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest")
-HOLD: Final = LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide")
+HOLD: Final = LAYOUT.array("hold", "where both cables stand [m], for how long; a load not shown")
 FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the stretch [m]")
 
 
@@ -220,7 +247,8 @@ def friction_filter_row(
     if dt == 0.0 or isnan(moved):
         restart(own, state)
         moved = dt = 0.0
-    vector(state, own[at.Z], 1)[0] = x[0] * memory[DRIVE_FACTOR]
+    drive = x[0] * memory[DRIVE_FACTOR]
+    vector(state, own[at.Z], 1)[0] = drive
     u = vector(state, own[at.U], 2)
     u[0] = moved
     u[1] = reset
@@ -231,11 +259,11 @@ def friction_filter_row(
     estimate = vector(state, own[at.X], elements + 1)
     out[0] = response(reset * memory[INVERSE], estimate, elements, weights) if good else nan
     spread = matrix(state, own[at.P], elements + 1, elements + 1)
-    cable, hold = vector(memory, numbers[CABLE], 8), vector(memory, numbers[HOLD], 2)
+    cable, hold = vector(memory, numbers[CABLE], 8), vector(memory, numbers[HOLD], 5)
     load = vector(memory, numbers[LOAD], 2)
     hidden = judge(
-        dt, reset, estimate[elements], spread[elements, elements], cable, hold, load
-    )  # fmt: skip
+        dt, drive, reset, estimate[elements], spread[elements, elements], cable, hold, load
+    )
     load[1] *= memory[BESIDE]
     if memory[DEVIATIONS] > 0.0:
         variance = quadratic(weights[1 + DEGREE :], spread, elements) + memory[MISFIT] ** 2
@@ -247,6 +275,7 @@ def friction_filter_row(
 @compiled
 def judge_rows(
     dt: Array,
+    drive: Array,
     reset: Array,
     scale: float,
     X: Array,
@@ -257,13 +286,13 @@ def judge_rows(
 ) -> None:
     """Angle and load in every row, each with its variance, into `out` (4, n).
 
-    Of the reset cable's displacements (n,) [m], states (n, m + 1) and covariances.
+    Of both cables' displacements (n,) [m], states (n, m + 1) and covariances.
     """
     elements = X.shape[1] - 1
-    hold, load = np.zeros(2), np.empty(2)
+    hold, load = np.zeros(5), np.empty(2)
     for i in range(X.shape[0]):
         own = spread[i, elements, elements]
-        hidden = judge(dt[i], reset[i], X[i, elements], own, cable, hold, load)
+        hidden = judge(dt[i], drive[i], reset[i], X[i, elements], own, cable, hold, load)
         out[0, i] = response(reset[i] * scale, X[i], elements, weights)
         out[1, i] = quadratic(weights[1 + DEGREE :], spread[i], elements) + hidden
         out[2, i], out[3, i] = load[0], load[1] * load[1]
@@ -289,7 +318,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         beside_deviations=1.0,
         load=np.zeros(2),
         cable=cable_numbers(params, arrays),
-        hold=np.zeros(2),
+        hold=np.zeros(5),
         filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
     )
 

@@ -1,4 +1,8 @@
-"""Plays on both sides while they agree, on the reset cable alone under a load."""
+"""Plays on both sides while they agree, on the reset cable alone under a load.
+
+While the motor stands, what the two sides come to differ by is a load's doing, or friction's that a
+load has turned round. So what is believed of the difference may then fall, and not grow.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +25,10 @@ CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle, agreement or no
 MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation while both sides agree [rad]")
 ALONE: Final = LAYOUT.scalar("alone", "standard deviation of the reset cable's own estimate [rad]")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
+GEARED: Final = LAYOUT.scalar("geared", "displacement of the drive cable per motor angle [m/rad]")
+BELIEVED: Final = LAYOUT.scalar("believed", "of what both sides differed by at the last row [rad]")
 HOLD: Final = LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide")
+MOTOR_HOLD: Final = LAYOUT.array("motor_hold", "the same of the drive cable, by the motor")
 RESET_PART: Final = LAYOUT.part("reset", "estimate from the reset cable")
 BOTH_PART: Final = LAYOUT.part("both", "estimate from both sides")
 
@@ -38,8 +45,9 @@ def gated_play_row(
 ) -> None:
     """Predict by the reset cable, corrected by both sides as far as the two agree.
 
-    Its deviation grows with what the two differ by, as the reset cable is left alone, and, by as
-    much as that one's friction makes it err, while it stands: a load may turn the jaw unseen.
+    Its deviation grows with what is believed of what the two differ by, as the reset cable is left
+    alone, and, by as much as that one's friction makes it err, while it stands: a load may turn the
+    jaw unseen.
     """
     fresh = dt == 0.0
     own, state = part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART)
@@ -48,6 +56,10 @@ def gated_play_row(
     both = play.weigh_banks(own, state, fresh, x)
     difference = both - reset
     believed = redescending(difference, memory[GATE])
+    motor_stands = stand(dt, x[0] * memory[GEARED], vector(memory, numbers[MOTOR_HOLD], 2)) >= 1.0
+    if motor_stands and not fresh:
+        believed = no_more(believed, memory[BELIEVED])
+    memory[BELIEVED] = believed
     out[0] = reset + believed + memory[CONSTANT]
     standing = stand(dt, x[1], vector(memory, numbers[HOLD], 2))
     if memory[DEVIATIONS] > 0.0:
@@ -55,6 +67,12 @@ def gated_play_row(
         alone = memory[ALONE] ** 2 * (left**2 + standing**2)
         variance = memory[MISFIT] ** 2 + (DOUBT * believed) ** 2 + alone
         half_width[0] = memory[DEVIATIONS] * sqrt(variance)
+
+
+@compiled
+def no_more(value: float, before: float) -> float:
+    """`value` where it lies from 0 to what it was `before`, else the nearer of these two."""
+    return min(max(value, min(before, 0.0)), max(before, 0.0))
 
 
 @compiled
@@ -86,13 +104,16 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    both = side_params(params, "both")
+
     def part(side: str) -> Memory:
         own = {k.removeprefix(f"{side}_"): a for k, a in arrays.items() if k.startswith(side)}
         return play.pack_banks(side_params(params, side), own, {"motor": 0, "reset": 1})
 
     return LAYOUT.pack(
         gate=arrays["gate"][0], constant=arrays["constant"][0], misfit=arrays["misfit"][0],
-        alone=arrays["misfit"][1], deviations=0.0, hold=np.zeros(2),
+        alone=arrays["misfit"][1], deviations=0.0, hold=np.zeros(2), motor_hold=np.zeros(2),
+        geared=play.bank_factors(both)[both["displacements"].index("motor")], believed=0.0,
         reset=part("reset"), both=part("both"),
     )  # fmt: skip
 

@@ -133,6 +133,12 @@ def join_truth(
     return replace(joined, provenance=described), found
 
 
+def cover_same_time(t: Array, other: Array) -> bool:
+    """Whether stamps `t` (n,) and `other` (m,) [s] have half of the shorter time in common."""
+    common = min(t[-1], other[-1]) - max(t[0], other[0])
+    return bool(common >= _LEAST_OVERLAP * min(np.ptp(t), np.ptp(other)))
+
+
 def _shifted(
     recording: Recording, truth: Stream, offset: float
 ) -> tuple[Recording, dict[str, int]]:
@@ -145,7 +151,8 @@ def _shifted(
         name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns
     }
     units = {**recording.units, **units}
-    return Recording.from_columns(columns, recording.provenance, units), counts
+    # Arrays of the other recording, and new ones.
+    return Recording.from_columns(columns, recording.provenance, units, copy=False), counts
 
 
 def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOffset:

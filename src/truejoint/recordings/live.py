@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final, Self
 
@@ -13,14 +14,15 @@ from truejoint.crtk.messages import ARMS, JOINT_STATE, RAVEN_FIELDS, USUAL_QUANT
 from truejoint.crtk.ros import Transport
 from truejoint.crtk.ros.transport import SILENCE
 from truejoint.errors import RecordingError
-from truejoint.recordings.bags.reading import (
+from truejoint.recordings.bags.assembling import assemble
+from truejoint.recordings.bags.series import Lot
+from truejoint.recordings.bags.wiring import (
     HOMED,
     JOINT_FIELDS,
     OPERATING_STATES,
     RAVEN_TYPE,
-    Lot,
+    Topics,
     Wiring,
-    assemble,
     find_wiring,
     robot_of,
 )
@@ -33,6 +35,8 @@ _STEPS: Final = 10.0  # usual steps for which a slow topic may say nothing
 _CLOCK: Final = 0.1  # [s] by which stamps may differ from this computer's clock
 _RAVEN_FIELDS: Final = (*(RAVEN_FIELDS[quantity][0] for quantity in USUAL_QUANTITIES), "runlevel")
 _SECOND: Final = 1e9  # ns
+KEPT: Final = 100_000
+"""Latest messages of a topic that are kept: 100 s at 1 kHz, some 100 MB of RAVEN-II's states."""
 
 _Layout = tuple[tuple[str, ...], tuple[int, ...]]  # names in a message, and lengths of its lists
 
@@ -45,7 +49,8 @@ class LiveLink:
     """Keeps what is said on an arm's topics from entering to leaving, and judges it.
 
     Every joint state and every state of a RAVEN-II that somebody publishes is kept, as rosbag
-    would; which of them are the arm's is told afterwards, as it is of a bag.
+    would, the latest `KEPT` of each topic; which of them are the arm's is told afterwards, as it is
+    of a bag.
 
     Parameters
     ----------
@@ -110,7 +115,7 @@ class LiveLink:
     def _receive(self, heard: Heard, message: Any) -> None:
         heard.take(self._transport.now(), self._transport.seconds(message), message)
 
-    def _wire(self, topics: Mapping[str, tuple[str, int]]) -> tuple[Robot, Wiring]:
+    def _wire(self, topics: Topics) -> tuple[Robot, Wiring]:
         robot = robot_of(_PLACE, topics, self._robot, self._arm)
         return robot, find_wiring(_PLACE, topics, robot, **self._how)
 
@@ -162,7 +167,7 @@ class Heard:
         others = (HOMED,) if kind in OPERATING_STATES else JOINT_FIELDS
         self._fields = _RAVEN_FIELDS if self.is_raven else others
         self._lacking = ""
-        self._rows: list[tuple[float, float, _Layout, Array]] = []
+        self._rows: deque[tuple[float, float, _Layout, Array]] = deque(maxlen=KEPT)
 
     def take(self, arrival: float, stamp: float, message: Any) -> None:
         """Keep a message that came at `arrival` and says that it is of `stamp` [s]."""

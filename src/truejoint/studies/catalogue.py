@@ -97,12 +97,13 @@ _RAVEN: Final = (
     ),
     Study(
         "endurance", "How does a calibration last: six hours idle, at work, under a load?",
-        "peng2024, II-G, figure 6, Table III", "truejoint.studies.raven2.endurance",
+        "peng2024, II-G, figures 6 and 7, Table III", "truejoint.studies.raven2.endurance",
         (
             _RAVENS, Option("works", ("idle", "unloaded", "loaded"), "what the arm does"), _SETS,
             Option("hours", 6, "of it", small=2), Option("load_g", 500.0, "on the tool [g]"),
             _SESSIONS, Option("networks", 2, "seeds of the network", small=1),
         ),
+        version=2,
     ),
     Study(
         "features", "What do all features of the robot's state cost, against 16 selected ones?",
@@ -156,7 +157,10 @@ _RAVEN: Final = (
             _RAVENS,
             Option(
                 "models",
-                ("dnn", "linear", "poly2", "gru", "gpr", "forest", "rich_play", "rich_trees"),
+                (
+                    "dnn", "linear", "poly2", "gru", "lstm", "tcn", "gpr", "forest",
+                    "network_forest", "rich_play", "rich_trees",
+                ),
                 "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
             ),
             _LONGEST, Option("hours", 6, "of unloaded work", small=2), _SESSIONS,
@@ -197,6 +201,7 @@ _PAST: Final = (
             Option("features", "positioning", "of the positioning joints, or all"),
             Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
         ),
+        version=2,
     ),
 )  # fmt: skip
 
@@ -237,11 +242,13 @@ _FORCEPS: Final = (
         "loaded", "What do 30 to 250 g on the jaw do to it?",
         "yan2020, Table 3, figure 9", _SPECIMEN, _MASSES, _DIRECTIONS, _FEW,
         Option("draws", 8, "of the hand that hangs each weight", small=2),
+        version=2,
     ),
     _study(
         "strategies", "Which sensor buys which accuracy: none on the cables, one, or both?",
         "yan2020, II-B and IV-C",
         _SPECIMEN, _DIRECTIONS, Option("masses_g", (50.0, 100.0, 200.0), "weights [g]"), _CHOICES,
+        version=2,
     ),
     _study(
         "population", "Does it hold on other specimens? Every method on each",
@@ -259,11 +266,11 @@ _FORCEPS: Final = (
         _CALIBRATED,
         _MASSES, _DIRECTIONS,
         _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
-        version=2,
+        version=3,
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=2,
+        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=3,
     ),
     _study(
         "physical", "Does friction in physical parameters make a better filter?",
@@ -283,7 +290,7 @@ _FORCEPS: Final = (
         Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
         Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
         Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
-        version=2,
+        version=3,
     ),
     _study(
         "sweep", "Which sensors, cables, friction and homing buy which accuracy?",
@@ -298,6 +305,7 @@ _FORCEPS: Final = (
         Option("target_deg", 0.1, "RMS error that a design must keep [deg]"),
         Option("count", 10, "virtual specimens; more of them begin with the fewer", small=2),
         Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
+        version=2,
     ),
     _study(
         "recordings", "Recordings of the paper's motions, for truejoint calibrate and evaluate",

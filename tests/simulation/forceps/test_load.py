@@ -20,6 +20,17 @@ def test_it_moves_at_the_papers_speed_to_the_papers_angle():
     np.testing.assert_array_equal(angles[T >= 18.001], angles[-1])
 
 
+def test_the_jaw_rocks_under_the_weight_at_the_same_speed():
+    test = LoadTest(0.1, rock=math.radians(7.5))
+    angles = np.degrees(test.angles(T))
+    plain = np.degrees(LoadTest(0.1).angles(T))
+    np.testing.assert_array_equal(angles[T < 28.0], plain[T < 28.0])
+    np.testing.assert_allclose(np.interp([28.0, 30.0, 32.0, 34.0, 36.0], T, angles),
+                               [30.0, 26.25, 22.5, 26.25, 30.0], atol=2e-3)  # fmt: skip
+    speed = np.gradient(angles, T)[T > 28.01]
+    assert np.median(np.abs(speed)) == pytest.approx(1.875)
+
+
 @pytest.mark.parametrize(("direction", "sign"), [("opposing", -1.0), ("along", 1.0)])
 @pytest.mark.parametrize("angle", [30.0, -30.0])
 def test_the_weight_hangs_on_the_side_asked_for(direction, sign, angle):
@@ -68,6 +79,8 @@ def test_the_phases_are_those_of_the_paper_in_order():
         ({"mass": 0.1, "angle": math.inf}, "speed"),
         ({"mass": 0.1, "end": math.inf}, "times"),
         ({"mass": 0.1, "end": math.nan}, "times"),
+        ({"mass": 0.1, "rock": 1.0}, "rocks"),
+        ({"mass": 0.1, "rock": -0.1}, "rocks"),
     ],
 )
 def test_an_impossible_test_is_refused(arguments, says):

@@ -29,7 +29,8 @@ class LoadTest:
 
     It pulls ``"opposing"`` the motion before it, which stretches the drive cable, or ``"along"``,
     which slackens that. The jaw goes to `angle` [rad] at `speed` [rad/s], from `start` [s] on; the
-    hand touches the weight from `loaded_from` to `loaded_to` [s].
+    hand touches the weight from `loaded_from` to `loaded_to` [s]. From phase IV on the jaw may go
+    back by `rock` [rad] and forth, again and again, at the same speed.
     """
 
     mass: float
@@ -40,6 +41,7 @@ class LoadTest:
     loaded_from: float = 24.0
     loaded_to: float = 26.5
     end: float = 36.0
+    rock: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0.0 <= self.mass <= MAX_MASS:
@@ -52,6 +54,10 @@ class LoadTest:
             raise TruejointError(
                 f"a load test to {self.angle} rad at {self.speed} rad/s; the angle must be finite "
                 "and the speed other than 0"
+            )
+        if not 0.0 <= self.rock <= abs(self.angle):
+            raise TruejointError(
+                f"a jaw that rocks by {self.rock} rad; it must be 0 to the angle it went to"
             )
         times = (0.0, self.start, self.stop, self.loaded_from, self.loaded_to, self.end, MAX_END)
         if not all(before <= after for before, after in pairwise(times)):
@@ -83,6 +89,9 @@ class LoadTest:
     def angles(self, t: Array) -> Array:
         """Jaw angles wanted (n,) [rad] at times `t` (n,) [s]."""
         travelled = np.clip(abs(self.speed) * (t - self.start), 0.0, abs(self.angle))
+        if self.rock > 0.0:
+            rocked = np.maximum(abs(self.speed) * (t - self.phases["IV"][0]), 0.0)
+            travelled -= self.rock - np.abs(rocked % (2.0 * self.rock) - self.rock)
         return np.asarray(math.copysign(1.0, self.angle) * travelled)
 
     def force(self, t: Array, seed: int) -> Array:

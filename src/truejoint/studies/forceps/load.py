@@ -17,6 +17,7 @@ from truejoint.estimators.yan2020 import JawFilter
 from truejoint.evaluation.digits import fixed
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
+from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
@@ -28,6 +29,9 @@ from truejoint.units import GRAVITY
 
 CALIBRATION_WEIGHTS: Final = (0.1, 0.2, 0.25)
 """Known weights that identify the stiffness, each hung once each way [kg]."""
+ROCK: Final = math.radians(10.0)
+"""By how much the jaw goes back and forth under each of them."""
+_CYCLES: Final = 3
 LEVEL: Final = 1.645
 """Deviations on either side that hold 90 % of a normal distribution."""
 _ESTIMATES: Final = {"assumed": "K_d assumed", "identified": "K_d identified"}
@@ -81,17 +85,24 @@ def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
     return (forceps.assembly.pretension + spring) * mechanism.jaw_radius
 
 
+def rocking_test(mass: float, way: str) -> LoadTest:
+    """Load test of a weight [kg] at twice the paper's speed, under which the jaw then rocks."""
+    speed, quick = math.radians(3.75), {"start": 1.0, "loaded_from": 10.0, "loaded_to": 12.5}
+    end = 14.0 + _CYCLES * 2.0 * ROCK / speed
+    return LoadTest(mass, cast("Any", way), speed=speed, **quick, end=end, rock=ROCK)
+
+
 def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> PartResult:
     """Find the stiffness of a specimen by known weights, and estimate others on it."""
     plant = built(forceps)
     assumed, known = unloaded_filter(plant, seed, motion), []
     for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, ("along", "opposing"))):
-        test = load_test(mass, way)
+        test = rocking_test(mass, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
-        torque = run.column("truth_load/jaw")
-        still = within(run.t, *test.phases["IV"])
-        if float(torque[still].mean()) <= slack_torque(plant, test.angle):
-            known.append((*signals(run), np.where(still, torque, np.nan)))
+        hangs = within(run.t, *test.phases["IV"])
+        torque = np.where(hangs, run.column("truth_load/jaw"), np.nan)
+        if float(np.nanmax(torque)) <= slack_torque(plant, test.angle - test.rock):
+            known.append((*signals(run), torque))
     X, dt, torque = (np.concatenate(columns) for columns in zip(*known, strict=True))
     found = identify_stiffness(assumed, X, torque, dt)
     identified = assumed.with_stiffness(found)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -61,6 +62,7 @@ def built(forceps: Plain) -> ForcepsParameters:
     return ForcepsParameters.from_dict(forceps)
 
 
+@lru_cache(maxsize=16)  # several methods learn from one recording; half a megabyte each
 def record(
     forceps: ForcepsParameters, motion: str | LoadTest, *, seed: int = 0, **how: Any
 ) -> Recording:
