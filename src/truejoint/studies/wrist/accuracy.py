@@ -65,6 +65,7 @@ _PLAYS: Final = RichPlay(
     time_constants=(0.02, 0.1),
     leading=1,
     squared=1,
+    pairs=(),
 )
 
 METHODS: Final[Mapping[str, Method]] = {
