@@ -23,6 +23,9 @@ from truejoint.filters.state_space import (
     linear_model,
     van_loan,
 )
+from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies.wrist import motions, reduced
+from truejoint.studies.wrist.physical import STARTS, Physical, Signals, constants
 
 ROWS = 20_000
 RECORD = 10_000  # rows: short enough to be timed between two interruptions
@@ -191,6 +194,13 @@ def main() -> None:
         typical, least = time_record(estimator, z, u)
         print(f"ours, {form} | {_percentiles(laps)} | {typical:.2f}, {least:.2f}", flush=True)
         best = min(best, float(np.median(laps)))
+    estimator, (x0, p0), efforts, inputs = wrist()
+    state, laps = estimator.initial_state(x0, p0), np.empty(len(efforts))
+    for k, (effort, given) in enumerate(zip(efforts, inputs, strict=True)):
+        start = time.perf_counter_ns()
+        estimator.step(state, effort, given, 5e-3)
+        laps[k] = time.perf_counter_ns() - start
+    print(f"ours, a wrist: 12 states, 3 efforts | {_percentiles(laps * 1e-3)} |", flush=True)
     for name, peer in PEERS.items():
         if importlib.util.find_spec(name) is None:
             print(f"{name} is not installed | | | | |")
@@ -201,6 +211,17 @@ def main() -> None:
         "\nyan2020's model (13): 4 states, 2 measurements, 1 input. The floor in C is measured by"
     )
     print("benchmarks.exported_c_speed, beside the same filter in Python.")
+
+
+def wrist() -> tuple[UnscentedFilter, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+    """Filter of a wristed instrument, its prior, and efforts and inputs of half a minute."""
+    twin = WristTwin(seed=1)
+    twin.home()
+    signals = Signals.of(motions.record(twin, motions.multi_sine, 30.0, 1, load=True))
+    parameters = constants(twin.robot.cable_mechanism, STARTS)  # type: ignore[arg-type]
+    parameters[reduced.LOAD_RATE : reduced.LOAD_RATE + reduced.N] = 1e-3
+    made = Physical({}, parameters, np.zeros((10, 3)), np.full(3, 3e-3), np.ones((2, 2, 3)))
+    return made.unscented(signals.dt), made.prior, signals.effort, signals.inputs
 
 
 def _percentiles(laps: np.ndarray) -> str:

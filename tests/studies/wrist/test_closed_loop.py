@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, StudyError
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist.closed_loop import CASES, OPEN, PERFECT, TITLES, summarise
@@ -46,3 +46,5 @@ def test_a_loop_too_slow_for_its_gain_is_refused_before_anything_is_computed():
     study = get_study("wrist-loop")
     with pytest.raises(CommandRefused, match="gain"):
         study.parts(study.settings(options={"gain": "5"}))
+    with pytest.raises(StudyError, match="rate_hz=300; it must divide"):
+        study.parts(study.settings(options={"rate_hz": "300"}))

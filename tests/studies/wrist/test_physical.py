@@ -12,7 +12,7 @@ from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.wrist import physical
 from truejoint.studies.wrist import reduced as r
 
-FOUND = {name: start for name, (start, _, _) in physical._SOUGHT.items()}
+FOUND = physical.STARTS
 MECHANISM = get_robot("wrist", "400006").cable_mechanism
 
 

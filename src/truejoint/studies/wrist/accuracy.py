@@ -65,6 +65,7 @@ _PLAYS: Final = RichPlay(
     time_constants=(0.02, 0.1),
     leading=1,
     squared=1,
+    pairs=(),
 )
 
 METHODS: Final[Mapping[str, Method]] = {
@@ -87,6 +88,10 @@ METHODS: Final[Mapping[str, Method]] = {
         True,
     ),
 }
+
+_COLOURS: Final = {key: f"C{k}" for k, key in enumerate(METHODS)}
+_DRAWN: Final = ("play_motor", "linear_effort", _FILTER, "play_effort", "play_filter")
+"""Whose errors are drawn over time, the smallest last."""
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -309,10 +314,10 @@ def _figure(numbers: Sequence[Mapping[str, Any]], settings: Settings) -> Figure:
     panels = []
     for name in ("free", "loaded"):
         curves = []
-        for k, key in enumerate(settings["methods"]):
+        for key in settings["methods"]:
             sizes = np.sort(np.degrees([n["errors"][key][name] for n in numbers]), axis=None)
             below = (np.arange(sizes.size) + 0.5) / sizes.size
-            curves.append(Curve(sizes, below, METHODS[key].title, f"C{k}", width=1.3))
+            curves.append(Curve(sizes, below, METHODS[key].title, _COLOURS[key], width=1.3))
         panels.append(Panel(curves, "RMS error [deg]", "share of joints below", name, log="x"))
     caption = "Share of all specimens' joints with a smaller error, by method."
     return Figure("Wristed instruments, another class of motion", (panels,), caption, legend=True)
@@ -325,10 +330,10 @@ def _errors(result: PartResult) -> Figure:
     panels = []
     for j, joint in enumerate(JOINTS):
         curves = [
-            Curve(t[shown], np.degrees(result.arrays[f"loaded/{key}"][shown, j]), method.title,
-                  f"C{k}")
-            for k, (key, method) in enumerate(METHODS.items())
-            if f"loaded/{key}" in result.arrays and key != _RAW
+            Curve(t[shown], np.degrees(result.arrays[f"loaded/{key}"][shown, j]),
+                  METHODS[key].title, _COLOURS[key])
+            for key in _DRAWN
+            if f"loaded/{key}" in result.arrays
         ]  # fmt: skip
         panels.append(Panel(curves, "time [s]", "error [deg]", joint))
     caption = "Errors under load, first specimen; the motors alone see no load."

@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.errors import StudyError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.runtime import Compensator, Corrector, Status, compensated_motion
@@ -75,6 +76,8 @@ class PerfectSensor(Corrector):
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
     check_counts(settings, "free_s", "loaded_s", "seconds", "rate_hz")
+    if abs(math.remainder(1.0 / SETPOINT_DT, settings["rate_hz"])) > 1e-6:
+        raise StudyError(f"rate_hz={settings['rate_hz']:g}; it must divide the arm's 1 kHz")
     drawn = population(settings["count"], settings.seed, settings["family"])
     how = {name: settings[name] for name in ("free_s", "loaded_s", "seconds", "rate_hz", "gain")}
     for plant in drawn:

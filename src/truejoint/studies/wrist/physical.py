@@ -53,6 +53,10 @@ _SOUGHT: Final[Mapping[str, tuple[float, float, float]]] = {
 }
 
 
+STARTS: Final = {name: start for name, (start, _, _) in _SOUGHT.items()}
+"""Values of what is sought where the search begins, of an instrument with rods."""
+
+
 @dataclass(frozen=True)
 class Estimate:
     """Angles (n, 3) [rad] and loads (n, 3) [Nm] in every row, each with its deviation."""
@@ -94,6 +98,12 @@ class Signals:
             recording.columns("truth_load", LOADS),
             dt,
         )
+
+    @property
+    def inputs(self) -> Array:
+        """Inputs (n, 9) of the filter: motors, by how much they moved, and how fast."""
+        moved = np.diff(self.motor, axis=0, prepend=self.motor[:1])
+        return np.column_stack([self.motor, moved, self.speed])
 
     def first(self, seconds: float) -> Signals:
         """Its beginning."""
@@ -209,9 +219,8 @@ class Physical:
 
     def estimate(self, s: Signals) -> Estimate:
         """Angles and loads in every row, from motors and efforts alone."""
-        u = np.column_stack([s.motor, np.diff(s.motor, axis=0, prepend=s.motor[:1]), s.speed])
         mean, spread = self.prior
-        run = self.unscented(s.dt).run(s.effort, u, x0=mean, P0=spread, dt=s.dt)
+        run = self.unscented(s.dt).run(s.effort, s.inputs, x0=mean, P0=spread, dt=s.dt)
         rigid = s.motor @ self.parameters[r.RIGID : r.RIGID + 9].reshape(3, 3).T
         angle = np.empty_like(rigid)
         for row, x, a in zip(angle, run.x, s.motor, strict=True):

@@ -47,14 +47,13 @@ BUILD_UP: Final = 39  # [N/m] of it
 PIN_LEVEL: Final = 40  # (N,) friction that a pin holds at pretension [Nm]
 PIN_WAY: Final = 43  # [rad] in which that builds up
 TENSION: Final = 44  # [N] of both cables of a loop
-PER_BEND: Final = 45  # (N,) by how much pitch changes friction of tension [1/rad]
-MOTOR_WAY: Final = 48  # [rad] in which a motor's friction builds up
-EFFORT: Final = 49  # (4, N) effort per torque, per share of friction, per speed, and constant
-CROSSING: Final = 61  # (N, N) share of each loop in the tension on a joint's pin
-DRIFT: Final = 70  # variances per second: of loop, motor and pin friction, as shares squared
-LOAD_RATE: Final = 73  # (N,) of loads [Nm2/s]
-DECAY: Final = 76  # of loads [1/s]
-PARAMETERS: Final = 77
+MOTOR_WAY: Final = 45  # [rad] in which a motor's friction builds up
+EFFORT: Final = 46  # (4, N) effort per torque, per share of friction, per speed, and constant
+CROSSING: Final = 58  # (N, N) share of each loop in the tension on a joint's pin
+DRIFT: Final = 67  # variances per second: of loop, motor and pin friction, as shares squared
+LOAD_RATE: Final = 70  # (N,) of loads [Nm2/s]
+DECAY: Final = 73  # of loads [1/s]
+PARAMETERS: Final = 74
 
 
 @compiled
@@ -137,9 +136,7 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     pull, level, way = np.empty(N), np.empty(N), np.empty(N)
     slope, change, matrix = np.empty(N), np.empty(N), np.empty((N, N))
     tensions(x, p, pull)
-    bent = 0.0
     for m in range(N):
-        bent += p[RIGID + m] * u[ANGLE + m]
         change[m] = loads[m] - x[LOAD + m]
         out[LOAD + m] = loads[m]
     yielding(change, p, way)
@@ -151,11 +148,9 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
         # A loop under load holds more on the side that pulls.
         ratio = p[LEVEL + m] / p[TENSION]
         middle = pull[m] * (math.sqrt(1.0 + ratio * ratio) - 1.0)
-        side = p[PER_BEND + m] * bent * pull[m]
-        middle -= math.copysign(side, by) if by != 0.0 else 0.0
         kept = math.exp(-p[BUILD_UP] * p[RADIUS + m] * abs(by) / most)
-        end = middle + (math.copysign(most, by) if by != 0.0 else 0.0)
-        out[LOOP + m] = end + (held - end) * kept if by != 0.0 else held
+        end = middle + math.copysign(most, by)
+        out[LOOP + m] = end + (held - end) * kept  # held where the motor stands
         kept = math.exp(-abs(by) / p[MOTOR_WAY])
         end = math.copysign(1.0, by)
         out[MOTOR + m] = end + (x[MOTOR + m] - end) * kept
