@@ -6,8 +6,8 @@
 at 1 kHz and its joint encoders at 100 Hz; what arrived is compared with what is in the file.
 `--kills`: programs that record such blocks, in pieces of 10 ms by the wall clock, are each ended by
 `kill -9` at a random time, from 0.1 to 8 s after they began. Lost is the time from the last state
-in the file to the kill; a file that cannot be read is a miss, but for one without any row where the
-kill came within the second that may be lost.
+or topic in the file to the kill; a file that cannot be read is a miss, but for one without any row
+where the kill came within the second that may be lost.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from truejoint.crtk import Arm, PacedBackend, StateBlock, TruthBlock
 from truejoint.crtk.subscription import Subscription
 from truejoint.errors import TruejointError
 from truejoint.motion import follow, random_motion
-from truejoint.recordings import Recorder, read_recording
+from truejoint.recordings import Recorder, read_recorded_topics, read_recording
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
 from truejoint.simulation import make_twin
@@ -35,6 +35,7 @@ from truejoint.simulation import make_twin
 PIECE = 0.01  # s
 ALLOWED = 1.0  # s
 EARLIEST, LATEST = 0.1, 8.0  # s
+TOPICS = {"measured_js": 500.0, "measured_cp": 100.0}  # Hz
 
 
 class Count:
@@ -59,7 +60,8 @@ def at_real_time(minutes: float, seed: int, folder: Path) -> None:
         arm.enable()
         arm.home()
         motion = random_motion(arm.robot, 60 * minutes, seed)
-        with Recorder(arm, state_rate=np.inf, path=path) as recorder:
+        topics = TOPICS | {"operating_state": 10.0}
+        with Recorder(arm, state_rate=np.inf, path=path, topics=topics) as recorder:
             arm.subscribe(count)
             start = time.perf_counter()
             follow(arm, motion)
@@ -73,6 +75,8 @@ def at_real_time(minutes: float, seed: int, folder: Path) -> None:
     size = path.stat().st_size / 1e6
     told = f"{count.states} | {rows} | {count.truths} | {truths}"
     print(f"| {taken:.0f} | {told} | {size:.1f} | {100 * timing.late_share:.2f} % |", flush=True)
+    for topic, table in read_recorded_topics(path.with_suffix(".topics.arrows")).items():
+        print(f"{topic}: {len(table)} rows read; {recorder.streams[topic]}")
 
 
 class Source:
@@ -109,7 +113,7 @@ class Source:
 def victim(path: Path, pipe: Connection) -> None:
     """Record until killed; says when it began."""
     source: Any = Source()
-    with Recorder(source, state_rate=np.inf, path=path):
+    with Recorder(source, state_rate=np.inf, path=path, topics=TOPICS):
         start = time.monotonic()
         pipe.send(start)
         source.go_on(start)
@@ -130,6 +134,8 @@ def kill_one(folder: Path, number: int, delay: float) -> float:
     left = sorted(folder.glob(f"run{number}.unfinished*"))
     try:
         last = float(read_recording(left[0]).t[-1]) if left else np.nan
+        for table in read_recorded_topics(left[0]).values() if left else ():
+            last = min(last, float(table["t"].iloc[-1]))
     except TruejointError as error:
         if killed < ALLOWED and "row" in str(error):
             return killed  # it opens, and holds nothing yet

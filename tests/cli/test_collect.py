@@ -1,12 +1,13 @@
 """Tests of `truejoint collect` beyond those that all commands share."""
 
 import json
+import re
 
 import numpy as np
 import pytest
 
 from truejoint.crtk import SimulatedBackend, TruthBlock
-from truejoint.recordings import read_parquet, serial_sensors
+from truejoint.recordings import read_parquet, read_recorded_topics, serial_sensors
 
 SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
@@ -31,6 +32,23 @@ def test_a_forceps_is_collected_and_calibrated(call, motion, tmp_path):
     assert recording.provenance.homing_id == "seed 0, homing 1"
     fitted = call("calibrate", tmp_path / "jaw.parquet", "-e", "linear", "-o", tmp_path / "m.st")
     assert fitted.code == 0, fitted.err
+
+
+def test_topics_are_collected_beside(call, motion, tmp_path):
+    arguments = ("--robot", "forceps", "-o", tmp_path, "--force", "--topic", "measured_js=100")
+    made = call("collect", motion, *arguments, "--topic", "operating_state=1")
+    assert made.code == 0, made.err
+    told = [line.strip() for line in made.out.splitlines() if line.startswith("  measured_js")]
+    assert re.fullmatch(r"measured_js: \d+ rows at 100 Hz, 0\.\d+ MB", told[0])
+    again = json.loads(call("collect", motion, *arguments, "--json").out)["recordings"][0]
+    topics = read_recorded_topics(tmp_path / "jaw.topics.arrows")
+    assert list(topics) == ["measured_js"]  # of the second time
+    assert again["streams"]["measured_js"]["rows"] == len(topics["measured_js"])
+    assert again["streams"]["measured_js"]["rate_hz"] == pytest.approx(100.0, rel=1e-3)
+    assert again["streams"]["state"]["bytes"] > 0
+    folder = call("calibrate", tmp_path, "-e", "linear", "-o", tmp_path / "m.st")
+    assert "jaw.topics.arrows: left out: holds the topics of another recording" in folder.err
+    assert folder.code == 0, folder.err
 
 
 def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatch):
@@ -159,6 +177,10 @@ def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, m
         (("--robot", "forceps", "--state-rate-hz", "nan"), "rate nan Hz"),
         (("--robot", "forceps", "--encoders", "x"), "no encoders are stated for this robot"),
         (("--robot", "forceps", "--rezero-s", "5"), "for --compensate alone"),
+        (("--robot", "forceps", "--topic", "measured_js"), "write NAME=HZ"),
+        (("--robot", "forceps", "--topic", "measured_j=9"), "did you mean 'measured_js'?"),
+        (("--robot", "forceps", "--topic", "measured_js=0"), "rate 0.0 Hz; give one above 0 Hz"),
+        (("--robot", "forceps", "--topic", "measured_cp=9"), "kinematics of forceps are not known"),
     ],
 )
 def test_what_cannot_be_collected_is_refused_in_one_line(call, motion, tmp_path, arguments, says):

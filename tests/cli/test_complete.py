@@ -45,6 +45,7 @@ def complete(call: Call, session: Path, monkeypatch: pytest.MonkeyPatch) -> Comp
         (["calibrate", "-e", "no_such", "--set", ""], []),
         (["calibrate", "--arm", "g"], ["gold", "green"]),
         (["collect", "--robot", "dvrk_psm", "--arm", "p"], ["psm1", "psm2", "psm3"]),
+        (["collect", "--topic", "measured_c"], ["measured_cp=", "measured_cv="]),
         (["collect", "--robot", "no_such.toml", "--arm", ""], []),
         (["check", "m.st", "random.parquet", "--arm", "r"], ["right"]),
         (["check", "nothing.st", "random.parquet", "--arm", "r"], ["right"]),

@@ -212,3 +212,16 @@ def test_tool_pose_is_in_the_frame_of_the_topics(lagging_arm):
     assert pose[:3, 3] == pytest.approx(rotation @ base[:3, 3])
     assert pose[:3, :3] == pytest.approx(rotation @ base[:3, :3])
     assert pose[3] == pytest.approx([0, 0, 0, 1])
+
+
+def test_who_watches_hears_of_every_state(lagging_arm):
+    heard = []
+    lagging_arm.watch(heard.append)
+    lagging_arm.move_jr(np.full(7, 1e-3)).wait()
+    lagging_arm.pause()
+    lagging_arm.unwatch(heard.append)
+    lagging_arm.unwatch(heard.append)  # once more does nothing
+    lagging_arm.resume()
+    assert [(now.state, now.is_busy) for now in heard] == [
+        ("ENABLED", True), ("ENABLED", False), ("PAUSED", False),
+    ]  # fmt: skip

@@ -101,6 +101,7 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
     [
         ({"learner": "forest"}, "learner is 'forest'; it must be one of ridge, trees"),
         ({"plays": (0.0,)}, "plays is .*; it must be 1 to 32 half-widths"),
+        ({"plays": (1.1,)}, "plays is .*; it must be 1 to 32 half-widths"),
         ({"time_constants": ()}, "time_constants is .*; it must be 1 to 8 times"),
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
     ],

@@ -1,7 +1,14 @@
 """Tests of truejoint.monitor.pages and page: as a browser would see it, and in one."""
 
+import contextlib
+import json
+import os
+import queue
+import signal
 import socket
 import sys
+import urllib.error
+import urllib.request
 
 import numpy as np
 import pytest
@@ -12,18 +19,33 @@ from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
 from truejoint.crtk import Arm, Fault, FaultyBackend
-from truejoint.errors import CalibrationError, RecordingError, TruejointError
-from truejoint.monitor import ArmPage, RecordingPage
-from truejoint.monitor.page import Page, is_own_page
+from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
+from truejoint.monitor import ArmPage, RecordingPage, pages
+from truejoint.monitor.page import is_own_page
+from truejoint.monitor.process import ArmView, PageProcess, _plain, _samples
+from truejoint.monitor.samples import Samples
+from truejoint.monitor.view import Condition
 from truejoint.recordings import Recording
 
 SPOKEN = [Subprotocol(f"viser-v{viser.__version__}")]
 
 
+LOOP = pages._Pictures._loop
+
+
 @pytest.fixture
 def by_hand(monkeypatch):
-    """Pictures are made when a test asks for them."""
-    monkeypatch.setattr(Page, "run", lambda page, frame: None)
+    """Pictures are made when a test asks for them, those of an arm in this process."""
+    monkeypatch.setattr(pages, "PageProcess", Drawn)
+    monkeypatch.setattr(pages._Pictures, "_loop", lambda page: None)
+
+
+class Drawn(ArmView):
+    """Draws all that it is told at once."""
+
+    def show(self, row, condition):
+        super().show(row, condition)
+        self.draw()
 
 
 @pytest.fixture
@@ -41,19 +63,19 @@ def test_numbers_follow_the_arm(page, lagging_arm):
         lagging_arm.move_jp(lagging_arm.robot.home + way * np.eye(7)[0]).wait()
         page._frame()
         now = lagging_arm.measured_js()
-        assert "ENABLED" in page._page._status.content
+        assert "ENABLED" in page._page.page._status.content
         # The row that is shown is the latest that a reading of the encoders follows.
-        shown = page._shown[-1]
+        shown = page._page.rows[-1]
         assert now.t - 0.01 <= shown.t[0] <= now.t
-        assert f"{np.degrees(shown.reported[0, 0]):.2f}" in page._page._table.content
-        assert f'data-t="{shown.t[0]:.4f}"' in page._page._status.content
-    tool = lagging_arm.robot.kinematics.forward(page._shown[-1].reported[0])[:3, 3]
+        assert f"{np.degrees(shown.reported[0, 0]):.2f}" in page._page.page._table.content
+        assert f'data-t="{shown.t[0]:.4f}"' in page._page.page._status.content
+    tool = lagging_arm.robot.kinematics.forward(page._page.rows[-1].reported[0])[:3, 3]
     turned = lagging_arm.robot.kinematics.crtk_from_base[:3, :3] @ tool
-    assert page._page._bodies["reported"].tool == pytest.approx(turned, abs=1e-9)
-    assert sorted(page._page._bodies) == ["reported", "truth"]
+    assert page._page.page._bodies["reported"].tool == pytest.approx(turned, abs=1e-9)
+    assert sorted(page._page.page._bodies) == ["reported", "truth"]
     for _ in range(3):
         page._frame()
-    assert len(page._shown) == 2  # nothing new was reported
+    assert len(page._page.rows) == 2  # nothing new was reported
 
 
 def test_the_buttons_pause_and_resume_the_arm(page, lagging_arm):
@@ -61,11 +83,11 @@ def test_the_buttons_pause_and_resume_the_arm(page, lagging_arm):
     page._command("pause")
     assert lagging_arm.operating_state().state == "PAUSED"
     page._frame()
-    assert page._resume.visible
+    assert page._page.resume.visible
     page._command("resume")
     page._frame()
     assert lagging_arm.operating_state().state == "ENABLED"
-    assert not page._resume.visible
+    assert not page._page.resume.visible
     lagging_arm.disable()
     page._command("resume")  # refused: told to who looks, never raised
     assert lagging_arm.operating_state().state == "DISABLED"
@@ -74,14 +96,16 @@ def test_the_buttons_pause_and_resume_the_arm(page, lagging_arm):
 def test_an_arm_that_stops_reporting_turns_grey(page, lagging_arm, lagging_backend):
     _move(lagging_arm)
     page._frame()
-    tubes = page._page._bodies["reported"]._tubes
-    coloured, table = tubes.batched_colors.tolist(), page._page._table.content
+    tubes = page._page.page._bodies["reported"]._tubes
+    coloured, table = tubes.batched_colors.tolist(), page._page.page._table.content
     lagging_backend.time += 4.0
     page._frame()
-    assert "4.0 s ago" in page._page._status.content
-    assert "the newest state message is 4 s old" in page._page._status.content
-    assert 'class="stale"' in page._page._table.content
-    assert page._page._table.content == table.replace('id="joints"', 'id="joints" class="stale"')
+    assert "4.0 s ago" in page._page.page._status.content
+    assert "the newest state message is 4 s old" in page._page.page._status.content
+    assert 'class="stale"' in page._page.page._table.content
+    assert page._page.page._table.content == table.replace(
+        'id="joints"', 'id="joints" class="stale"'
+    )
     assert tubes.batched_colors.tolist() != coloured
     _move(lagging_arm)
     page._frame()
@@ -94,11 +118,11 @@ def test_a_fault_is_told(by_hand, lagging_backend):
     arm.home()
     with ArmPage(arm, port=0) as page:
         page._frame()
-        assert "no state message yet" in page._page._status.content
+        assert "no state message yet" in page._page.page._status.content
         lagging_backend.time = 3.0
         page._frame()
-        assert "FAULT" in page._page._status.content
-        assert "clear the fault on the robot" in page._page._status.content
+        assert "FAULT" in page._page.page._status.content
+        assert "clear the fault on the robot" in page._page.page._status.content
 
 
 def test_a_model_that_the_arm_cannot_serve_is_named_and_the_arm_still_shown(
@@ -110,11 +134,11 @@ def test_a_model_that_the_arm_cannot_serve_is_named_and_the_arm_still_shown(
     monkeypatch.setattr(page._live, "row", refuse)
     _move(lagging_arm)
     page._frame()
-    assert "does not report x" in page._page._status.content
+    assert "does not report x" in page._page.page._status.content
     _move(lagging_arm)
     page._frame()
-    assert "does not report x" in page._page._status.content
-    assert "shoulder" in page._page._table.content
+    assert "does not report x" in page._page.page._status.content
+    assert "shoulder" in page._page.page._table.content
 
 
 def test_an_arm_that_once_gives_no_answer_is_corrected_on(page, lagging_arm, monkeypatch):
@@ -125,7 +149,7 @@ def test_an_arm_that_once_gives_no_answer_is_corrected_on(page, lagging_arm, mon
         page._frame()
     assert not page._refusal
     assert page._live is live
-    assert len(page._shown) == 1
+    assert len(page._page.rows) == 1
 
 
 def test_a_robot_without_kinematics_has_plots_alone(by_hand, jaw_recording, jaw_model):
@@ -191,11 +215,11 @@ def test_whose_page_it_is(origin, asked, host, own):
 
 
 def test_nothing_is_shared_with_the_outside(page):
-    assert page._page._server.request_share_url(verbose=False) is None
-    assert page._page._server._share_tunnel is None
+    assert page._page.page._server.request_share_url(verbose=False) is None
+    assert page._page.page._server._share_tunnel is None
 
 
-def test_a_port_that_is_taken_is_refused(lagging_arm):
+def test_a_port_that_is_taken_is_refused(by_hand, lagging_arm):
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]
         with pytest.raises(TruejointError, match=f"port {port}: cannot listen there: .*--port"):
@@ -218,13 +242,15 @@ def test_a_closed_page_lets_the_arm_and_the_port_go(by_hand, lagging_arm, capsys
     assert capsys.readouterr().out == ""
 
 
-def test_a_page_that_fails_says_so(page, monkeypatch):
-    def fail():
-        raise ZeroDivisionError("by mistake")
-
-    with pytest.raises(ZeroDivisionError):
-        page._page._loop(fail)
-    assert "the page has stopped</b> by mistake" in page._page._status.content
+def test_a_page_that_fails_says_so_and_lets_the_arm_go_on(page, lagging_arm, monkeypatch, caplog):
+    loop = LOOP.__get__(page)
+    with monkeypatch.context() as patch:
+        patch.setattr(page, "_row", lambda condition: 1 / 0)
+        loop()
+    assert "the page has stopped</b> division by zero" in page._page.page._status.content
+    assert "page has stopped, the arm goes on: division by zero" in caplog.text
+    _move(lagging_arm)
+    assert not page._inbox
 
 
 def test_another_joint_can_be_looked_at_while_the_arm_stands(page, lagging_arm):
@@ -232,9 +258,9 @@ def test_another_joint_can_be_looked_at_while_the_arm_stands(page, lagging_arm):
         _move(lagging_arm)
         page._frame()
     page._frame()  # nothing new
-    page._page._joint.value = "elbow"
-    page._page._replot()
-    plot = page._page._plots["position"]
+    page._page.page._joint.value = "elbow"
+    page._page.page._replot()
+    plot = page._page.page._plots["position"]
     assert plot.title == "elbow [deg]"
     assert len(plot.data[0]) == 6
 
@@ -242,6 +268,46 @@ def test_another_joint_can_be_looked_at_while_the_arm_stands(page, lagging_arm):
 def test_what_is_no_recording_is_refused():
     with pytest.raises(RecordingError, match="not a Recording"):
         RecordingPage("run.csv")
+
+
+def test_the_page_of_an_arm_is_drawn_by_a_process_of_its_own(lagging_arm, tmp_path, monkeypatch):
+    (tmp_path / "viser.py").write_text("raise SystemExit('a stranger')")
+    monkeypatch.chdir(tmp_path)  # whose modules are not the page's
+    asked = queue.Queue()
+    shown = PageProcess(lagging_arm.robot, asked.put, host="127.0.0.1", port=0)
+    with contextlib.closing(shown):
+        assert shown.pid != os.getpid()
+        shown.show(None, Condition("ENABLED"))
+        shown.say(CommandRefused("no"))
+        page = lambda: urllib.request.urlopen(shown.url, timeout=20)  # noqa: E731, S310
+        assert page().status == 200
+        os.kill(shown.pid, signal.SIGINT)  # as Ctrl-C in the terminal of both
+        assert page().status == 200
+    with pytest.raises(urllib.error.URLError):
+        page()
+    with pytest.raises(BrokenPipeError):
+        shown.show(None, Condition("ENABLED"))
+    with pytest.raises(TruejointError, match=r"203\.0\.113\.9, port 0: cannot listen there"):
+        PageProcess(lagging_arm.robot, asked.put, host="203.0.113.9", port=0)
+
+
+def test_an_arm_goes_on_without_its_page(lagging_arm, caplog):
+    with ArmPage(lagging_arm, port=0) as page:
+        os.kill(page._page.pid, signal.SIGKILL)
+        page._thread.join(20)
+        assert "the page has stopped, the arm goes on" in caplog.text.replace("monitor's ", "")
+        _move(lagging_arm)
+        assert not page._inbox
+
+
+def test_a_row_is_told_as_it_is(jaw_recording, jaw_model):
+    samples = Samples.of_recording(jaw_recording, jaw_model).rows(slice(3, 4))
+    samples.truth[:] = np.nan
+    told = _samples(json.loads(json.dumps(_plain(samples))))
+    for name, value in vars(samples).items():
+        np.testing.assert_array_equal(getattr(told, name), value)
+        if isinstance(value, np.ndarray):
+            assert getattr(told, name).dtype == value.dtype
 
 
 @pytest.mark.skipif(chromium.FOUND is None, reason="chromium is not installed")

@@ -231,6 +231,17 @@ def test_a_pause_that_nobody_ends_ends_the_run(lagging_arm):
         follow(lagging_arm, STROKE)
 
 
+def test_an_arm_that_was_switched_off_for_an_hour_is_followed_with():
+    arm = simulated_arm("forceps", seed=1)
+    arm.enable()
+    arm.home()
+    arm.disable()
+    arm.wait(3600.0)  # it stands on its brakes, and reports nothing
+    arm.enable()
+    stroke = Trajectory(("jaw",), ("rad",), np.array([[0.0], [0.1]]))
+    assert follow(arm, stroke).rms[0] < 0.05
+
+
 def test_report_reads_well(lagging_arm):
     at_rest_at(lagging_arm, CENTRE)
     report = follow(lagging_arm, STROKE)

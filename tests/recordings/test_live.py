@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,15 @@ from truejoint.crtk.messages import (
     raven_state_fields,
 )
 from truejoint.errors import RecordingError
-from truejoint.recordings import Diagnosis, Recording, Verdict, diagnose, read_bag, write_bag
+from truejoint.recordings import (
+    Diagnosis,
+    Recording,
+    Verdict,
+    diagnose,
+    live,
+    read_bag,
+    write_bag,
+)
 from truejoint.recordings.live import LiveLink
 
 pytest.importorskip("rosbags", reason="rosbags is not installed (truejoint[ros])")
@@ -201,3 +210,14 @@ def test_what_cannot_be_judged_is_one_line(session):
         link.diagnose()
     with pytest.raises(RecordingError, match="no topic '/x'; there are"):
         LiveLink(ros, "raven2", truth="/x").__enter__()
+
+
+def test_of_a_long_listening_the_latest_messages_count(monkeypatch):
+    monkeypatch.setattr(live, "KEPT", 300)
+    heard = live.Heard("/joint_states", JOINT_STATE)
+    message = SimpleNamespace(name=["jaw"], position=[0.1], velocity=[], effort=[])
+    for t in range(1, 1001):
+        heard.take(float(t), float(t), message)
+    assert heard.times[[0, -1], 0].tolist() == [701.0, 1000.0]
+    ((_, _, stamps, fields, _),) = heard.lots()
+    assert len(stamps) == len(fields["position"]) == 300

@@ -16,7 +16,7 @@ from truejoint.crtk import StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
-from truejoint.recordings import Recorder, read_parquet, read_recording
+from truejoint.recordings import Recorder, read_parquet, read_recorded_topics, read_recording
 from truejoint.recordings.recorder import PAST_END, Decimator
 from truejoint.recordings.synchronise import AFTER, BACK
 from truejoint.robots import get_robot
@@ -274,3 +274,71 @@ def test_a_forceps_motion_is_recorded_calibrated_and_judged() -> None:
     assert np.degrees(np.sqrt(np.nanmean(test.error(("jaw",)) ** 2))) > 1.0
     assert left["linear"] < 0.8
     assert left["play_gated"] < 0.06  # 0.033; the reference encoder's own noise is 0.032
+
+
+def test_topics_are_kept_each_at_its_own_rate(tmp_path: Path) -> None:
+    arm = simulated_arm("raven2", "left", seed=2)
+    arm.enable()
+    arm.home()
+    told: list[StateBlock] = []
+    arm.subscribe(lambda block: told.append(block) if isinstance(block, StateBlock) else None)
+    rates = {"measured_js": 500.0, "measured_cp": 50.0, "operating_state": 1.0}
+    path = tmp_path / "run.parquet"
+    with Recorder(arm, state_rate=100.0, path=path, topics=rates) as recorder:
+        arm.move_jr(np.full(7, 0.01)).wait()
+        arm.pause()
+        arm.wait(3.0)
+        arm.resume()
+        arm.wait(1.0)
+    assert sorted(tmp_path.iterdir()) == [path, tmp_path / "run.topics.arrows"]
+    topics = read_recorded_topics(tmp_path / "run.topics.arrows")
+    assert sorted(topics) == sorted(rates)
+    whole = StateBlock.joined(told)
+    for name, every in (("measured_js", 2), ("measured_cp", 20)):
+        # Its stamps are the arm's own, whatever the state was thinned out to.
+        assert np.isin(topics[name]["t"], whole.t).all()
+        assert len(topics[name]) == pytest.approx(len(whole.t) / every, abs=2)
+        assert recorder.streams[name].rows == len(topics[name])
+    joints = topics["measured_js"]
+    shown = np.searchsorted(whole.t, joints["t"])
+    assert np.array_equal(joints["position/elbow"], whole.measured[shown, 1])
+    states = topics["operating_state"]
+    changes = states.loc[states["state"].ne(states["state"].shift())]
+    assert changes["state"].tolist() == ["ENABLED", "PAUSED", "ENABLED"]
+    assert np.diff(changes["t"])[1] == pytest.approx(3.0, abs=0.02)
+    assert states["is_homed"].all()
+    assert states["is_busy"].any()
+    recording = read_recording(tmp_path / "run.topics.arrows")
+    assert np.array_equal(recording.t, read_parquet(path).t)
+
+
+def test_topics_are_there_after_a_crash(arm: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    with Recorder(arm, path=path, topics={"measured_js": 100.0}):
+        arm.state(np.arange(600) * 1e-3)
+        left = read_recorded_topics(tmp_path / "run.unfinished.arrows")
+    assert len(left["measured_js"]) == 60
+    recorder = Recorder(arm, path=path, topics={"measured_js": 100.0}, overwrite=True)
+
+    def crash() -> None:
+        with recorder:
+            arm.state(np.arange(600) * 1e-3)
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        crash()
+    assert sorted(found.name for found in tmp_path.iterdir()) == [
+        "run.parquet", "run.partial.parquet", "run.partial.topics.arrows", "run.topics.arrows",
+    ]  # fmt: skip
+
+
+def test_topics_need_a_place_of_their_own(arm: Any, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="topics are kept on the disk alone; give a path"):
+        Recorder(arm, topics={"measured_js": 100.0})
+    (tmp_path / "run.topics.arrows").touch()
+    with pytest.raises(RecordingError, match=r"run\.topics\.arrows: exists already"):
+        Recorder(arm, path=tmp_path / "run.parquet", topics={"measured_js": 100.0})
+    with Recorder(arm, path=tmp_path / "no.parquet"):
+        arm.state(np.arange(600) * 1e-3)
+        with pytest.raises(RecordingError, match="holds no topic"):
+            read_recorded_topics(tmp_path / "no.unfinished.arrows")

@@ -219,6 +219,7 @@ def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging
     lagging_arm.subscribe(blocks.append)
     motion = track(lagging_arm, compensator, wanted[:, None])
     assert motion.setpoint.shape == motion.corrected.shape == (1000, 1)
+    assert np.array_equal(motion.wanted[:, 0], wanted[1::2])
     states = [block for block in blocks if hasattr(block, "measured")]
     measured = np.concatenate([block.measured for block in states])[1:]
     column = robot.channels.index("insertion")
@@ -226,6 +227,17 @@ def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging
     assert np.abs(error[300:]).max() < 2e-4
     others = np.delete(measured, column, axis=1)
     assert np.ptp(others, axis=0).max() == 0.0
+
+
+def test_who_is_held_back_by_speed_is_not_at_the_end_of_the_range():
+    compensator = quick(Told(0.0))
+    compensator.start([0.0])
+    for wanted in (0.0, 0.5):  # faster than the joint may go
+        compensator.step(0.0, [0.0], [wanted])
+    assert compensator.is_limited.any()
+    assert not compensator.at_limit.any()
+    compensator.setpoint[:] = compensator._upper
+    assert compensator.at_limit.all()
 
 
 def test_the_first_set_point_is_the_arms_and_the_rest_is_made_up_for_slowly():

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 import truejoint
+from truejoint.cli import complete
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.inputs import read_trajectory, say_dropped
 from truejoint.cli.options import Arm as ArmOption
@@ -19,11 +20,12 @@ from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from truejoint.motion.follow import Steering
     from truejoint.recordings.recorder import TruthSource
     from truejoint.recordings.serial_sensors import JointEncoders
+    from truejoint.recordings.stream_file import StreamSize
 
 _REZERO: Final = 10.0  # of random motion [s]
 _LEG: Final = 30.0  # [s], after which it is asked whether that is enough
@@ -39,12 +41,14 @@ def record(
     state_rate: float = 30.0,
     label: str | None = None,
     truth: TruthSource | None = None,
+    topics: Mapping[str, float] | None = None,
     steering: Steering | None = None,
     until_enough: bool = False,
     overwrite: bool = False,
-) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport]:
+) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport, Mapping[str, StreamSize]]:
     """Follow a trajectory with a homed arm and write what it does, showing progress.
 
+    Gives the recording, how the trajectory was kept, and how much of each stream was written.
     With `until_enough`, only as far as a linear calibration is expected to gain by twice the time.
     Whatever stops the motion, what was recorded until then is kept, under a name of its own.
     """
@@ -53,6 +57,7 @@ def record(
         state_rate=state_rate,
         path=target,
         truth=truth,
+        topics=topics or {},
         overwrite=overwrite,
         session=trajectory.name,
         load=load,
@@ -68,7 +73,7 @@ def record(
         if recorder.written is not None:
             say(f"stopped; what was recorded until then is in {recorder.written}")
         raise
-    return recorder.recording(str(target)), report
+    return recorder.recording(str(target)), report, recorder.streams
 
 
 def follow_until_enough(
@@ -134,6 +139,15 @@ def collect(
         ),
     ] = None,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=HZ",
+            help="CRTK topic to record beside, at most so often, for instance measured_cp=100; "
+            "into FILE.topics.arrows.",
+            autocompletion=complete.topics,
+        ),
+    ] = None,
     twin: Annotated[
         str,
         typer.Option(
@@ -167,7 +181,8 @@ def collect(
     """
     if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
         raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
-    pairs = _to_record(trajectories, output, resume=resume, force=force)
+    topics = _parse_topics(topic or [])
+    pairs = _to_record(trajectories, output, topics, resume=resume, force=force)
     if not pairs:
         say("nothing is left to record")
         if as_json:
@@ -182,6 +197,7 @@ def collect(
         device = stack.enter_context(truejoint.crtk.Arm(kind(made)))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
+        truejoint.crtk.check_topics(device.robot, topics)
         model = None if compensate is None else _model_for(compensate, device.robot)
         output.mkdir(parents=True, exist_ok=True)
         truth = None
@@ -194,27 +210,72 @@ def collect(
         rezeroing = _REZERO if rezero_s is None else rezero_s
         loop = None if model is None else steered(device, model, rezeroing, truth)
         for trajectory, target in pairs:
-            recording, report = record(
+            recording, report, streams = record(
                 device,
                 trajectory,
                 target,
                 load=load_grams / 1e3,
                 state_rate=state_rate_hz,
                 truth=truth,
+                topics=topics,
                 steering=loop,
                 until_enough=until_enough,
                 overwrite=force,
             )
-            facts = {"file": str(target), "rows": len(recording), "tracking": report.to_dict()}
-            rows.append({**facts, "dropped": dict(recording.provenance.dropped)})
+            rows.append(_row(target, recording, report, streams))
             if not as_json:
-                size = target.stat().st_size / 1e6
-                out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
-                say_dropped(recording)
+                _tell(target, recording, report, {name: streams.get(name) for name in topics})
     if loop is not None:
         say(f"steps of the loop by what was said of the sample: {told(loop)}")
     if as_json:
         result_json({"recordings": rows})
+
+
+def _row(
+    target: Path,
+    recording: truejoint.Recording,
+    report: truejoint.motion.TrackingReport,
+    streams: Mapping[str, StreamSize],
+) -> dict[str, Any]:
+    """Describe what was recorded, for --json."""
+    return {
+        "file": str(target),
+        "rows": len(recording),
+        "tracking": report.to_dict(),
+        "dropped": dict(recording.provenance.dropped),
+        "streams": {
+            name: {"rows": stream.rows, "rate_hz": stream.rate, "bytes": stream.size}
+            for name, stream in streams.items()
+        },
+    }
+
+
+def _tell(
+    target: Path,
+    recording: truejoint.Recording,
+    report: truejoint.motion.TrackingReport,
+    topics: Mapping[str, StreamSize | None],
+) -> None:
+    """Say what was recorded, each topic with its rate and size."""
+    size = target.stat().st_size / 1e6
+    out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
+    for name, stream in topics.items():
+        out.print(f"  {name}: {stream or 'nothing was said'}")
+    say_dropped(recording)
+
+
+def _parse_topics(texts: list[str]) -> dict[str, float]:
+    """Rates [Hz] by topic, of texts like ``measured_cp=100``."""
+    rates = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            rates[name] = float(number)
+        except ValueError:
+            raise RecordingError(
+                f"--topic {text!r:.60}: write NAME=HZ, such as measured_cp=100"
+            ) from None
+    return rates
 
 
 def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
@@ -260,7 +321,12 @@ def told(loop: truejoint.runtime.Compensator) -> str:
 
 
 def _to_record(
-    trajectories: list[Path], output: Path, *, resume: bool, force: bool
+    trajectories: list[Path],
+    output: Path,
+    topics: Mapping[str, float],
+    *,
+    resume: bool,
+    force: bool,
 ) -> list[tuple[truejoint.motion.Trajectory, Path]]:
     """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
     pairs = [(path, output / f"{path.stem}.parquet") for path in trajectories]
@@ -269,6 +335,8 @@ def _to_record(
         for target in done:
             say(f"{target}: recorded already")
         pairs = [(path, target) for path, target in pairs if target not in done]
+    from truejoint.recordings.recorder import topics_beside  # noqa: PLC0415  # not for help
+
     loaded = [(read_trajectory(path), target) for path, target in pairs]
     targets = [target for _, target in pairs]
     for target in targets:
@@ -276,7 +344,8 @@ def _to_record(
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
-        check_target(target, overwrite=force, makes_folder=True)
+        for path in (target, topics_beside(target)) if topics else (target,):
+            check_target(path, overwrite=force, makes_folder=True)
     return loaded
 
 

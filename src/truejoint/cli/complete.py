@@ -38,6 +38,11 @@ def formats() -> list[str]:
     return list(truejoint.recordings.format_names())
 
 
+def topics() -> list[str]:
+    """List the CRTK topics that can be recorded, as ``NAME=``."""
+    return [f"{name}=" for name in truejoint.crtk.TOPICS]
+
+
 def directions() -> list[str]:
     """Directions of a zig-zag."""
     return list(truejoint.motion.DIRECTIONS)

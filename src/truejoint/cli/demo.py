@@ -136,7 +136,7 @@ def _collected(folder: Path, seed: int) -> _Collected:
     def recorded(path: truejoint.motion.Trajectory, name: str) -> truejoint.Recording:
         truejoint.motion.write_trajectory(path, folder / f"{name}.csv", overwrite=True)
         target = folder / f"{name}.parquet"
-        recording, report = record(
+        recording, report, _ = record(
             arm, path, target, load=twin.load, label=f"   {path.name}", overwrite=True
         )
         say(f"   {len(recording)} rows; {report}")

@@ -41,7 +41,8 @@ def doctor(
         typer.Option(
             min=1.0,
             max=600.0,
-            help="For how long to listen, live [s]; default: 10. Ctrl-C ends it.",
+            help="For how long to listen, live [s]; default: 10. Ctrl-C ends it. The latest "
+            "100,000 messages of a topic count.",
         ),
     ] = None,
     ros: Annotated[

@@ -11,6 +11,7 @@ from truejoint.crtk.planning import BLEND, TimeLaw, time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
 from truejoint.crtk.ros import open_transport
 from truejoint.crtk.states import STATE_COMMANDS, JointState, OperatingState
+from truejoint.crtk.topics import TOPICS, check_topics
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "BLOCK_DURATION",
     "SERVO_RATE",
     "STATE_COMMANDS",
+    "TOPICS",
     "Arm",
     "Backend",
     "Fault",
@@ -34,6 +36,7 @@ __all__ = [
     "StateBlock",
     "TimeLaw",
     "TruthBlock",
+    "check_topics",
     "open_transport",
     "simulated_arm",
     "time_law",

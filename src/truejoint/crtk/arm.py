@@ -5,7 +5,7 @@ from __future__ import annotations
 import atexit
 import threading
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
 from typing import Final, Self
@@ -21,6 +21,7 @@ from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SERVO_RATE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.subscription import Subscription
+from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -85,6 +86,8 @@ class Arm:
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._subscriptions: list[Subscription] = []
+        self._watchers: list[Callable[[OperatingState], None]] = []
+        self._telling = threading.RLock()  # of who watches
         self._latest: StateBlock | None = None
         self._lock = threading.RLock()  # of what follows
         self._motion: Motion | None = None
@@ -146,6 +149,7 @@ class Arm:
             self._backend.state_command(known, limit)
         if command == "unhome":
             self._latest = None
+        self._tell_watchers()
 
     def enable(self, timeout: float | None = None) -> None:
         """Switch the motors on."""
@@ -365,6 +369,27 @@ class Arm:
             self._subscriptions.remove(subscription)
             subscription.flush()
 
+    def watch(self, callback: Callable[[OperatingState], None]) -> None:
+        """Call `callback` with the operating state whenever this controller has changed it.
+
+        By a state command, or as a motion begins and ends, in the thread that does it: the callback
+        must neither block nor raise.
+        """
+        self._watchers.append(callback)
+
+    def unwatch(self, callback: Callable[[OperatingState], None]) -> None:
+        """Stop calling `callback`; one that does not watch is left alone."""
+        with suppress(ValueError):
+            self._watchers.remove(callback)
+
+    def _tell_watchers(self) -> None:
+        if not self._watchers:
+            return
+        with self._telling:  # else an older state could be told after a newer one
+            now = self.operating_state()
+            for callback in tuple(self._watchers):
+                callback(now)
+
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
             self._latest = block
@@ -392,9 +417,7 @@ class Arm:
 
     def _joint_state(self, block: StateBlock, position: Array, velocity: Array) -> JointState:
         t, names, columns = float(block.t[-1]), self.robot.joint_names, self._joint_channels
-        effort = block.effort[-1, columns] if block.effort.shape[1] else np.empty(0)
-        if self.robot.transmission is not None and self.robot.effort == "motor" and effort.size:
-            effort = self.robot.transmission.joint_effort(effort)
+        effort = joint_efforts(self.robot, block.rows(slice(-1, None)))[0]
         return JointState(t, names, position[-1, columns], velocity[-1, columns], effort)
 
     def _check_control(self, command: str) -> None:
@@ -446,6 +469,7 @@ class Arm:
             check_ready(self.operating_state(), command)
             self._asked = ""
             self._motion = motion = Motion(command, duration, self._stop)
+        self._tell_watchers()
         return motion
 
     def _run(self, motion: Motion, pieces: Iterator[Array], *, waits: bool = True) -> None:
@@ -481,6 +505,7 @@ class Arm:
             with self._lock:
                 self._motion, self._driver = None, 0
             motion.ended(error)
+            self._tell_watchers()
 
     def _send(self, motion: Motion, rows: Array) -> None:
         """Send set-points, in pieces as long as subscribers want blocks, until asked to stop."""

@@ -20,15 +20,15 @@ _TURN: Final = np.deg2rad(2.0)
 
 
 def pose(kinematics: Kinematics, joint: ArrayLike) -> Array:
-    """Tool pose (4, 4) [m] at joint positions (n_joints,) [rad or m]."""
+    """Tool poses (..., 4, 4) [m] at joint positions (..., n_joints) [rad or m]."""
     return np.asarray(kinematics.crtk_from_base @ kinematics.forward(joint))
 
 
 def jacobian(kinematics: Kinematics, joint: ArrayLike) -> Array:
-    """Geometric Jacobian (6, n_joints) at the tool: velocity over angular velocity."""
+    """Geometric Jacobian (..., 6, n_joints) at the tool: velocity over angular velocity."""
     turned = kinematics.crtk_from_base[:3, :3]
     rows = kinematics.jacobian(joint)
-    return np.vstack([turned @ rows[:3], turned @ rows[3:]])
+    return np.concatenate([turned @ rows[..., :3, :], turned @ rows[..., 3:, :]], axis=-2)
 
 
 def joints_at(kinematics: Kinematics, target: ArrayLike, seed: Array) -> Array:

@@ -6,7 +6,6 @@ import contextlib
 import io
 import socket
 import threading
-import time
 from collections.abc import Callable, Sequence
 from typing import Any, Final
 from urllib.parse import urlsplit
@@ -76,8 +75,6 @@ class Page:
         self._bodies: dict[str, _Body] = {}
         self._plots: dict[str, Any] = {}
         self._titles: dict[str, tuple[str, ...]] = {}
-        self._closed = threading.Event()
-        self._thread: threading.Thread | None = None
         self._server = _listening(host, port)
         self.url: Final = f"http://{host}:{self._server.get_port()}"
         self._lay_out(controls)
@@ -113,18 +110,8 @@ class Page:
             self._joint.visible = len(self._joints) > 1
         self._joint.on_update(lambda _: self._replot())
 
-    def run(self, frame: Callable[[], None]) -> None:
-        """Call `frame` `FRAME_RATE` times a second, in a thread, until the page is closed."""
-        self._thread = threading.Thread(
-            target=self._loop, args=(frame,), name="monitor", daemon=True
-        )
-        self._thread.start()
-
     def close(self) -> None:
-        """Stop, and let the port go."""
-        self._closed.set()
-        if self._thread is not None and self._thread is not threading.current_thread():
-            self._thread.join(2.0)
+        """Let the port go."""
         with _silent():
             self._server.stop()
 
@@ -148,16 +135,10 @@ class Page:
         for client in self._server.get_clients().values():
             client.add_notification("Refused", str(error), color="red", auto_close_seconds=8.0)
 
-    def _loop(self, frame: Callable[[], None]) -> None:
-        due = time.monotonic()
-        while not self._closed.wait(max(due - time.monotonic(), 0.0)):
-            try:
-                frame()
-            except Exception as error:
-                stopped = view.Condition("the page has stopped", str(error), is_fresh=False)
-                self._status.content = view.status_html(stopped, self._latest)
-                raise
-            due = max(due + 1.0 / FRAME_RATE, time.monotonic())
+    def stopped(self, error: Exception) -> None:
+        """Say that nothing new will be shown, and why."""
+        condition = view.Condition("the page has stopped", str(error), is_fresh=False)
+        self._status.content = view.status_html(condition, self._latest)
 
     def _set_theme(self, *, dark: bool) -> None:
         self._server.gui.configure_theme(

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import abc
+import logging
 import math
 import sys
+import threading
 import time
 from collections import deque
 from contextlib import suppress
@@ -16,23 +19,25 @@ from truejoint.calibration import Calibration
 from truejoint.crtk.arm import Arm
 from truejoint.errors import TruejointError
 from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
-from truejoint.monitor.samples import LiveSamples, Samples
+from truejoint.monitor.process import PLOT_EVERY, PageProcess
+from truejoint.monitor.samples import MOST_ROWS, LiveSamples, Samples
 from truejoint.monitor.view import Condition
 from truejoint.recordings.recording import Recording, as_recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
-_PLOT_EVERY: Final = 3  # pictures
 _MOST_POINTS: Final = 600  # of a curve
 # A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s]:
 # a fifth of what makes a period late (`LoopTiming`).
 _SWITCH_INTERVAL: Final = 1e-4
 _SPEEDS: Final = ("0.25", "1", "2", "5", "20")
 
+_log = logging.getLogger(__name__)
 
-class _Closing:
-    """Is taken down when its `with` block is left."""
 
-    _page: Page
+class _Pictures(abc.ABC):
+    """Makes pictures in a thread, from `_start` until its `with` block is left."""
+
+    _page: Any
 
     def __enter__(self) -> Self:
         return self
@@ -42,16 +47,42 @@ class _Closing:
 
     def close(self) -> None:
         """Take the page down."""
+        self._closed.set()
+        self._thread.join(2.0)
         self._page.close()
 
+    @abc.abstractmethod
+    def _frame(self) -> None:
+        """Make one picture."""
 
-class ArmPage(_Closing):
+    @abc.abstractmethod
+    def _failed(self, error: Exception) -> None:
+        """Say that there will be no more."""
+
+    def _start(self) -> None:
+        self._closed = threading.Event()
+        self._thread = threading.Thread(target=self._loop, name="monitor", daemon=True)
+        self._thread.start()
+
+    def _loop(self) -> None:
+        due = time.monotonic()
+        while not self._closed.wait(max(due - time.monotonic(), 0.0)):
+            try:
+                self._frame()
+            except Exception as error:  # noqa: BLE001  # whatever it is, the arm goes on
+                self._failed(error)
+                return
+            due = max(due + 1.0 / FRAME_RATE, time.monotonic())
+
+
+class ArmPage(_Pictures):
     """A page in the browser that shows an arm while it works.
 
     It takes what the arm reports from a subscription that only keeps it, corrects every sample in a
-    thread of its own and shows 25 pictures a second: reported, corrected and true pose, positions,
-    corrections with their interval, efforts, and how evenly messages come. Its buttons pause and
-    resume the arm. It listens on this computer alone, and loads nothing from elsewhere.
+    thread of its own and shows 25 pictures a second, drawn by a process of their own: reported,
+    corrected and true pose, positions, corrections with their interval, efforts, and how evenly
+    messages come. Its buttons pause and resume the arm. It listens on this computer alone, and
+    loads nothing from elsewhere.
 
     Parameters
     ----------
@@ -79,7 +110,7 @@ class ArmPage(_Closing):
     Notes
     -----
     While the page is open, threads of this process take turns after 0.1 ms rather than Python's 5
-    (`sys.setswitchinterval`), so that drawing holds up no loop that runs beside it.
+    (`sys.setswitchinterval`), so that correcting holds up no loop that runs beside it.
 
     Examples
     --------
@@ -98,17 +129,15 @@ class ArmPage(_Closing):
     ) -> None:
         self._arm = arm
         self._live = LiveSamples(arm.robot, calibration)
-        self._inbox: deque[tuple[float, StateBlock | TruthBlock]] = deque()
+        self._inbox: deque[tuple[float, StateBlock | TruthBlock]] = deque(maxlen=2 * MOST_ROWS)
         self._last_arrival = math.nan
-        self._shown: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
-        self._count = 0
         self._refusal = ""
-        self._page = Page(arm.robot, arm.robot.joint_names, self._add_buttons, host=host, port=port)
+        self._page: PageProcess = PageProcess(arm.robot, self._command, host=host, port=port)
         self.url: Final = self._page.url
         self._switched = sys.getswitchinterval()
         sys.setswitchinterval(min(self._switched, _SWITCH_INTERVAL))
         arm.subscribe(self._receive)
-        self._page.run(self._frame)
+        self._start()
 
     def close(self) -> None:
         """Take the page down; the arm goes on."""
@@ -120,12 +149,6 @@ class ArmPage(_Closing):
         """Keep a block; in the arm's own thread, so no more than that."""
         self._inbox.append((time.perf_counter(), block))
 
-    def _add_buttons(self, gui: Any) -> None:
-        pause = gui.add_button("Pause the arm", color="red")
-        pause.on_click(lambda _: self._command("pause"))
-        self._resume = gui.add_button("Resume", visible=False)
-        self._resume.on_click(lambda _: self._command("resume"))
-
     def _command(self, name: str) -> None:
         try:
             self._arm.state_command(name)
@@ -134,19 +157,19 @@ class ArmPage(_Closing):
 
     def _frame(self) -> None:
         condition = Condition.of(self._arm)
-        paused = condition.state.startswith("PAUSED")
-        if self._resume.visible != paused:
-            self._resume.visible = paused
         row = self._row(condition)
-        if row is not None:
-            self._shown.append(row)
-        self._count += 1
         if self._refusal:
             reasons = filter(None, (condition.reason, self._refusal))
             condition = replace(condition, reason="; ".join(reasons))
-        replot = row is not None and self._count % _PLOT_EVERY == 0
-        samples = Samples.joined(self._shown) if self._shown else None
-        self._page.show(samples, condition, replot=replot)
+        self._page.show(row, condition)
+
+    def _failed(self, error: Exception) -> None:
+        """Say it in the log, and on the page if that is still there."""
+        self._arm.unsubscribe(self._receive)
+        self._inbox.clear()
+        _log.warning("the monitor's page has stopped, the arm goes on: %s", error)
+        with suppress(OSError):
+            self._page.show(None, Condition("the page has stopped", str(error), is_fresh=False))
 
     def _row(self, condition: Condition) -> Samples | None:
         """Make a row of what came since the last picture."""
@@ -173,7 +196,7 @@ class ArmPage(_Closing):
             return None
 
 
-class RecordingPage(_Closing):
+class RecordingPage(_Pictures):
     """A page in the browser that shows a recording, to be played and scrubbed through.
 
     Parameters
@@ -219,11 +242,11 @@ class RecordingPage(_Closing):
         self._drawn = math.nan
         self._count = 0
         self._last = time.monotonic()
-        self._page = Page(
+        self._page: Page = Page(
             recording.robot, self._samples.joints, self._add_controls, host=host, port=port
         )
         self.url: Final = self._page.url
-        self._page.run(self._frame)
+        self._start()
 
     def _add_controls(self, gui: Any) -> None:
         self._slider = gui.add_slider("Time [s]", self._t, self._end, 0.01, self._t)
@@ -247,10 +270,13 @@ class RecordingPage(_Closing):
             return
         self._drawn = self._t
         self._count += 1
-        replot = not self._play.value or self._count % _PLOT_EVERY == 0
+        replot = not self._play.value or self._count % PLOT_EVERY == 0
         window = self.window(self._t)
         condition = Condition("recording", t=float(window.t[-1]))
         self._page.show(window, condition, replot=replot)
+
+    def _failed(self, error: Exception) -> None:
+        self._page.stopped(error)
 
     def window(self, t: float) -> Samples:
         """Rows that the plots show at `t` [s]: the 10 s before it, thinned out to what is seen."""

@@ -5,18 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.recordings.recording import Recording, default_unit
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.runtime.corrector import Corrector, corrector_for
 from truejoint.runtime.status import Status
+
+if TYPE_CHECKING:  # the process that draws needs neither them nor the corrector
+    from truejoint.calibration import Calibration
+    from truejoint.recordings.recording import Recording
 
 MOST_ROWS: Final = 5000
 """State messages that are corrected for one picture; of more, as an arm faster than real time
@@ -97,6 +98,8 @@ class Samples:
         corrected, half_width = np.full((2, n, len(joints)), np.nan)
         status = np.zeros(n, dtype=np.int64)
         if calibration is not None:
+            from truejoint.runtime.corrector import corrector_for  # noqa: PLC0415
+
             calibration.check_recording(recording)
             corrector = corrector_for(calibration, [recording])
             corrector.set_homing(True, recording.provenance.homing_id or None)
@@ -145,6 +148,9 @@ class LiveSamples:
     """
 
     def __init__(self, robot: Robot, calibration: Calibration | None = None) -> None:
+        from truejoint.recordings.recording import default_unit  # noqa: PLC0415
+        from truejoint.runtime.corrector import Corrector  # noqa: PLC0415
+
         if calibration is not None:
             calibration.check_robot(robot)
         self.robot: Final = robot

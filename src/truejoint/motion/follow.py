@@ -161,7 +161,7 @@ def follow(
     trajectory.check_within(arm.robot)
     law, caps = _timed(arm.robot, trajectory, speed_scale, speed)
     columns = arm.robot.index(trajectory.joints)
-    pose = arm.setpoint_js().position.copy()
+    pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
     pose[columns] = trajectory.positions[0]
     run = _Run(law, pose, columns, progress, steering)
     run.approach(arm, pose)

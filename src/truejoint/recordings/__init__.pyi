@@ -31,6 +31,7 @@ from .reading import read_recordings as read_recordings
 from .recorder import Recorder as Recorder
 from .recording import Provenance as Provenance
 from .recording import Recording as Recording
+from .stream_file import read_recorded_topics as read_recorded_topics
 from .synchronise import Stream as Stream
 from .synchronise import synchronise as synchronise
 from .tracker import Track as Track

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, Final, Self
@@ -33,6 +34,8 @@ _STEPS: Final = 10.0  # usual steps for which a slow topic may say nothing
 _CLOCK: Final = 0.1  # [s] by which stamps may differ from this computer's clock
 _RAVEN_FIELDS: Final = (*(RAVEN_FIELDS[quantity][0] for quantity in USUAL_QUANTITIES), "runlevel")
 _SECOND: Final = 1e9  # ns
+KEPT: Final = 100_000
+"""Latest messages of a topic that are kept: 100 s at 1 kHz, some 100 MB of RAVEN-II's states."""
 
 _Layout = tuple[tuple[str, ...], tuple[int, ...]]  # names in a message, and lengths of its lists
 
@@ -45,7 +48,8 @@ class LiveLink:
     """Keeps what is said on an arm's topics from entering to leaving, and judges it.
 
     Every joint state and every state of a RAVEN-II that somebody publishes is kept, as rosbag
-    would; which of them are the arm's is told afterwards, as it is of a bag.
+    would, the latest `KEPT` of each topic; which of them are the arm's is told afterwards, as it is
+    of a bag.
 
     Parameters
     ----------
@@ -162,7 +166,7 @@ class Heard:
         others = (HOMED,) if kind in OPERATING_STATES else JOINT_FIELDS
         self._fields = _RAVEN_FIELDS if self.is_raven else others
         self._lacking = ""
-        self._rows: list[tuple[float, float, _Layout, Array]] = []
+        self._rows: deque[tuple[float, float, _Layout, Array]] = deque(maxlen=KEPT)
 
     def take(self, arrival: float, stamp: float, message: Any) -> None:
         """Keep a message that came at `arrival` and says that it is of `stamp` [s]."""

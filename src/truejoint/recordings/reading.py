@@ -24,7 +24,7 @@ from truejoint.recordings.readers import (
     raven_csv,
 )
 from truejoint.recordings.recording import Recording, as_recordings
-from truejoint.recordings.stream_file import SUFFIX
+from truejoint.recordings.stream_file import SUFFIX, TOPICS_SUFFIX
 
 PROVENANCE_OPTIONS: Final = ("load", "homing_id", "session", "notes")
 """What a caller may state about any file, and that replaces what the file says."""
@@ -136,6 +136,8 @@ def why_no_recording(
     """
     try:
         name = detect_format(path, with_map=column_map is not None)
+        if path.name.endswith(TOPICS_SUFFIX):
+            return "holds the topics of another recording"
         if name == "csv":
             mapping, _, _ = mapped.read_header(path, column_map, rate=0.0)
             if not any(column.startswith("measured/") for column in mapping.columns):

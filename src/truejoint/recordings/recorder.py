@@ -6,20 +6,30 @@ import math
 import os
 import threading
 import types
-from collections.abc import Callable
-from dataclasses import KW_ONLY, dataclass
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import Final, Protocol, Self
 
 import numpy as np
 
 from truejoint.array_types import Array, Mask
-from truejoint.crtk import Arm, StateBlock, TruthBlock
+from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, free_name, uninterrupted
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording
-from truejoint.recordings.stream_file import STATE, SUFFIX, TRUTH, StreamWriter, assembled
+from truejoint.recordings.stream_file import (
+    STATE,
+    SUFFIX,
+    TOPICS_SUFFIX,
+    TRUTH,
+    StreamSize,
+    StreamWriter,
+    assembled,
+)
 from truejoint.recordings.synchronise import Stream
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
@@ -91,8 +101,13 @@ class Recorder:
         Rows later than this after the first are counted and not kept [s].
     path : path-like, optional
         Parquet file to write when the block is left; where it was written is in `written`.
+    topics : mapping of str to float, optional
+        CRTK topics (`truejoint.crtk.topics.TOPICS`) to keep as well, with a `path`, each at most so
+        often [Hz] and with its own stamps; ``operating_state`` also whenever it changes. They stand
+        beside state and truth in the stream, which is then kept as ``<name>.topics.arrows``
+        (`read_recorded_topics`).
     overwrite : bool
-        Whether a file at `path` may be replaced by a whole recording.
+        Whether files at `path` and beside it may be replaced by a whole recording.
     homing_id : str, optional
         What the positions count from; by default the arm's own name of its homing.
     session, command : str
@@ -115,6 +130,7 @@ class Recorder:
     gap_limit: float = 0.05
     max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
+    topics: Mapping[str, float] = field(default_factory=dict)
     overwrite: bool = False
     session: str = ""
     homing_id: str | None = None
@@ -130,8 +146,13 @@ class Recorder:
         self.written: Path | None = None
         self._stream: StreamWriter | None = None
         self._lock = threading.Lock()
+        check_topics(self.arm.robot, self.topics)
+        if self.topics and self.path is None:
+            raise RecordingError("recorder: topics are kept on the disk alone; give a path")
         if self.path is not None:
-            check_target(Path(self.path), overwrite=self.overwrite, error=RecordingError)
+            paths = [Path(self.path), *([topics_beside(self.path)] if self.topics else [])]
+            for path in paths:
+                check_target(path, overwrite=self.overwrite, error=RecordingError)
         if self.homing_id is None:
             self.homing_id = self.arm.homing_id
         self._clear()
@@ -140,6 +161,9 @@ class Recorder:
         self._clear()
         self._stream = None if self.path is None else self._open(Path(self.path))
         self.arm.subscribe(self._from_arm, every=_PIECE)
+        if OPERATING_STATE in self.topics:
+            self.arm.watch(self._keep_state)
+            self._keep_state(self.arm.operating_state())
         if self.truth is not None:
             self.truth.subscribe(self._receive)
         return self
@@ -151,6 +175,8 @@ class Recorder:
         trace: types.TracebackType | None,
     ) -> None:
         self.arm.unsubscribe(self._from_arm)
+        if OPERATING_STATE in self.topics:
+            self.arm.unwatch(self._keep_state)
         if self.truth is not None:
             self.truth.unsubscribe(self._receive)
         if kind is not None:
@@ -171,6 +197,11 @@ class Recorder:
     def size(self) -> int:
         """Bytes on disk so far; 0 without a `path`."""
         return self._stream.size if self._stream else 0
+
+    @property
+    def streams(self) -> dict[str, StreamSize]:
+        """Rows, rate and bytes on disk so far of state, truth and each topic."""
+        return dict(self._stream.streams) if self._stream else {}
 
     def recording(self, source: str = "") -> Recording:
         """Make a recording of what there is so far; may be called while recording goes on.
@@ -218,7 +249,13 @@ class Recorder:
             self.written = stream.path
             raise RecordingError(f"{error}; the recording is in {stream.path}") from None
         self.written = path
-        stream.path.unlink()
+        if not self.topics:
+            stream.path.unlink()
+            return
+        beside = topics_beside(path)
+        if beside.exists() and (stopped or not self.overwrite):
+            beside = free_name(beside, "partial")
+        stream.path.replace(beside)
 
     def _open(self, path: Path) -> StreamWriter:
         """Open the file that survives whatever ends the program."""
@@ -234,6 +271,8 @@ class Recorder:
     def _clear(self) -> None:
         self._state = _Rows(STATE, self.state_rate)
         self._truth = _Rows(TRUTH, math.inf if self.truth_rate is None else self.truth_rate)
+        self._thinning = {topic: Decimator(rate) for topic, rate in self.topics.items()}
+        self._states: list[OperatingState] = []  # not yet written
         self._first = math.nan
         self._past_end = 0
         self._stopped = ""
@@ -259,6 +298,41 @@ class Recorder:
             stream.pieces.append(piece)
             if self._stream is not None and len(piece.t):
                 self._stream.write(stream.name, piece.t, piece.columns)
+        if isinstance(block, StateBlock) and self.topics:
+            self._keep_topics(block.rows(~late))
+
+    def _keep_topics(self, block: StateBlock) -> None:
+        """Write what an arm's topics say of a block of its state messages."""
+        robot = self.arm.robot
+        for topic, decimator in self._thinning.items():
+            if topic == OPERATING_STATE:
+                if decimator.pick(block.t[-1:]).any():
+                    self._keep_state(self.arm.operating_state())
+                continue
+            rows = block.rows(decimator.pick(block.t))
+            with self._lock:
+                if self._stream is not None and len(rows.t):
+                    self._stream.write(topic, rows.t, topic_columns(robot, topic, rows))
+        self._write_states()
+
+    def _keep_state(self, state: OperatingState) -> None:
+        """Write an operating state; on a full disk with the next block, which then says so."""
+        with self._lock:
+            self._states.append(state)
+        with suppress(RecordingError):
+            self._write_states()
+
+    def _write_states(self) -> None:
+        with self._lock:
+            while self._stream is not None and self._states:
+                state = self._states[0]
+                self._stream.write(OPERATING_STATE, np.array([state.t]), state_columns(state))
+                del self._states[0]
+
+
+def topics_beside(path: str | os.PathLike[str]) -> Path:
+    """File of the topics that are recorded with a recording at `path`."""
+    return Path(path).with_suffix(TOPICS_SUFFIX)
 
 
 class _Rows:

@@ -5,15 +5,18 @@ from __future__ import annotations
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 
 from truejoint.array_types import Array
+from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
 from truejoint.errors import RecordingError, RobotError
 from truejoint.files import content_hash, is_as_written, reason
 from truejoint.recordings.files import require_file
@@ -23,6 +26,7 @@ from truejoint.recordings.synchronise import BACK, Stream, forward_rows, synchro
 from truejoint.robots import adopt_robot
 
 SUFFIX: Final = ".arrows"  # Arrow's own for streams
+TOPICS_SUFFIX: Final = f".topics{SUFFIX}"  # of what stands beside a recording
 STATE: Final = "state"
 TRUTH: Final = "truth"
 _END: Final = "end"  # whose one block stands last in a file that was closed
@@ -32,6 +36,40 @@ _DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  
 # A block is one row of bytes, float64 little-endian: arrays that Arrow itself would unpack could,
 # damaged, end the process.
 _SCHEMA: Final = pa.schema([("t", pa.binary()), ("values", pa.binary())])
+
+
+@dataclass
+class StreamSize:
+    """How much of one stream is in a file.
+
+    Attributes
+    ----------
+    rows, size : int
+        Rows, and the bytes that they take.
+    first, last : float
+        Stamps of the first and the last row [s].
+
+    Examples
+    --------
+    >>> from truejoint.recordings.stream_file import StreamSize
+    >>> StreamSize(rows=101, size=4096, first=0.0, last=1.0).rate
+    100.0
+    """
+
+    rows: int = 0
+    size: int = 0
+    first: float = math.nan
+    last: float = math.nan
+
+    @property
+    def rate(self) -> float:
+        """Mean rate [Hz]; NaN of fewer than 2 rows."""
+        span = self.last - self.first
+        return (self.rows - 1) / span if self.rows > 1 and span > 0.0 else math.nan
+
+    def __str__(self) -> str:
+        rate = "" if math.isnan(self.rate) else f" at {self.rate:.4g} Hz"
+        return f"{self.rows} rows{rate}, {self.size / 1e6:.2f} MB"
 
 
 class StreamWriter:
@@ -46,6 +84,13 @@ class StreamWriter:
         Must not exist.
     header : mapping
         JSON values that tell how a recording is made of it.
+
+    Attributes
+    ----------
+    size : int
+        Bytes written so far.
+    streams : dict of str to StreamSize
+        What was written, by stream.
 
     Raises
     ------
@@ -63,6 +108,7 @@ class StreamWriter:
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         self.path: Final = Path(path)
+        self.streams: Final[dict[str, StreamSize]] = {}
         try:
             self._file: BinaryIO = self.path.open("xb")
         except OSError as error:
@@ -71,11 +117,7 @@ class StreamWriter:
         signed = {**header, "sha256": content_hash(header, {})}
         described = json.dumps(signed, allow_nan=False).encode()
         self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata({_KEY: described}))
-
-    @property
-    def size(self) -> int:
-        """Bytes written so far."""
-        return self._file.tell()
+        self.size = self._file.tell()
 
     def write(self, stream: str, t: Array, columns: Mapping[str, Array]) -> None:
         """Append rows of one stream: stamps (n,) [s] and columns (n,) by name [SI].
@@ -87,12 +129,19 @@ class StreamWriter:
         signed = {**described, "sha256": content_hash(described, {"t": t, "values": values})}
         row = [pa.array([np.asarray(a, "<f8").tobytes()], pa.binary()) for a in (t, values)]
         batch = pa.record_batch(row, schema=_SCHEMA)
+        if self._file.closed:
+            raise RecordingError(f"{self.path}: is closed; open another")
         try:
             self._stream.write_batch(batch, custom_metadata={_KEY: json.dumps(signed).encode()})
             self._file.flush()
         except (OSError, pa.ArrowException) as error:
             why = reason(error) if isinstance(error, OSError) else str(error).splitlines()[0]
             raise RecordingError(f"{self.path}: {why}; what was written before is kept") from None
+        if len(t):
+            known = self.streams.setdefault(stream, StreamSize(first=float(t[0])))
+            known.rows, known.last = known.rows + len(t), float(t[-1])
+            known.size += self._file.tell() - self.size
+        self.size = self._file.tell()
 
     def close(self) -> None:
         """End the stream; once more does nothing."""
@@ -104,8 +153,12 @@ class StreamWriter:
             self._file.close()
 
 
-def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Stream], str]:
+def read_streams(
+    path: str | os.PathLike[str], wanted: Callable[[str], bool] = lambda _: True
+) -> tuple[dict[str, Any], dict[str, Stream], str]:
     """Header, streams by name, and how the file ends: empty, or in words that it was cut short.
+
+    Streams whose name is not `wanted` are left out.
 
     Raises
     ------
@@ -126,11 +179,13 @@ def read_streams(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str
                 except _DAMAGE:
                     break  # a length that is none takes more memory than there is
                 name, block = _block(source, batch, described)
-                total += block[2].size
-                if total > MAX_VALUES:
-                    raise RecordingError(f"{source}: more than {MAX_VALUES} values; record less")
                 whole = name == _END
-                if not whole:
+                if not whole and wanted(name):
+                    total += block[2].size
+                    if total > MAX_VALUES:
+                        raise RecordingError(
+                            f"{source}: more than {MAX_VALUES} values; record less"
+                        )
                     blocks.setdefault(name, []).append(block)
     except _DAMAGE as error:
         text = (str(error) or "a length that is none").splitlines()[0][:100]
@@ -148,7 +203,7 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
         As `read_streams`, or if there are fewer than 2 rows of the state.
     """
     source = Path(path)
-    header, streams, end = read_streams(source)
+    header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))
     try:
         if "robot" in header:
             adopt_robot(header["robot"], source.name)
@@ -162,6 +217,45 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
         if isinstance(error, RecordingError):
             raise
         raise RecordingError(f"{source}: its header is damaged ({error!s:.80})") from None
+
+
+def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
+    """CRTK topics that a recorder kept, a table each: stamps ``t`` [s] and fields, at its own rate.
+
+    Fields are those of `truejoint.crtk.topics.topic_columns`; ``operating_state`` has the state's
+    name, and whether the arm was homed and busy, after every change. Stamps are on the arm's clock,
+    those of the recording beside it count from its ``provenance.start``.
+
+    Raises
+    ------
+    RecordingError
+        As `read_streams`, or if no topic is in the file.
+
+    Examples
+    --------
+    >>> with truejoint.recordings.Recorder(arm, path="a.parquet", topics={"measured_cp": 50.0}):
+    ...     arm.wait(1.0)
+    >>> topics = truejoint.recordings.read_recorded_topics("a.topics.arrows")
+    >>> len(topics["measured_cp"])
+    50
+    """
+    _, streams, _ = read_streams(path, lambda name: name in TOPICS)
+    if not streams:
+        raise RecordingError(f"{path}: holds no topic; record some, with `collect --topic`")
+    tables = {
+        name: pd.DataFrame({"t": stream.t, **stream.columns}) for name, stream in streams.items()
+    }
+    if OPERATING_STATE in tables:
+        # Told by several threads, one of which may have come late.
+        states = tables[OPERATING_STATE].sort_values("t", kind="stable", ignore_index=True)
+        tables[OPERATING_STATE] = states
+        numbers = states["state"].to_numpy()
+        if not np.isin(numbers, range(len(STATES))).all():
+            raise RecordingError(f"{path}: names operating states that this truejoint lacks")
+        states["state"] = [STATES[int(number)] for number in numbers]
+        for name in ("is_homed", "is_busy"):
+            states[name] = states[name] > 0.0
+    return tables
 
 
 def assembled(

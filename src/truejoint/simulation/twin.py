@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Protocol
 
@@ -103,6 +103,9 @@ class Twin(Protocol):
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on; no rows."""
 
+    def saved(self) -> Callable[[], None]:
+        """Note all that `run` changes; what is returned takes the twin back there."""
+
 
 def glide(start: Array, end: Array, duration: float) -> Array:
     """Set-points (n, n_joints) from `start` to `end` (n_joints,) in `duration` [s], half a cosine.
@@ -117,6 +120,27 @@ def glide(start: Array, end: Array, duration: float) -> Array:
 def hold(position: Array, duration: float) -> Array:
     """Set-points (n, n_joints) that stay at `position` (n_joints,) for `duration` [s]."""
     return np.tile(position, (round(duration / SETPOINT_DT), 1))
+
+
+def noted(
+    owner: object, names: Sequence[str], streams: Sequence[np.random.Generator]
+) -> Callable[[], None]:
+    """Note attributes, arrays in them copied, and where random streams stand: for `Twin.saved`."""
+    values = {name: _copied(getattr(owner, name)) for name in names}
+    states = [stream.bit_generator.state for stream in streams]
+
+    def back() -> None:
+        vars(owner).update(values)
+        for stream, state in zip(streams, states, strict=True):
+            stream.bit_generator.state = state
+
+    return back
+
+
+def _copied(value: Any) -> Any:
+    if isinstance(value, tuple):  # named, of arrays
+        return type(value)(*map(_copied, value))
+    return value.copy() if isinstance(value, np.ndarray) else value
 
 
 def checked_seed(seed: int) -> int:

@@ -10,9 +10,10 @@ from truejoint.crtk import Arm, Backend, SimulatedBackend, StateBlock, TruthBloc
 from truejoint.errors import CommandRefused, MotionStopped, RobotError
 from truejoint.recordings import Recorder
 from truejoint.robots import get_robot
-from truejoint.simulation import Twin, TwinOutput
+from truejoint.simulation import Twin, TwinOutput, make_twin
 from truejoint.simulation.parameter_file import Parameters
 from truejoint.simulation.raven2 import Raven2Twin
+from truejoint.simulation.twin import noted
 
 
 @pytest.fixture
@@ -220,6 +221,49 @@ class RigidWrist:
 
     def idle(self, duration):
         self.ticks += round(duration * 1e3)
+
+    def saved(self):
+        return noted(self, ("ticks",), ())
+
+
+@pytest.mark.parametrize("name", ["raven2", "forceps", "wrist"])
+def test_a_leap_that_is_stopped_in_the_middle_is_taken_back(name):
+    backends = [SimulatedBackend(make_twin(name, seed=4)) for _ in range(2)]
+    heard = [[], []]
+    for backend, blocks in zip(backends, heard, strict=True):
+        backend.state_command("enable", 5.0)
+        backend.state_command("home", 120.0)
+        backend.connect(blocks.append)
+    stopped, undisturbed = backends
+    rows = np.tile(stopped.robot.home, (400, 1)) + 1e-4 * np.sin(np.arange(400.0) / 50)[:, None]
+    before = stopped.time
+    answers = iter([True, False])  # goes on before the leap, not after it
+    assert stopped.servo_jp(rows, lambda: next(answers)) == 0
+    assert stopped.time == before
+    assert heard[0] == []
+    for backend in backends:  # and nothing of it is left
+        assert backend.servo_jp(rows, lambda: True) == 400
+    ours, theirs = (blocks[0] for blocks in heard)
+    for quantity in ("t", "measured", "effort", "motor", "joint"):
+        assert np.array_equal(getattr(ours, quantity), getattr(theirs, quantity))
+    assert np.array_equal(ours.truth.position, theirs.truth.position)
+    assert stopped.time == undisturbed.time == pytest.approx(before + 0.4)
+
+
+def test_a_load_that_is_hung_on_during_a_leap_stays():
+    backend = SimulatedBackend(make_twin("raven2", seed=4))
+    backend.state_command("enable", 5.0)
+    backend.state_command("home", 120.0)
+    run = backend.twin.run
+
+    def hung(rows):
+        backend.twin.load = 0.3
+        return run(rows)
+
+    backend.twin.run = hung
+    answers = iter([True, False])
+    backend.servo_jp(np.tile(backend.robot.home, (400, 1)), lambda: next(answers))
+    assert backend.twin.load == 0.3
 
 
 def test_another_twin_needs_nothing_of_the_back_end():

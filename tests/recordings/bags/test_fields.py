@@ -152,6 +152,10 @@ def test_layouts_that_never_repeat_are_refused():
             Topic("/t", "own/broken", "float64[ x\n??", "ros1"),
             "definition of own/broken in the bag is damaged",
         ),
+        (
+            Topic("/t", "own/loop", "float64 position\nown/loop again\n", "ros1"),
+            "definition of own/loop in the bag is damaged (messages within messages, 20 deep)",
+        ),
         (Topic("/t", "own/other", "float64 y\n", "ros1"), "has no field 'position'; it has y"),
     ],
 )
@@ -160,6 +164,20 @@ def test_what_cannot_be_read_is_said(topic, said):
         Decoder(topic, ("position",))
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_lists_of_a_type_that_holds_itself_are_counted_as_damage():
+    topic = Topic("/t", "own/loop", "float64 x\nown/loop[1] again\n", "ros1")
+    decoder = Decoder(topic, ("x",))
+    assert not list(decoder.decode([bytes(800)]))
+    assert decoder.damaged == 1
+
+
+def test_a_stamp_without_nanoseconds_is_none():
+    text = "own/head header\n" + "=" * 80 + "\nMSG: own/head\nown/when stamp\n" + "=" * 80
+    text += "\nMSG: own/when\nuint32 sec\n"
+    ((_, fields, _),) = Decoder(Topic("/t", "own/told", text, "ros1"), ()).decode([bytes([7] * 4)])
+    assert fields[STAMP].tolist() == [0]
 
 
 def test_types_without_a_definition_are_those_of_ros_2():

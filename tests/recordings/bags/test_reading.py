@@ -15,7 +15,7 @@ from rosbags import highlevel, rosbag1, rosbag2
 from tests.recordings.bags.conftest import make_session
 
 from truejoint import read_recording
-from truejoint.crtk.messages import DEFINITIONS, RAVEN_FIELDS
+from truejoint.crtk.messages import DEFINITIONS, JOINT_STATE, OPERATING_STATE, RAVEN_FIELDS
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import (
     Recording,
@@ -35,8 +35,10 @@ from truejoint.recordings.bags.container import (
     read_batches,
 )
 from truejoint.recordings.bags.fields import full_name, typesys
+from truejoint.recordings.bags.reading import find_wiring
 from truejoint.recordings.datasets.store import data_folders
 from truejoint.recordings.readers.raven_csv import AMID
+from truejoint.robots import get_robot
 
 zstd = pytest.importorskip("backports.zstd" if sys.version_info < (3, 14) else "compression.zstd")
 REAL = "pitch_exp_traj_01_test_cropped.bag"
@@ -323,6 +325,40 @@ def test_a_damaged_length_in_an_mcap_is_counted_by_what_the_file_has(tmp_path):
     path.write_bytes(MCAP_MAGIC + endless)
     assert not list(read_batches(path, lambda _: True, lost))
     assert lost == {DAMAGED: 1, CUT_SHORT: len(endless)}
+
+
+def test_what_a_chunk_of_an_mcap_lacks_is_counted(tmp_path):
+    lost: Counter[str] = Counter()
+    for left in (b"\x05\x01\x02", b"\x05" + (50).to_bytes(8, "little") + b"short"):
+        chunk = bytes(28) + bytes(4) + len(left).to_bytes(8, "little") + left + b"more"
+        record = b"\x06" + len(chunk).to_bytes(8, "little") + chunk
+        path = tmp_path / "run.mcap"
+        path.write_bytes(MCAP_MAGIC + record)
+        assert not list(read_batches(path, lambda _: True, lost))
+    assert lost == {CUT_SHORT: 3 + 14}
+
+
+@pytest.mark.parametrize(("arm", "space"), [("left", "arm1"), ("right", "arm2")])
+def test_an_arm_is_homed_as_it_says_itself(arm, space):
+    topics = {
+        f"/{one}/{name}": (kind, 5)
+        for one in ("arm1", "arm2")
+        for name, kind in (("measured_js", JOINT_STATE), ("operating_state", OPERATING_STATE))
+    }
+    found = find_wiring("a bag", topics, get_robot("raven2", arm), "raven2_mended")
+    assert (found.state, found.homed) == (f"/{space}/measured_js", f"/{space}/operating_state")
+    others = {name.replace("arm", "robot"): told for name, told in topics.items()}
+    for one in ("robot1", "robot2"):  # of which the names say no arm
+        state = f"/{one}/measured_js"
+        found = find_wiring("a bag", others, get_robot("raven2", arm), "crtk", state)
+        assert found.homed == f"/{one}/operating_state"
+
+
+def test_the_only_joint_state_that_is_nothing_of_crtks_is_the_truth():
+    topics = dict.fromkeys(("/a/measured_js", "/a/servo_jp", "/lab/sensors"), (JOINT_STATE, 5))
+    assert find_wiring("a bag", topics, get_robot("davinci_grasper")).truth == "/lab/sensors"
+    topics["/lab/others"] = (JOINT_STATE, 5)
+    assert not find_wiring("a bag", topics, get_robot("davinci_grasper")).truth
 
 
 def test_a_field_that_is_no_number_is_refused(bag):

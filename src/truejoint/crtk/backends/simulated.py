@@ -16,6 +16,7 @@ from truejoint.crtk.states import OperatingState, StateCommand, next_state
 from truejoint.errors import CommandRefused, MotionStopped
 from truejoint.robots import Robot
 from truejoint.robots.catalogue import DEFAULT
+from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput, make_twin
 
 
@@ -87,12 +88,23 @@ class SimulatedBackend:
             self._home(timeout)
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
-        """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz, all or none."""
+        """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz, all or none.
+
+        For others the clock leaps. A leap that is stopped in the middle is taken back: the arm
+        stands when who stopped it read the clock.
+        """
         self._give_way()
-        with self._turn():  # for others the clock leaps: who stops the arm comes before or after
+        with self._turn():
             if not go_on():
                 return 0
-            output = self.twin.run(position)
+            back = self.twin.saved() if len(position) * SETPOINT_DT > GRAIN else None
+            output, load = self.twin.run(position), self.twin.load
+            now = self.twin.time
+            if back is not None and not go_on():
+                back()
+                self.twin.load = load  # another's to change meanwhile
+                return 0
+            self._now = now  # right after the asking: nobody reads the old time and is not heard
         self._deliver(output)
         return len(position)
 

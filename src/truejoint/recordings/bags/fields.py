@@ -28,6 +28,7 @@ _SIZES: Final = {
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _MOST_LAYOUTS: Final = 1000  # of messages of one topic: joints do not come and go that often
+_DEEPEST: Final = 20  # messages within messages
 _MOST_VALUES: Final = 1 << 20  # in one list of a message
 PURPOSE: Final = "reading and writing bags"
 
@@ -113,11 +114,16 @@ class Decoder:
                 f"{missing[0]!r}; it has {has:.300}"
             )
 
-    def _leaves(self, kind: str, prefix: str) -> Iterator[str]:
+    def _leaves(self, kind: str, prefix: str, depth: int = 0) -> Iterator[str]:
+        if depth > _DEEPEST:
+            raise RecordingError(
+                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
+                f"(messages within messages, {_DEEPEST} deep)"
+            )
         for name, (shape, inner) in self._types[kind][1]:
             yield prefix + name
             if int(shape) == 2 and inner in self._types:
-                yield from self._leaves(inner, f"{prefix}{name}.")
+                yield from self._leaves(inner, f"{prefix}{name}.", depth + 1)
 
     def decode(
         self, messages: Sequence[bytes]
@@ -174,7 +180,7 @@ class _Walk:
 
     def walk(self, kind: str, prefix: str, depth: int = 0) -> None:
         """Go through the fields of a type."""
-        if depth > 20:
+        if depth > _DEEPEST:
             raise _DamagedError
         for name, (shape, inner) in self._types[kind][1]:
             path = prefix + name
@@ -247,7 +253,7 @@ class _Walk:
         found = {name: self._field(raw, name) for name in wanted if name in self.places}
         for header in ("header", "hdr"):
             parts = [f"{header}.stamp.{seconds}" for seconds in ("sec", "nanosec")]
-            if parts[0] in self.places:
+            if all(part in self.places for part in parts):
                 seconds, rest = (self._field(raw, p)[:, 0].astype(np.int64) for p in parts)
                 found[STAMP] = seconds * 1_000_000_000 + rest
         found.setdefault(STAMP, np.zeros(len(raw), dtype=np.int64))

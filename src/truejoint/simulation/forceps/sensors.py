@@ -63,7 +63,8 @@ class Sensors:
     def __init__(self, parameters: ForcepsParameters, seed: int) -> None:
         p, turn = parameters, 2.0 * math.pi
         self._jaw = p.reference_encoder
-        self._rngs = [np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(4)]
+        spawned = np.random.SeedSequence(seed).spawn(4)
+        self.streams = [np.random.default_rng(one) for one in spawned]  # of noise, one each
         self._noise_and_step = (
             (p.motor_encoder.noise, turn / p.motor_encoder.counts),
             (p.drive_encoder.noise, p.drive_encoder.resolution),
@@ -74,7 +75,7 @@ class Sensors:
     def read(self, exact: Array, zero: ZeroShift) -> Array:
         """Read motor [rad], drive, reset [m] and jaw [rad], (4, n), at the exact values (4, n)."""
         shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], self._jaw))
-        per_encoder = zip(exact, shift, self._rngs, self._noise_and_step, strict=True)
+        per_encoder = zip(exact, shift, self.streams, self._noise_and_step, strict=True)
         return np.stack(
             [
                 quantised(values + off + rng.normal(0.0, noise, values.size), step)

@@ -27,6 +27,7 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
+    noted,
 )
 from truejoint.units import GRAVITY
 
@@ -142,6 +143,11 @@ class ForcepsTwin:
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the motor held; raises TruejointError if it is no time."""
         self._ticks += checked_ticks(duration)
+
+    def saved(self) -> Callable[[], None]:
+        """Note all that `run` changes; what is returned takes the twin back there."""
+        names = ("_state", "_motor", "_ticks", "_command", "_reading", "_exact")
+        return noted(self, names, self._sensors.streams)
 
     def _advance(self, angles: Array, force: Array, log_every: int) -> Array:
         """Rows (m, 7) of the plant along jaw angles (n,) [rad], the first one before it moves."""

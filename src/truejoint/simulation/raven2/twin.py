@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from typing import ClassVar, Final
 
 import numpy as np
@@ -25,6 +25,7 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
+    noted,
 )
 
 MAX_LOAD: Final = 2.0
@@ -167,6 +168,10 @@ class Raven2Twin:
         period = self._plant.truth_period
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
+
+    def saved(self) -> Callable[[], None]:
+        """Note all that `run` changes; what is returned takes the twin back there."""
+        return noted(self, ("_state",), (self._stamp_rng,))
 
     def _search_stops(self) -> Iterator[TwinOutput]:
         """Move to the hard stops and settle there; the encoders are not touched."""

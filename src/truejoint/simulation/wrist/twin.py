@@ -21,6 +21,7 @@ from truejoint.simulation.twin import (
     checked_ticks,
     glide,
     hold,
+    noted,
 )
 from truejoint.simulation.wrist.constants import SUBSTEPS, plant_constants
 from truejoint.simulation.wrist.parameters import WristParameters
@@ -194,6 +195,11 @@ class WristTwin:
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the motors held; raises TruejointError if it is no time."""
         self._ticks += checked_ticks(duration)
+
+    def saved(self) -> Callable[[], None]:
+        """Note all that `run` changes; what is returned takes the twin back there."""
+        names = ("_state", "_work", "_ticks", "_command", "_goal", "_reading")
+        return noted(self, names, tuple(self._noise.values()))
 
     def _registered(self) -> Array:
         """Zeros (n_motors,) [rad] of an engagement: the assembly's, and its own error."""

@@ -1,0 +1,248 @@
+"""The page of an arm in a process of its own, so that drawing takes no turn of the arm's loop.
+
+Both sides speak lines of JSON over the pipes of the process: numbers and text, nothing that could
+run. It ends when its input does, so also when who started it is killed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+import truejoint
+from truejoint.errors import TruejointError
+from truejoint.monitor.page import FRAME_RATE, WINDOW, Page
+from truejoint.monitor.samples import Samples
+from truejoint.monitor.view import Condition
+from truejoint.robots import Robot
+
+COMMANDS: Final = ("pause", "resume")
+"""What the buttons ask for."""
+PLOT_EVERY: Final = 3
+"""Pictures between two of which the plots are drawn anew."""
+
+_NAMES: Final = ("joints", "effort_units")  # of samples: the rest are arrays
+_PATIENCE: Final = 2.0  # [s] for it to end by itself
+
+
+class PageProcess:
+    """Starts the process, and tells it what to show.
+
+    Parameters
+    ----------
+    robot : Robot
+    on_command : callable
+        Called with one of `COMMANDS`, in a thread of its own, when a button is pressed.
+    host, port
+        As those of `Page`, whose errors are raised here.
+
+    Attributes
+    ----------
+    url : str
+        Where the page is.
+    pid : int
+        Of the process.
+    """
+
+    def __init__(
+        self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
+    ) -> None:
+        package = str(Path(truejoint.__file__).parents[1])
+        paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
+        self._telling = threading.Lock()
+        self._process = subprocess.Popen(  # noqa: S603  # this module, by this Python
+            # -P: no file in the folder that a person works in is taken for a module
+            [sys.executable, "-P", "-m", __name__],
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        )  # fmt: skip
+        self.pid: Final = self._process.pid
+        with suppress(BrokenPipeError):
+            self._tell({"robot": robot.to_dict(), "host": host, "port": port})
+        said: dict[str, str] = json.loads(self._output.readline() or "{}")
+        if "url" not in said:
+            self.close()
+            raise TruejointError(said.get("error", "the process of the page ended at once"))
+        self.url: Final = said["url"]
+        threading.Thread(
+            target=self._listen, args=(on_command,), name="monitor's buttons", daemon=True
+        ).start()
+
+    def show(self, row: Samples | None, condition: Condition) -> None:
+        """Show one more row, if there is one; raises BrokenPipeError if the process has ended."""
+        self._tell({"row": None if row is None else _plain(row), "condition": vars(condition)})
+
+    def say(self, error: Exception) -> None:
+        """Tell all who look that something they asked for was refused, and why."""
+        with suppress(BrokenPipeError):
+            self._tell({"refused": str(error)})
+
+    def close(self) -> None:
+        """End the process."""
+        if not self._telling.acquire(timeout=_PATIENCE):
+            self._process.kill()  # it takes nothing any more, and holds up who tells it
+            self._telling.acquire()
+        with suppress(OSError):
+            self._input.close()
+        self._telling.release()
+        try:
+            self._process.wait(_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        with suppress(OSError):
+            self._output.close()
+
+    @property
+    def _input(self) -> Any:
+        return self._process.stdin
+
+    @property
+    def _output(self) -> Any:
+        return self._process.stdout
+
+    def _tell(self, message: Mapping[str, Any]) -> None:
+        with self._telling:
+            if self._input.closed:
+                raise BrokenPipeError(f"process {self.pid} of the page has ended")
+            self._input.write(json.dumps(message) + "\n")
+
+    def _listen(self, on_command: Callable[[str], None]) -> None:
+        with suppress(OSError, ValueError):  # closed meanwhile
+            for line in self._output:
+                command = json.loads(line).get("command")
+                if command in COMMANDS:  # each by itself: a pause waits for nothing
+                    threading.Thread(target=on_command, args=(command,), daemon=True).start()
+
+
+class ArmView:
+    """The page of an arm, in the process that draws it.
+
+    Parameters
+    ----------
+    robot : Robot
+    on_command : callable
+        Called with one of `COMMANDS` when a button is pressed.
+    host, port
+        As those of `Page`.
+    """
+
+    def __init__(
+        self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
+    ) -> None:
+        self._on_command = on_command
+        self.rows: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
+        self._condition = Condition("no answer", "the arm has said nothing yet", is_fresh=False)
+        self._new = 0  # rows since the plots were drawn
+        self._lock = threading.Lock()  # of all above
+        self.page: Final = Page(robot, robot.joint_names, self._add_buttons, host=host, port=port)
+        self.url: Final = self.page.url
+
+    def show(self, row: Samples | None, condition: Condition) -> None:
+        """Take what is to be shown in the next picture."""
+        with self._lock:
+            self._condition = condition
+            if row is not None:
+                self.rows.append(row)
+                self._new += 1
+
+    def say(self, error: Exception) -> None:
+        """Tell all who look that something they asked for was refused, and why."""
+        self.page.say(error)
+
+    def draw(self) -> None:
+        """Make a picture of what is to be shown by now."""
+        with self._lock:
+            samples = Samples.joined(self.rows) if self.rows else None
+            condition, replot = self._condition, self._new >= PLOT_EVERY
+            self._new = 0 if replot else self._new
+        paused = condition.state.startswith("PAUSED")
+        if self.resume.visible != paused:
+            self.resume.visible = paused
+        self.page.show(samples, condition, replot=replot)
+
+    def close(self) -> None:
+        """Let the port go."""
+        self.page.close()
+
+    def _add_buttons(self, gui: Any) -> None:
+        pause = gui.add_button("Pause the arm", color="red")
+        pause.on_click(lambda _: self._on_command("pause"))
+        self.resume = gui.add_button("Resume", visible=False)
+        self.resume.on_click(lambda _: self._on_command("resume"))
+
+
+def _plain(row: Samples) -> dict[str, Any]:
+    return {name: v if isinstance(v, tuple) else v.tolist() for name, v in vars(row).items()}
+
+
+def _samples(values: Mapping[str, Any]) -> Samples:
+    """Make samples of their plain values: the inverse of `_plain`."""
+    known: dict[str, Any] = {
+        name: tuple(value) if name in _NAMES else np.array(value) for name, value in values.items()
+    }
+    return Samples(**known)
+
+
+def main() -> None:
+    """Show what the lines of the input say, until it ends."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for who started this
+    output = os.fdopen(os.dup(1), "w", buffering=1)
+    os.dup2(2, 1)  # whatever a library prints is no message
+    said = threading.Lock()
+
+    def tell(**message: str) -> None:
+        with said, suppress(BrokenPipeError):
+            output.write(json.dumps(message) + "\n")
+
+    asked = json.loads(sys.stdin.readline())
+    robot = Robot.from_dict(asked["robot"], "the arm")
+    try:
+        view = ArmView(
+            robot, lambda name: tell(command=name), host=asked["host"], port=asked["port"]
+        )
+    except TruejointError as error:
+        tell(error=str(error))
+        return
+    tell(url=view.url)
+    news, over = threading.Event(), threading.Event()
+    drawing = threading.Thread(target=_draw, args=(view, news, over), daemon=True)
+    drawing.start()
+    for line in sys.stdin:
+        message = json.loads(line)
+        if "refused" in message:
+            view.say(TruejointError(message["refused"]))
+            continue
+        row = message["row"]
+        view.show(None if row is None else _samples(row), Condition(**message["condition"]))
+        news.set()
+    over.set()
+    news.set()
+    drawing.join(_PATIENCE)
+    view.close()
+
+
+def _draw(view: ArmView, news: threading.Event, over: threading.Event) -> None:
+    """Draw when there is something new; what came meanwhile goes into the next picture."""
+    while news.wait() and not over.is_set():
+        news.clear()
+        try:
+            view.draw()
+        except Exception as error:
+            view.page.stopped(error)
+            raise
+
+
+if __name__ == "__main__":
+    main()
