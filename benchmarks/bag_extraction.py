@@ -5,8 +5,8 @@
 Writes a bag of RAVEN-II's state at 1 kHz, reads the same fields of it (stamp, jpos, jvel, tau,
 jpos_d) with `truejoint.recordings.read_bag` and with Debian's rosbag in Python, by turns, each in a
 process of its own on one core, and prints seconds, messages a second and the ratio of the medians.
-With ``--hours 6`` it also reads a session of that length at 100 Hz with joint sensors, and prints
-the largest memory of the process. Needs Debian's python3-rosbag.
+With ``--hours 6`` it also calls ``truejoint extract`` on a session of that length at 100 Hz with
+joint sensors, and prints the largest memory of the process. Needs Debian's python3-rosbag.
 """
 
 from __future__ import annotations
@@ -43,6 +43,19 @@ for _, m, _ in rosbag.Bag(sys.argv[1]).read_messages(["/ravenstate"]):
 seconds = time.perf_counter() - begin
 print(seconds, len(rows), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)
 """
+EXTRACT = """
+import resource, sys, time
+from truejoint.cli.app import main
+bag, begin = sys.argv[1], time.perf_counter()
+sys.argv = ["truejoint", "extract", bag, "--robot", "raven2", "-o", bag + ".parquet"]
+try:
+    main()
+except SystemExit as stop:
+    assert not stop.code
+import pyarrow.parquet
+seconds, memory = time.perf_counter() - begin, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+print(seconds, pyarrow.parquet.read_metadata(bag + ".parquet").num_rows, memory)
+"""
 
 
 def main() -> None:
@@ -67,7 +80,7 @@ def main() -> None:
         if given.hours:
             write(bag, 100.0, 3600.0 * given.hours, truth=True)
             size = bag.stat().st_size / 2**30
-            seconds, rows, memory = _run(sys.executable, OURS, bag)
+            seconds, rows, memory = _run(sys.executable, EXTRACT, bag)
             told = f"{size:.2f} GiB, {rows} rows in {seconds:.0f} s, {memory:.0f} MiB"
             print(f"{given.hours:g} h at 100 Hz: {told}")
 
@@ -105,7 +118,7 @@ def write(path: Path, rate: float, seconds: float, *, truth: bool) -> None:
 def _run(python: str, script: str, bag: Path) -> tuple[float, int, float]:
     """Seconds, messages, and the largest memory [MiB] of a process on one core."""
     line = ["taskset", "-c", "0", python, "-c", script, str(bag)]
-    told = subprocess.run(line, capture_output=True, text=True, check=True).stdout.split()
+    told = subprocess.run(line, capture_output=True, text=True, check=True).stdout.split()[-3:]
     return float(told[0]), int(told[1]), int(told[2]) / 1024
 
 

@@ -105,7 +105,8 @@ def _session(kind: str, seed: int) -> Session:
         return _parted(recording.with_truth(recording.joints_of("truth")))
     truth = TruthBlock.joined(blocks)
     columns = {f"truth/{joint}": truth.position[:, k] for k, joint in enumerate(truth.name)}
-    return _parted(recording)[0], Stream(truth.t, columns)
+    since_begin = truth.t - recording.provenance.start  # as the stamps of the recording are
+    return _parted(recording)[0], Stream(since_begin, columns)
 
 
 def _trial(robot: Recording, truth: Stream, seed: int) -> tuple[bool, float, float]:

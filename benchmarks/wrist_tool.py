@@ -44,6 +44,9 @@ SLIDING = 0.15
 """Speed of the jaw [rad/s] above which its cables slide everywhere."""
 MIDDLE = 0.5
 """Share of a stroke, about its middle, whose rows count: what loads the jaw has settled there."""
+DRAWS = 400
+BY_HAND = 2.5
+"""Standard deviation of a pitch that was set by protractor [deg]."""
 PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
 METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
     "linear": ("linear", ["measured/jaw", "effort/jaw"], "recording"),
@@ -99,27 +102,43 @@ class Stroke:
         return float(np.sqrt(self.slopes[0] * self.slopes[1]))
 
 
-def strokes(recordings: Sequence[Recording]) -> Stroke:
+Points = dict[bool, tuple[float, float]]
+"""Spindle and jaw torque [Nm] of a file's closing (True) and opening strokes."""
+
+
+def points(recording: Recording) -> Points:
+    """Mean torques of one file in either direction of sliding."""
+    driver = recording.column("driver/jaw")
+    speed = savgol_filter(driver, 201, 2, deriv=1, delta=1e-3)
+    low, high = np.quantile(driver, [0.02, 0.98])
+    middle = np.abs(driver - 0.5 * (low + high)) < MIDDLE * 0.5 * (high - low)
+    torques = np.column_stack([recording.column("effort/jaw"),
+                               recording.column("truth_effort/jaw")])  # fmt: skip
+    found = {}
+    for closing in (True, False):
+        sliding = (speed < -SLIDING) if closing else (speed > SLIDING)
+        if (sliding & middle).sum() > 100:
+            spindle, jaw = torques[sliding & middle].mean(axis=0)
+            found[closing] = float(spindle), float(jaw)
+    return found
+
+
+def stroke(files: Sequence[Points]) -> Stroke:
     """Fit spindle torque against jaw torque, a point a file, in either direction of sliding."""
-    points: dict[bool, list[Array]] = {True: [], False: []}
-    for recording in recordings:
-        driver = recording.column("driver/jaw")
-        speed = savgol_filter(driver, 201, 2, deriv=1, delta=1e-3)
-        low, high = np.quantile(driver, [0.02, 0.98])
-        middle = np.abs(driver - 0.5 * (low + high)) < MIDDLE * 0.5 * (high - low)
-        torques = np.column_stack([recording.column("effort/jaw"),
-                                   recording.column("truth_effort/jaw")])  # fmt: skip
-        for closing in (True, False):
-            sliding = (speed < -SLIDING) if closing else (speed > SLIDING)
-            if (sliding & middle).sum() > 100:
-                points[closing].append(torques[sliding & middle].mean(axis=0))
     slopes, constants = [], []
     for closing in (True, False):
-        spindle, jaw = np.array(points[closing]).T
+        spindle, jaw = np.array([file[closing] for file in files if closing in file]).T
         slope, constant = np.polyfit(np.abs(jaw), spindle, 1)
         slopes.append(abs(float(slope)))
         constants.append(float(constant))
     return Stroke((slopes[0], slopes[1]), (constants[0], constants[1]))
+
+
+def exponent_deviation(files: Sequence[Points]) -> float:
+    """Draw files anew (bootstrap) for the standard deviation of `Stroke.exponent`."""
+    rng = np.random.default_rng(0)
+    draws = rng.integers(len(files), size=(DRAWS, len(files)))
+    return float(np.std([stroke([files[n] for n in own]).exponent for own in draws]))
 
 
 def lines(recordings: Sequence[Recording]) -> Array:
@@ -138,25 +157,34 @@ def identified() -> None:
     per_disc, per_pitch = float(matrix[1, 1]), float(-matrix[1, 0])
     print("\n| pitch | jaw per disc | stretch [deg/Nm] | offset | mu phi | ratio | slopes |")
     print("|---|---|---|---|---|---|---|")
-    offsets, exponents, gains = [], [], []
+    offsets, spreads, files, gains = [], [], [], []
     for number, pitch in PITCH.items():
         recordings = folder(number)
-        own, stroke = lines(recordings), strokes(recordings)
+        own, strokes = lines(recordings), [points(r) for r in recordings]
+        found = stroke(strokes)
         middle, spread = np.mean(own, axis=0), np.std(own, axis=0)
         offsets.append(np.degrees(middle[0]))
-        exponents.append(stroke.exponent)
-        gains.append(-middle[1])
+        # The zero of a file strays from that of its posture, and the posture from the protractor.
+        spreads.append(np.degrees(spread[0]) / math.sqrt(len(own)))
+        files += strokes
+        gains += [*-own[:, 1]]
         print(
             f"| {pitch:+.0f} | {-middle[1]:.3f} +- {spread[1]:.3f} | "
             f"{np.degrees(middle[2]):.1f} | {offsets[-1]:.1f} +- {np.degrees(spread[0]):.1f} | "
-            f"{stroke.exponent:.3f} | {stroke.ratio:.3f} | "
-            f"{stroke.slopes[0]:.2f} {stroke.slopes[1]:.2f} |",
+            f"{found.exponent:.3f} +- {exponent_deviation(strokes):.3f} | {found.ratio:.3f} | "
+            f"{found.slopes[0]:.2f} {found.slopes[1]:.2f} |",
             flush=True,
         )
-    slope = abs(float(np.polyfit(list(PITCH.values()), offsets, 1)[0]))
-    print(f"\njaw per disc {np.mean(gains):.3f}, published {per_disc:.3f}", end="; ")
-    print(f"jaw per pitch {slope:.3f}, published {per_pitch:.3f}", end="; ")
-    print(f"mu phi {np.mean(exponents):.3f} +- {np.std(exponents):.3f}")
+    angles = np.array(list(PITCH.values()))
+    slope = abs(float(np.polyfit(angles, offsets, 1)[0]))
+    variance = np.square(spreads) + (slope * BY_HAND) ** 2
+    away = angles - angles.mean()
+    deviation = math.sqrt(float(np.sum(away**2 * variance))) / float(np.sum(away**2))
+    whole = stroke(files)
+    print(f"\njaw per disc {np.mean(gains):.3f} +- {np.std(gains) / math.sqrt(len(gains)):.3f}, "
+          f"published {per_disc:.3f}", end="; ")  # fmt: skip
+    print(f"jaw per pitch {slope:.3f} +- {deviation:.3f}, published {per_pitch:.3f}", end="; ")
+    print(f"mu phi of all files {whole.exponent:.3f} +- {exponent_deviation(files):.3f}")
 
 
 def off(model: Calibration, recordings: Sequence[Recording]) -> tuple[Array, Array]:

@@ -34,7 +34,7 @@ from truejoint.recordings.doctor import CHECKS
 from truejoint.robots import get_robot
 from truejoint.runtime import Corrector
 
-pytestmark = [needs_ros, pytest.mark.xdist_group("ros")]
+pytestmark = needs_ros
 
 ROBOT = get_robot("raven2")
 PROFILE = "raven2_mended"

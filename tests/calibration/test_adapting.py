@@ -67,7 +67,7 @@ def test_a_few_seconds_of_another_day_are_enough(estimator, tmp_path):
     assert error(model, test) < 2e-3
     assert error(model, test) < 1.5 * error(alone, test)
     # A longer one changes more than the zero, and is kept in a file as any other.
-    longer, other = motion(7, 40.0, 1.1, 0.04), motion(8, 60.0, 1.1, 0.04)
+    longer, other = motion(7, 60.0, 1.1, 0.04), motion(8, 60.0, 1.1, 0.04)
     again = adapted(first, longer)
     assert error(again, other) < 0.2 * error(truejoint.calibration.rezeroed(first, longer), other)
     write_calibration(again, tmp_path / "m.safetensors")
@@ -97,12 +97,54 @@ def test_what_it_says_of_itself():
     )  # of the penalty on what the zero moved
 
 
+def test_a_reference_tells_the_zero_from_what_the_prior_never_followed():
+    # A curve that the linear prior does not know, seen at one place alone.
+    first = [motion(0, 60.0, curve=0.5), motion(1, 60.0, curve=0.5)]
+    model = calibrate(first, "linear", features=FEATURES)
+    whole, test = (motion(k, 60.0, curve=0.5, zero=0.04) for k in (5, 6))
+    jaw, before = whole.column("measured/jaw"), error(model, motion(6, 60.0, curve=0.5))
+    off: dict[int, list[float]] = {0: [], len(first): []}
+    for place in (0.3, 0.5, 0.7):
+        middle = int(np.argmin(np.abs(jaw[50:-50] - place))) + 50
+        brief = whole.rows(slice(middle - 50, middle + 50))
+        for reference in ((), first):
+            now = adapted(model, brief, reference=reference)
+            sources = [one.provenance.source for one in reference]
+            assert now.metadata["prior"]["reference"] == sources
+            assert now.metadata["prior"]["penalties"] == [None]
+            assert set(now.baselines) == set(model.baselines)
+            # The zero moved by 0.03, for the fixed offset too.
+            off[len(reference)] += [now.offset[0] - 0.03, now.offsets["offset"][0] - 0.03]
+        assert error(now, test) < 1.1 * before
+    alone, beside = (np.sqrt(np.mean(np.square(values))) for values in off.values())
+    assert beside < 2e-3
+    assert alone > 3.0 * beside
+
+
+def test_a_reference_is_of_the_prior_and_may_have_a_zero_of_its_own():
+    first = [motion(0, 60.0, zero=0.0), motion(1, 60.0, zero=0.2)]
+    model = calibrate(first, "linear", features=FEATURES, zero="recording")
+    brief, test = motion(5, 6.0, zero=0.5), motion(6, 60.0, zero=0.5)
+    assert error(adapted(model, brief, reference=first), test) < 1e-3
+    foreign = motion(3)
+    foreign = replace(foreign, provenance=replace(foreign.provenance, robot="raven2"))
+    with pytest.raises(CalibrationError, match="raven2"):
+        adapted(model, brief, reference=[foreign])
+
+
+def test_of_a_few_seconds_any_estimator_takes_the_zero():
+    brief = truejoint.estimators.get_estimator("dnn").set_params(epochs=1)
+    network = calibrate([motion(0), motion(1)], brief, features=FEATURES)
+    short, test = motion(5, 20.0, zero=0.3), motion(6, 20.0, zero=0.3)
+    left = short.column("truth/jaw") - network.correct(short)[:, 0]
+    model = adapted(network, short)
+    np.testing.assert_allclose(model.correct(test) - network.correct(test), left.mean())
+    with pytest.raises(CalibrationError, match="dnn cannot be the prior"):
+        adapted(network, motion(5, 60.0))
+
+
 def test_what_cannot_be_a_prior_is_refused():
     pair = [motion(0), motion(1)]
-    brief = truejoint.estimators.get_estimator("dnn").set_params(epochs=1)
-    network = calibrate(pair, brief, features=FEATURES)
-    with pytest.raises(CalibrationError, match="dnn cannot be the prior"):
-        adapted(network, motion(5))
     linear = calibrate(pair, "linear", features=FEATURES)
     for change, says in (
         ({"robot": "raven2"}, "recordings are of davinci_grasper"),

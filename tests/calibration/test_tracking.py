@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -169,6 +170,63 @@ def test_bad_tracks_are_one_line_each() -> None:
     other = seen(motion(seed=5)[1])
     with pytest.raises((CalibrationError, RecordingError)):
         tracked_truth(robot, other, known)
+
+
+def confused(
+    whole: Recording, aside: tuple[float, float, float], share: float
+) -> tuple[Track, tuple[float, float]]:
+    """What a tracker sees that takes another marker for this one, and from when to when [s]."""
+    joint = whole.columns("measured", ROBOT.joint_names)
+    joint[:, :3] = whole.columns("truth", JOINTS)
+    tracker, other = replace(CLEAN, strays=0.02), MARKER.copy()
+    other[:3, 3] += aside
+    t, points, _ = tracker.see(CARRIER, whole.t, joint, BASE, MARKER, 0)
+    begin = int(0.3 * len(t))
+    rows = slice(begin, begin + int(share * len(t)))
+    points[rows] = tracker.see(CARRIER, whole.t, joint, BASE, other, 1)[1][rows]
+    return Track.of_readings(t, points), (t[rows][0], t[rows][-1])
+
+
+@pytest.mark.parametrize("aside", [(0.02, 0.01, 0.02), (0.003, 0.0, 0.0)])
+def test_a_stretch_of_another_marker_is_named_and_left_out(
+    aside: tuple[float, float, float],
+) -> None:
+    robot, whole = motion()
+    track, (begin, end) = confused(whole, aside, 0.1)
+    tracked, found = tracked_truth(robot, track, stated(), offset=0.0)
+    (stretch,) = found.stretches
+    assert (stretch.begin, stretch.end) == pytest.approx((begin, end), abs=0.6)
+    assert stretch.alike
+    assert stretch.distance == pytest.approx(np.linalg.norm(aside), rel=0.1)
+    assert f"left out: {stretch}" in tracked.provenance.notes
+    assert tracked.provenance.dropped["tracker: off for a while"] == stretch.readings
+    inside = (tracked.t > begin + 1.0) & (tracked.t < end - 1.0)
+    assert np.isnan(tracked.columns("truth", JOINTS)[inside]).all()
+    assert (np.abs(truth_error(tracked, whole).mean(axis=0)) < 4 * found.pose_deviation).all()
+    assert found.summary()["left out"] == str(stretch)
+    assert found.to_dict()["stretches"][0]["alike"]
+
+
+def test_a_stretch_that_is_here_and_there_is_no_marker() -> None:
+    robot, whole = motion()
+    track = seen(whole)
+    random = np.random.default_rng(0)
+    points = track.position.copy()
+    points[400:500] += random.uniform(-0.05, 0.05, (100, 3))
+    found = tracked_truth(robot, replace(track, position=points), stated(), offset=0.0)[1]
+    (stretch,) = found.stretches
+    assert not stretch.alike
+    assert stretch.readings == pytest.approx(100, abs=3)
+
+
+def test_markers_confused_for_long_are_refused_with_when() -> None:
+    robot, whole = motion()
+    # At a third the fit lies between both, and leaves nothing out.
+    track, (begin, end) = confused(whole, (0.01, 0.0, 0.0), 0.32)
+    with pytest.raises(CalibrationError, match=r"they jump at (.+) s\)") as told:
+        tracked_truth(robot, track, stated(), offset=0.0)
+    times = re.findall(r"jump at ([\d.]+), ([\d.]+) s", str(told.value))
+    assert [float(t) for t in times[0]] == pytest.approx((begin, end), abs=0.6)
 
 
 TOML = """

@@ -13,10 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.cli.conftest import Call
-from typer.main import get_command
 
 from truejoint import read_calibration, read_recording, write_parquet
-from truejoint.cli.commands import app
+from truejoint.cli.commands import built
 from truejoint.motion import read_trajectory
 from truejoint.robots import catalogue
 
@@ -27,7 +26,7 @@ def _walk(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
         yield from _walk(below, (*words, name))
 
 
-ROOT = get_command(app)
+ROOT = built()
 COMMANDS = dict(_walk(ROOT))
 
 
@@ -260,9 +259,13 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
 
 def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path) -> None:
     model = session / "next.st"
-    made = call("calibrate", session / "random.parquet", "--prior", session / "m.st", "-o", model)
+    made = call(
+        "calibrate", session / "random.parquet", "--prior", session / "m.st",
+        "--reference", session / "zigzag.parquet", "-o", model,
+    )  # fmt: skip
     assert made.code == 0, made.err
     read = read_calibration(model)
+    assert [Path(one).name for one in read.metadata["prior"]["reference"]] == ["zigzag.parquet"]
     assert read.estimator == "linear"
     assert read.metadata["prior"]["robot"] == "raven2 (left arm)"
     assert "--prior" in read.metadata["command"]
@@ -283,6 +286,7 @@ def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path
         ["calibrate", "x.parquet", "--part", "0.7:0.2", "-o", "m.st"],
         ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
         ["calibrate", "x.parquet", "--prior", "m.st", "-e", "linear", "-o", "new.st"],
+        ["calibrate", "x.parquet", "--reference", "x.parquet", "-o", "m.st"],
         ["trajectory", "designed", "--minutes", "0", "-o", "d.csv"],
         ["study", "efficiency", "--jobs", "2", "--cluster", "tcp://127.0.0.1:9"],
         ["nothing"],

@@ -9,23 +9,28 @@ import pytest
 from sklearn.base import clone
 from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
+from tests.estimators.test_elastic_joint import recording as grasper_recording
 from tests.export.library import exported, needs_compiler
 from tests.runtime.registered import ready
 from tests.runtime.streams import recording, trained
 
-from truejoint.calibration import Calibration, read_calibration, write_calibration
+from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     Combination,
+    ElasticJointFilter,
     JawFilter,
     LinearRegressor,
     NeuralNetwork,
     PolynomialRegressor,
     RecurrentNetwork,
+    RichPlay,
     get_estimator,
 )
+from truejoint.estimators.wrapped import class_of
 from truejoint.models.combination import FAMILY
 from truejoint.models.family import EstimatorData
+from truejoint.models.features import time_steps
 
 NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)
 GRU = RecurrentNetwork(units=5, epochs=2)
@@ -117,7 +122,7 @@ def test_a_seed_goes_to_the_members():
         ((LinearRegressor(),), ((1.0, 1.0), (0.0, 1.0)), "for each of 1 members"),
         ((LinearRegressor(),), ((float("nan"), 1.0),), "give a finite one"),
         ((LinearRegressor(),), ((1.0,) * 3,), "are for 3 outputs"),
-        ((JawFilter(),), None, "features of its own"),
+        ((JawFilter(), ElasticJointFilter()), None, "features of their own"),
         ((SVR(),), None, "cannot run in a loop"),
         ((LinearRegressor(),) * 11, None, "1 to 10 members"),
         ((), None, "1 to 10 members"),
@@ -155,3 +160,20 @@ def test_sums_within_sums_have_an_end():
 def test_the_registered_one_is_called_so():
     assert get_estimator("linear_trees").name == "linear_trees"
     assert Combination((LinearRegressor(),)).name == "combination"
+
+
+def test_what_a_physical_filter_leaves_is_learnt_from_its_features():
+    training = [grasper_recording(seed) for seed in range(3)]
+    both = calibrate(training, Combination((ElasticJointFilter(elements=2), RichPlay())))
+    assert both.target == "position"
+    physical, learnt = both.model.members_
+    assert both.feature_set.names == physical.family.inputs(physical.model_params())
+    X, test = both.feature_set.compute(training[0], both.gap_limit), training[0]
+    dt = time_steps(test.t, both.gap_limit)
+    summed = physical.evaluate(X, dt) + learnt.evaluate(X, dt)
+    np.testing.assert_array_equal(both.model.evaluate(X, dt), summed)
+    truth = test.columns("truth", both.joints)
+    before, after = (np.std(one - truth) for one in (physical.evaluate(X, dt), summed))
+    assert after < before
+    again = class_of("hybrid").from_data(both.model.data, 2, 1)
+    np.testing.assert_array_equal(again.evaluate(X, dt), summed)

@@ -9,7 +9,7 @@ from tests.runtime.streams import SIGNALS, recording
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import LinearRegressor, RichPlay
-from truejoint.estimators.rich_play import PENALTIES, Ridge
+from truejoint.estimators.rich_play import PENALTIES, Ridge, loaded_pairs
 from truejoint.models import play_bank
 from truejoint.models.features import FeatureSet, time_steps
 from truejoint.models.play_bank import expand_rows
@@ -33,7 +33,7 @@ def test_the_model_sees_scaled_features_plays_and_low_passes():
     dt = time_steps(run.t, 0.2)
     low, high = X.min(axis=0), X.max(axis=0)
     arrays = {"centre": (low + high) / 2, "inverse_half_range": 2 / (high - low)}
-    params = {"plays": (0.1, 0.4), "time_constants": (0.3,)}
+    params = {"plays": (0.1, 0.4), "time_constants": (0.3,), "pairs": (), "growing": (0.2,)}
     kept = np.arange(len(X)) % 3 == 1
     seen = expand_rows(params, arrays, X, dt, kept)
     half = (high - low) / 2
@@ -48,6 +48,50 @@ def test_the_model_sees_scaled_features_plays_and_low_passes():
     np.testing.assert_allclose(seen, expected[kept], atol=1e-9)
     assert np.abs(scaled).max() == pytest.approx(1.0)
     assert seen.shape == (int(kept.sum()), play_bank.n_seen(params, 2))
+
+
+def test_plays_grow_and_shrink_with_another_feature():
+    X, _ = slack(n=300)
+    dt = np.where(np.arange(300) % 200 == 0, 0.0, 0.02)
+    arrays = {"centre": np.zeros(2), "inverse_half_range": np.array([1.0, 0.5])}
+    params = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.1, 0.5)}
+    seen = expand_rows(params, arrays, X, dt, np.ones(300, bool))
+    assert seen.shape == (300, 2 * 3 + 4)
+    for column, (way, width) in enumerate([(1, 0.1), (1, 0.5), (-1, 0.1), (-1, 0.5)]):
+        last = 0.0
+        for i, (x, load) in enumerate(X):
+            half = width * (0.1 + 0.9 * np.clip(0.5 + way * 0.25 * load, 0.0, 1.0))
+            last = x if dt[i] == 0.0 else min(max(last, x - half), x + half)
+            assert seen[i, 6 + column] == pytest.approx((last - x) / width, abs=1e-12)
+
+
+def test_positions_are_paired_with_their_efforts_or_those_of_cables():
+    jaws = ("measured/a", "effort/b", "measured/b", "effort/a", "play(measured/a, 0.1)")
+    assert loaded_pairs(jaws) == ((0, 3), (2, 1))
+    assert loaded_pairs(("measured/bend", "effort/w1", "current/w1", "effort/w2")) == (
+        (0, 1),
+        (0, 3),
+    )
+    assert loaded_pairs(("measured/a", "effort/a", "measured/b")) == ((0, 1),)
+    assert loaded_pairs([f"{kind}/{i}" for kind in ("measured", "effort") for i in range(33)]) == ()
+
+
+def test_growing_plays_know_a_loop_whose_width_grows_where_products_do_not():
+    """Of a play, unlike of a sign, the width cannot be had by a factor."""
+    rows = [slack(seed)[0] for seed in (0, 1)]
+    loops = []
+    for X in rows:
+        y, last = np.zeros(len(X)), 0.0
+        for i, (x, load) in enumerate(X):
+            half = 0.5 * (0.1 + 0.9 * (0.5 + 0.5 * load))
+            last = min(max(last, x - half), x + half)
+            y[i] = last
+        loops.append(y)
+    model = RichPlay(pairs=((0, 1),))
+    left, without = (
+        np.std(loops[1] - m.fit(rows[0], loops[0]).predict(rows[1])) for m in (model, RichPlay())
+    )
+    assert left < 0.7 * without
 
 
 def test_it_knows_a_loop_whose_width_grows_with_the_load():

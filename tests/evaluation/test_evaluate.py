@@ -8,6 +8,7 @@ import pytest
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import CalibrationError, RecordingError
+from truejoint.estimators.polynomial import Raw
 from truejoint.evaluation import Evaluation, evaluate
 from truejoint.evaluation.evaluate import unique_names
 from truejoint.recordings import Recording, check_data
@@ -274,6 +275,22 @@ def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(
             evaluate({"dnn": [calibration]}, [test], rezero=rezero)
     with pytest.raises(RecordingError, match="after the 60 s that re-zero it; a test"):
         evaluate({"dnn": [calibration]}, [test], rezero=60.0)
+
+
+def test_a_raw_position_that_was_chosen_is_re_zeroed_beside_that_as_it_comes(
+    recording_of: Callable[..., Recording],
+) -> None:
+    train, test = (recording_of("raven2", seed=seed, source=f"{seed}.csv") for seed in (0, 9))
+    model = calibrate(train, Raw())
+    found = evaluate(model, test, rezero=3.0)
+    assert found.chosen == "raw, re-zeroed"
+    error = -test.error(model.joints)
+    left = error[test.t >= 3.0]
+    for name, zero in (("raw", 0.0), (found.chosen, np.median(error[test.t < 3.0], axis=0))):
+        expected = np.sqrt(np.mean((left - zero) ** 2, axis=0))
+        scores = [found.score(name, joint).rmse for joint in model.joints]
+        np.testing.assert_allclose(scores, expected, rtol=1e-9)
+    assert evaluate(model, test).chosen == "raw"
 
 
 def test_re_zeroing_that_harms_is_told(grasper: tuple[Any, Recording]) -> None:

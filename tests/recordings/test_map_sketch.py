@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.io
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
@@ -21,6 +21,7 @@ fields = st.text(
 )
 
 
+@settings(max_examples=30)
 @given(names=st.lists(fields, min_size=2, max_size=8), robot=st.sampled_from(["", "raven2"]))
 def test_any_header_gives_a_map_that_is_understood(
     tmp_path_factory: pytest.TempPathFactory, names: list[str], robot: str

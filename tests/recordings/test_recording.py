@@ -140,3 +140,11 @@ def test_runs_hold_what_is_true_and_nothing_else(same: list[bool]) -> None:
     found = runs(np.array(same, dtype=bool))
     assert [k for first, end in found for k in range(first, end)] == np.flatnonzero(same).tolist()
     assert all(end < first for (_, end), (first, _) in pairwise(found))
+
+
+def test_arrays_are_copied_unless_they_are_handed_over() -> None:
+    columns = {"t": np.arange(3.0), "measured/jaw": np.zeros(3)}
+    copied = Recording.from_columns(columns, "davinci_grasper")
+    kept = Recording.from_columns(columns, "davinci_grasper", copy=False)
+    assert not np.shares_memory(copied.column("measured/jaw"), columns["measured/jaw"])
+    assert np.shares_memory(kept.column("measured/jaw"), columns["measured/jaw"])

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from tests.recordings.marker_bag import KINDS, write_marker_bag
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import Track, read_track
@@ -56,39 +57,36 @@ def test_a_lost_marker_is_no_reading() -> None:
 
 
 def test_a_bag_gives_the_topic_of_the_tracker(tmp_path: Path) -> None:
-    rosbag1 = pytest.importorskip("rosbags.rosbag1", reason="rosbags is not installed")
-    typesys = pytest.importorskip("rosbags.typesys")
-    store = typesys.get_typestore(typesys.Stores.ROS1_NOETIC)
-    of, path = store.types, tmp_path / "session.bag"
-
-    def pose(k: int) -> object:
-        point = of["geometry_msgs/msg/Point"](*POINTS[k])
-        return of["geometry_msgs/msg/Pose"](point, of["geometry_msgs/msg/Quaternion"](*TURNS[k]))
-
-    with rosbag1.Writer(path) as writer:
-        kinds = {"/marker": "PoseStamped", "/arm1/measured_cp": "PoseStamped"}
-        links = {
-            name: writer.add_connection(name, f"geometry_msgs/msg/{kind}", typestore=store)
-            for name, kind in kinds.items()
-        }
-        for k in range(len(T)):
-            stamp = round(1e9 * (5.0 + T[k]))
-            time = of["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-            header = of["std_msgs/msg/Header"](seq=k, stamp=time, frame_id="tracker")
-            message = of["geometry_msgs/msg/PoseStamped"](header, pose(k))
-            data = store.serialize_ros1(message, "geometry_msgs/msg/PoseStamped")
-            for link in links.values():
-                writer.write(link, stamp + 10**7, data)
+    path = tmp_path / "session.bag"
+    topics = {"/marker": "PoseStamped", "/arm1/measured_cp": "PoseStamped"}
+    write_marker_bag(path, 5.0 + T, POINTS, TURNS, topics)
     track = read_track(path)
     np.testing.assert_allclose(track.t, 5.0 + T, atol=1e-8)
-    np.testing.assert_array_equal(track.position, POINTS)
-    assert track.orientation is not None
     assert track.source == "session.bag: /marker"
     assert len(read_track(path, "/arm1/measured_cp")) == len(T)
     with pytest.raises(RecordingError, match=r"no points or poses on '/tf'.* /marker"):
         read_track(path, "/tf")
     with pytest.raises(RecordingError, match="in m; leave the unit out"):
         read_track(path, unit="mm")
+    with pytest.raises(RecordingError, match="at least one"):
+        read_track([])
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_each_message_of_a_marker_is_read(tmp_path: Path, kind: str, suffix: str) -> None:
+    half = len(T) // 2
+    bags = [tmp_path / f"{name}{suffix}" for name in ("first", "second")]
+    for bag, rows in zip(bags, (slice(half), slice(half, None)), strict=True):
+        write_marker_bag(bag, 5.0 + T[rows], POINTS[rows], TURNS[rows], {"/marker": kind})
+    track = read_track(bags)
+    np.testing.assert_allclose(track.t, 5.0 + T, atol=1e-8)
+    np.testing.assert_array_equal(track.position, POINTS)
+    if kind == "PointStamped":
+        assert track.orientation is None
+    else:
+        assert track.orientation is not None
+        np.testing.assert_allclose(track.orientation, TURNS, atol=1e-15)
 
 
 def test_what_is_no_track_is_one_line(tmp_path: Path) -> None:

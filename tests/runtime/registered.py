@@ -59,9 +59,14 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
     if inputs(name):
         return calibrate(recordings, name, **how)
     estimator = get_estimator(name)
-    small = {"hidden_layer_sizes": (9, 7), "epochs": 2, "units": 5, "n_estimators": 5}
+    small = {"hidden_layer_sizes": (9, 7), "epochs": 2, "units": 5, "layers": 3}
     estimator.set_params(**{k: v for k, v in small.items() if k in estimator.get_params()})
-    with patch.dict(registry._BOOSTED.params, max_iter=5):
+    network = {k: small[k] for k in ("hidden_layer_sizes", "epochs")}
+    with (
+        patch.dict(registry._TREES["boosted_trees"].params, max_iter=5),
+        patch.dict(registry._TREES["random_forest"].params, n_estimators=4),
+        patch.dict(registry._ESTIMATORS["dnn"].params, network),
+    ):
         return streams.trained(estimator, recordings=recordings, **how)
 
 

@@ -13,6 +13,7 @@ from .cross_conformal import cross_interval as cross_interval
 from .enough import ENOUGH as ENOUGH
 from .enough import expected_gain as expected_gain
 from .fitting import calibrate as calibrate
+from .fitting import reseeded as reseeded
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
 from .jaw_session import encoder_rezeroed as encoder_rezeroed

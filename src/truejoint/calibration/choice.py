@@ -28,6 +28,7 @@ _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must,
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
+_JUDGED: Final = 100_000  # that a fold judges, at most
 _TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up,
 _WORSE: Final = 0.25  # if it is worse than the best by this share, at least, for each joint
 
@@ -189,7 +190,7 @@ class Group:
         unseen = np.flatnonzero(known & np.concatenate(judged))
         if not len(unseen):
             raise CalibrationError(f"no row of {fold.name} has a known truth")
-        return seen[:: max(1, -(-len(seen) // _ROWS))], unseen
+        return _spread(seen, _ROWS), _spread(unseen, _JUDGED)
 
     def _predict(self, trial: _Trial, seen: Integers, unseen: Integers) -> tuple[Array, Array]:
         """Fit to the rows `seen`, settle what that found, and predict the rows `unseen`.
@@ -303,6 +304,11 @@ def apart(features: Array, feature_set: FeatureSet) -> Array:
         rows = len(features) * signals.index(feature.signal) // len(signals)
         moved[:, number] = np.roll(features[:, number], rows)
     return moved
+
+
+def _spread(rows: Integers, most: int) -> Integers:
+    """Give at most so many of the rows (n,), evenly spread."""
+    return rows[:: max(1, -(-len(rows) // most))]
 
 
 def stacking_weights(products: Array) -> Array:

@@ -150,6 +150,7 @@ def calibrate(
     model = model.for_recordings(recordings)
     chosen = chosen_joints(robot, recordings, joints)
     feature_set = chosen_features(model, robot, recordings, features)
+    model = model.for_features(feature_set.names)
     dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
     if feature_set.counts_samples or model.family.counts_samples:
         for recording in recordings:
@@ -217,6 +218,39 @@ def calibrate(
     return replace(fitted, effort_baseline=baseline)
 
 
+def reseeded(
+    fitted: Calibration,
+    recordings: Sequence[Recording],
+    seeds: Iterable[int],
+    *,
+    fit_rate: float | None = None,
+) -> list[Calibration]:
+    """Calibrations that differ from a fitted one by the estimator's seed alone.
+
+    As `calibrate` makes them of the same `recordings` and `fit_rate`, with one zero, but what they
+    share is worked out once; the baseline of the efforts, which they do not share, is left out.
+
+    Examples
+    --------
+    >>> first = calibrate(training, truejoint.estimators.get_estimator("dnn").set_params(epochs=1))
+    >>> len(reseeded(first, training, [1, 2]))
+    2
+    """
+    recordings = as_recordings(recordings)
+    stride = stride_of(fit_rate, fitted.metadata["sample_dt"])
+    rules = RowRules(fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
+    parts = list(map(rules.rows, recordings, outlying_values(recordings, fitted.joints)))
+    models = [_unfitted(fitted.model, fitted.target, seed) for seed in seeds]
+    return [
+        replace(
+            fitted,
+            model=_fit_model(model, parts, fitted.target, lambda _fraction: None),
+            effort_baseline=None,
+        ).with_metadata(settings=" ".join(repr(model).split()))
+        for model in models
+    ]
+
+
 def _choose(
     recordings: Sequence[Recording],
     wanted: Automatic,
@@ -255,7 +289,8 @@ def _choose(
         rules = RowRules(feature_set, chosen, gap_limit, stride)
         parts = map(rules.rows, recordings, outlying)
         rows = [Rows(p.recording.t, p.dt, p.features, p.targets(target)) for p in parts]
-        groups.append(Group(feature_set, rows, candidates, target))
+        known = [one.for_features(feature_set.names) for one in candidates]
+        groups.append(Group(feature_set, rows, known, target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 

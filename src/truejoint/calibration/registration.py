@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -62,6 +62,41 @@ class Registration:
     stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Stretch:
+    """A time in which most readings of a tracker are off, so that all are left out.
+
+    Attributes
+    ----------
+    begin, end : float
+        Time in the recording [s].
+    readings : int
+    distance : float
+        From where the marker is expected, in the median [m].
+    alike : bool
+        Whether all are off by the same on the marker's link, as another marker there would be.
+
+    Examples
+    --------
+    >>> from truejoint.calibration.registration import Stretch
+    >>> print(Stretch(12.0, 31.5, 585, 0.0301, alike=True))
+    12.0 to 31.5 s: 585 readings 30.1 mm off, all alike: another marker
+    """
+
+    begin: float
+    end: float
+    readings: int
+    distance: float
+    alike: bool
+
+    def __str__(self) -> str:
+        what = "all alike: another marker" if self.alike else "each otherwise"
+        return (
+            f"{self.begin:.1f} to {self.end:.1f} s: {self.readings} readings "
+            f"{1e3 * self.distance:.1f} mm off, {what}"
+        )
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Registered(Summarised):
     """Where a tracker stands, what it sees, and how sure that is.
@@ -90,7 +125,9 @@ class Registered(Summarised):
     pose_deviation : ndarray, shape (n_joints,)
         What all truths may be off by together, as the transforms are known no better [rad or m].
     readings, strays : int
-        Readings that fit, and those that were left out as they do not.
+        Readings that fit, and those that were left out one by one as they do not.
+    stretches : tuple of Stretch
+        Times that were left out whole.
 
     Examples
     --------
@@ -113,12 +150,16 @@ class Registered(Summarised):
     pose_deviation: Array
     readings: int
     strays: int
+    stretches: tuple[Stretch, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
         plain = {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in vars(self).items()}
         sd = None if math.isnan(self.clock.sd) else self.clock.sd
-        return plain | {"clock": {"seconds": self.clock.seconds, "sd": sd}}
+        return plain | {
+            "clock": {"seconds": self.clock.seconds, "sd": sd},
+            "stretches": [asdict(stretch) for stretch in self.stretches],
+        }
 
     def summary(self) -> dict[str, str]:
         """Give transforms with their deviations, delay, noise, and the deviation of each truth."""
@@ -142,6 +183,7 @@ class Registered(Summarised):
             "clock": repr(self.clock).partition("(")[2].removesuffix(")"),
             "readings": f"{self.readings}, {self.strays} strays left out, noise "
             f"{1e3 * self.noise:.2g} mm per axis",
+            **({"left out": "; ".join(map(str, self.stretches))} if self.stretches else {}),
             "truth ±": "; ".join(deviations) + " (of one reading, and of all together)",
         }
 

@@ -12,6 +12,7 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.inputs import Files, say_dropped, takes_files
+from truejoint.cli.track import Registration, show, with_tracked_truth
 from truejoint.errors import RecordingError
 from truejoint.files import check_target
 
@@ -47,6 +48,14 @@ def extract(
             help="Topic of joint sensors, or a file of theirs; default: found in the bags.",
         ),
     ] = "",
+    tracker: Annotated[
+        str,
+        typer.Option(
+            help="Topic of a tracker or camera that saw the tool, in place of joint sensors; "
+            "default with --registration: found by type."
+        ),
+    ] = "",
+    registration: Registration = None,
     truth_columns: Annotated[
         Path | None, typer.Option(help="TOML file that names the columns of a truth file.")
     ] = None,
@@ -72,34 +81,35 @@ def extract(
     """Make a recording of the bags of a session, or list their topics."""
     if output is None:
         of_recording = (
-            profile, state, truth, truth_columns, quantity, offset_s, robot, arm, homing_id,
-            load_grams, session, force or None,
+            profile, state, truth, tracker, registration, truth_columns, quantity, offset_s,
+            robot, arm, homing_id, load_grams, session, force or None,
         )  # fmt: skip
         if any(option not in (None, "", []) for option in of_recording):
             raise RecordingError("no --out, so the topics are listed, which takes --json alone")
-        topics = truejoint.recordings.bag_topics(bags)
-        if as_json:
-            result_json({n: {"type": kind, "messages": c} for n, (kind, c) in topics.items()})
-            return
-        for name, (kind, count) in sorted(topics.items()):
-            out.print(f"{name}  {kind}  {count}", soft_wrap=True)
+        _list_topics(bags, as_json=as_json)
         return
     check_target(output, overwrite=force)
-    by_file = bool(truth) and Path(truth).exists()
+    by_file, tracked = bool(truth) and Path(truth).exists(), bool(tracker or registration)
     if truth_columns is not None and not by_file:
         raise RecordingError("--truth-columns is for a file of the truth; name it with --truth")
+    if truth and tracked:
+        raise RecordingError("--truth and a tracker both tell where the joints are; give one")
     with progress(f"Reading {len(bags)} bag{'s'[: len(bags) != 1]}"):
+        seen = truejoint.recordings.read_track(bags, tracker) if tracked else None
         recording = truejoint.recordings.read_bag(
             bags,
             robot or "",
             arm,
             profile=profile,
             state=state,
-            truth=None if by_file else truth,
+            truth=None if by_file or tracked else truth,
             quantities=(*truejoint.crtk.messages.USUAL_QUANTITIES, *(quantity or ())),
             offset=offset_s,
         )
-    if by_file:
+    registered = None
+    if seen is not None:
+        recording, registered = with_tracked_truth(recording, seen, registration, offset=offset_s)
+    elif by_file:
         machine = recording.robot
         stream = truejoint.recordings.read_truth(truth, machine.name, machine.arm, truth_columns)
         recording, _ = truejoint.recordings.join_truth(recording, stream, offset_s)
@@ -110,9 +120,36 @@ def extract(
     recording = replace(recording, provenance=provenance)
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
+    _tell(recording, output, registered, as_json=as_json)
+
+
+def _list_topics(bags: list[Path], *, as_json: bool) -> None:
+    topics = truejoint.recordings.bag_topics(bags)
     if as_json:
-        result_json({"recording": str(output), "rows": len(recording), **provenance.to_dict()})
+        result_json({n: {"type": kind, "messages": c} for n, (kind, c) in topics.items()})
         return
+    for name, (kind, count) in sorted(topics.items()):
+        out.print(f"{name}  {kind}  {count}", soft_wrap=True)
+
+
+def _tell(
+    recording: truejoint.Recording,
+    output: Path,
+    registered: truejoint.calibration.Registered | None,
+    *,
+    as_json: bool,
+) -> None:
+    if as_json:
+        told = {
+            "recording": str(output),
+            "rows": len(recording),
+            **recording.provenance.to_dict(),
+            **({"tracker": registered.to_dict()} if registered else {}),
+        }
+        result_json(told)
+        return
+    if registered is not None:
+        show(registered)
     found = ", ".join(recording.joints_of("truth")) or "none"
     out.print(f"{output}: {len(recording)} rows over {recording.duration:.1f} s, truth of {found}")
 

@@ -27,10 +27,8 @@ from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
 
-Start: TypeAlias = (
-    "truejoint.estimators.JointRegressor | truejoint.calibration.Automatic | truejoint.Calibration"
-)
-"""What is fitted, chosen, or changed."""
+Unfitted: TypeAlias = "truejoint.estimators.JointRegressor | truejoint.calibration.Automatic"
+"""What is fitted, or chosen."""
 
 _CROSS: Final = "cross"  # in place of recordings for an interval
 _NONE: Final = "none"  # in place of redundant columns
@@ -109,8 +107,17 @@ def calibrate(
         typer.Option(
             metavar="MODEL",
             help="Calibration of another day, tool or arm of the robot, by linear, poly2, "
-            "poly2_ridge or rich_play, to be changed as far as a minute of recording says: "
-            "estimator, features, joints and target are its own.",
+            "poly2_ridge or rich_play, to be changed as far as a minute of recording says, or, "
+            "whatever it is by, its zero as far as a few seconds do: estimator, features, joints "
+            "and target are its own.",
+        ),
+    ] = None,
+    reference: Annotated[
+        list[str] | None,
+        options.recordings(
+            "--reference",
+            "With --prior: recording that it was made from. What it leaves there is its own "
+            "shortcoming and no change; ten seconds of the same motion are enough then.",
         ),
     ] = None,
     test: Annotated[
@@ -154,7 +161,7 @@ def calibrate(
     if touches is not None or plate is not None:
         chosen = (
             estimator, settings, features, joints, target, redundant, fit_rate_hz, test, interval,
-            accept, part, split, interval_rezero_s, prior, zero != "shared",
+            accept, part, split, interval_rezero_s, prior, reference, zero != "shared",
             seed,
         )  # fmt: skip
         calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
@@ -163,7 +170,8 @@ def calibrate(
     is_cross = interval == [_CROSS]
     dataset = only_dataset(recordings)
     own = (estimator, settings, features, joints, target, redundant, zero != "shared", is_cross)
-    unfitted = start(estimator, settings or [], dataset, features, prior, own)
+    unfitted = start(estimator, settings or [], dataset, features)
+    changed = checked_prior(prior, reference, own)
     if dataset is not None:
         features = features or [dataset]
         fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
@@ -171,11 +179,9 @@ def calibrate(
     read_training = files.find(
         recordings, part=part, split=split, held_out=False, joints=joints or [], inputs=inputs
     )
-    read_testing, read_unseen = (
-        files.find(test or []),
-        files.find([] if is_cross else interval or []),
-    )
-    training, testing, unseen = read_training(), read_testing(), read_unseen()
+    others = (test or [], [] if is_cross else interval or [], reference or [])
+    read_others = [files.find(names) for names in others]
+    training, (testing, unseen, before) = read_training(), (read() for read in read_others)
     check = checked(training, accepted, joints=joints)
     say_failed(check)
     if check.failed:
@@ -185,7 +191,13 @@ def calibrate(
     how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
     how["redundant"] = [] if redundant == [_NONE] else redundant
     how |= {"rezero": interval_rezero_s} if is_cross else {}
-    fitted = fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
+    fitted = (
+        fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
+        if changed is None
+        else truejoint.calibration.adapted(
+            changed, training, reference=before, fit_rate=fit_rate_hz
+        ).with_metadata(command=command_line())
+    )
     went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
     fitted = fitted.with_metadata(accepted=went_on)
     if unseen:
@@ -206,25 +218,33 @@ def calibrate(
         out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
+def checked_prior(
+    prior: Path | None, reference: Sequence[str] | None, own: Sequence[object]
+) -> truejoint.Calibration | None:
+    """Read the prior, if there is one.
+
+    Raises CalibrationError where any of what is its `own` was given beside it, or a reference
+    without one.
+    """
+    if prior is None:
+        if reference:
+            raise CalibrationError("--reference: it is that of a prior; give --prior MODEL, too")
+        return None
+    if any(own):
+        raise CalibrationError(
+            "--prior: estimator, features, joints, target and zero are the prior's, and it "
+            "takes no --interval cross; leave these options out"
+        )
+    return truejoint.read_calibration(prior)
+
+
 def start(
     estimator: str | None,
     settings: Sequence[str],
     dataset: str | None,
     features: Sequence[str] | None,
-    prior: Path | None,
-    own: Sequence[object],
-) -> Start:
-    """Say what is fitted, with the parameters that were given or suit a data set.
-
-    Raises CalibrationError where any of what is a prior's `own` was given beside it.
-    """
-    if prior is not None:
-        if any(own):
-            raise CalibrationError(
-                "--prior: estimator, features, joints, target and zero are the prior's, and it "
-                "takes no --interval cross; leave these options out"
-            )
-        return truejoint.read_calibration(prior)
+) -> Unfitted:
+    """Say what is fitted, with the parameters that were given or suit a data set."""
     if estimator == AUTO:
         return choice(settings, dataset, default_features=dataset is not None and not features)
     return configured(estimator or DEFAULT, settings, dataset)
@@ -232,18 +252,12 @@ def start(
 
 def fit(
     training: Sequence[truejoint.Recording],
-    estimator: Start,
+    estimator: Unfitted,
     *,
     is_cross: bool = False,
     **how: Any,
 ) -> truejoint.Calibration:
-    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it.
-
-    A calibration is adapted.
-    """
-    if isinstance(estimator, truejoint.Calibration):
-        fitted = truejoint.calibration.adapted(estimator, training, fit_rate=how["fit_rate"])
-        return fitted.with_metadata(command=command_line())
+    """Fit, showing progress; `how` as `calibrate` or, if `is_cross`, `cross_interval` takes it."""
     automatic = truejoint.calibration.Automatic
     named = "Choosing" if isinstance(estimator, automatic) else f"Fitting {estimator.name}"
     make = truejoint.calibration.cross_interval if is_cross else truejoint.calibrate

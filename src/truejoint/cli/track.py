@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Final
 
@@ -12,6 +13,11 @@ from truejoint.cli import complete, options
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
 from truejoint.files import check_target
+
+Registration = Annotated[
+    Path | None,
+    typer.Option(help="TOML file of what is known of the tracker; see docs/tracker.md."),
+]
 
 _MANY: Final = 0.05  # strays, as a share of the readings
 
@@ -38,10 +44,7 @@ def track(
         str, typer.Option(help="Topic of the tracker in a bag; default: the only one.")
     ] = "",
     unit: Annotated[str, typer.Option(help="Of the points in a file: m or mm.")] = "m",
-    registration: Annotated[
-        Path | None,
-        typer.Option(help="TOML file of what is known of the tracker; see docs/tracker.md."),
-    ] = None,
+    registration: Registration = None,
     joint: Annotated[
         list[str] | None,
         typer.Option(help="Joint to be found, once for each; default: those that place the tool."),
@@ -63,25 +66,47 @@ def track(
     check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
     seen = truejoint.recordings.read_track(points, topic, unit)
-    found = files.one(robot_file)
-    known = None
-    if registration is not None:
-        known = truejoint.calibration.read_registration(registration, found.robot)
-    with progress("Finding where the tracker stands, and what it says of the joints"):
-        recording, registered = truejoint.calibration.tracked_truth(
-            found, seen, known, joint or (), offset=offset_s, near=near_s
-        )
+    recording, registered = with_tracked_truth(
+        files.one(robot_file), seen, registration, joint or (), offset=offset_s, near=near_s
+    )
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
-    share = registered.strays / (registered.strays + registered.readings)
-    if share > _MANY:
-        say(
-            f"warn: {100 * share:.0f} % of the readings fit no place of the marker and were left "
-            "out; does the tracker confuse two markers at times?"
-        )
     if as_json:
         result_json({"recording": str(output), **registered.to_dict()})
         return
+    show(registered)
+    out.print(f"{output}: {len(recording)} rows, truth of {', '.join(registered.joints)}")
+
+
+def with_tracked_truth(
+    recording: truejoint.Recording,
+    seen: truejoint.recordings.Track,
+    registration: Path | None,
+    joints: Sequence[str] = (),
+    *,
+    offset: float | None = None,
+    near: float | None = None,
+) -> tuple[truejoint.Recording, truejoint.calibration.Registered]:
+    """Give a recording the truth that a tracker saw, and say what was left out of its readings."""
+    known = None
+    if registration is not None:
+        known = truejoint.calibration.read_registration(registration, recording.robot)
+    with progress("Finding where the tracker stands, and what it says of the joints"):
+        found, registered = truejoint.calibration.tracked_truth(
+            recording, seen, known, joints, offset=offset, near=near
+        )
+    for stretch in registered.stretches:
+        say(f"warn: left out, {stretch}")
+    share = registered.strays / (registered.strays + registered.readings)
+    if share > _MANY:
+        say(
+            f"warn: {100 * share:.0f} % of the readings, one here and one there, fit no place of "
+            "the marker and were left out; is its view clear?"
+        )
+    return found, registered
+
+
+def show(registered: truejoint.calibration.Registered) -> None:
+    """Print where the tracker stands, and how sure that is."""
     for label, text in registered.summary().items():
         out.print(f"{label:12} {text}")
-    out.print(f"{output}: {len(recording)} rows, truth of {', '.join(registered.joints)}")

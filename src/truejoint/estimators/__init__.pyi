@@ -14,10 +14,11 @@ from .play import Play as Play
 from .polynomial import FixedOffset as FixedOffset
 from .polynomial import LinearRegressor as LinearRegressor
 from .polynomial import PolynomialRegressor as PolynomialRegressor
-from .recurrent import RecurrentNetwork as RecurrentNetwork
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .rich_play import RichPlay as RichPlay
+from .sequence import RecurrentNetwork as RecurrentNetwork
+from .sequence import TemporalConvolution as TemporalConvolution
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
 from .wrapped import candidates as candidates

@@ -14,7 +14,8 @@ PENALTIES: Final = (*(10.0**p for p in range(-4, 3)), math.inf)
 """Tried on the squared changes of coefficients, beside the mean squared error; the last changes the
 intercept alone."""
 _BLOCKS: Final = 5  # of the rows, on end, left out in turn
-_LEAST_ROWS: Final = 50
+LEAST_ROWS: Final = 50
+"""Of a recording by which a model is changed."""
 
 
 def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
@@ -35,9 +36,9 @@ def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
     CalibrationError
         If there are fewer than 50 rows.
     """
-    if len(terms) < _LEAST_ROWS:
+    if len(terms) < LEAST_ROWS:
         raise CalibrationError(
-            f"{len(terms)} rows with truth; a prior is changed by {_LEAST_ROWS} or more"
+            f"{len(terms)} rows with truth; a prior is changed by {LEAST_ROWS} or more"
         )
     rows = np.arange(len(terms))
     blocks = np.array_split(rows, _BLOCKS)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -16,8 +16,8 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.wrapped import Regressor, joint_regressor
-from truejoint.models import combination, combination_with_memory
-from truejoint.models.family import EstimatorData, Family, Params
+from truejoint.models import combination, combination_with_memory, hybrid
+from truejoint.models.family import EstimatorData, Family, Params, find_family
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -34,9 +34,11 @@ class Combination(JointRegressor):
 
     Parameters
     ----------
-    members : sequence of Regressor, optional
-        Unfitted, each with a row and for any features; by default the linear model, then boosted
-        trees.
+    members : sequence of Regressor or str
+        Unfitted, each with a row, or names of truejoint's own, ``boosted_trees`` and
+        ``random_forest`` among them; by default the linear model, then boosted trees. Where one
+        takes features of its own, as a physical filter does, all see these: what the filter leaves
+        can then be learnt.
     weights : sequence of sequence of float, optional
         A row for each member, a column for each output. A member is fitted to those outputs alone
         for which it has a weight other than 0, one without any is left out.
@@ -59,21 +61,17 @@ class Combination(JointRegressor):
     """
 
     family: ClassVar[Family] = combination.FAMILY
-    members: Sequence[Regressor] | None = None
+    members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
     weights: Sequence[Sequence[float]] | None = None
     random_state: int | None = None
 
     def __post_init__(self) -> None:
-        if not isinstance(self.members, list | tuple | None):
+        if not isinstance(self.members, list | tuple):
             return  # `fit` says so, and what else is wrong
         with suppress(CalibrationError):
-            if any(member.family.remembers for member in self._unfitted()):
-                self.family = combination_with_memory.FAMILY  # type: ignore[misc]  # by its members
-
-    @property
-    def name(self) -> str:
-        """Name of the one by default; the family of any other."""
-        return super().name if self.members is None else self.family.name
+            family = _family([one.family for one in self._unfitted()])
+            if family is not type(self).family:
+                self.family = family  # type: ignore[misc]  # by its members
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as the most demanding member needs."""
@@ -81,17 +79,20 @@ class Combination(JointRegressor):
 
     def check_params(self) -> None:
         """Raise CalibrationError if a member cannot be one, or the weights are not theirs."""
-        if not isinstance(self.members, list | tuple | None):
+        if not isinstance(self.members, list | tuple):
             raise CalibrationError(
                 f"members of a combination are {self.members!r:.60}; give a list of estimators"
             )
         unfitted = self._unfitted()
         for member in unfitted:
             member.check_params()
-            if member.family.inputs is not None:
-                raise CalibrationError(
-                    f"{member.name} takes features of its own and cannot be combined; fit it alone"
-                )
+        own = {one.name: one.family.inputs(one.model_params()) for one in unfitted
+               if one.family.inputs}  # fmt: skip
+        if len(set(own.values())) > 1:
+            raise CalibrationError(
+                f"{' and '.join(own)} take features of their own, not the same, and cannot be "
+                "combined; fit each alone"
+            )
         if self.weights is not None:
             weights = np.asarray(self.weights, dtype=np.float64)
             good = weights.ndim == 2 and len(weights) == len(unfitted)
@@ -117,9 +118,16 @@ class Combination(JointRegressor):
 
         Raises CalibrationError when they cannot serve to fit a member.
         """
-        members = tuple(member.for_recordings(recordings) for member in self._unfitted())
-        known = {} if self.members is None else {"members": members}
-        return clone(self).set_params(**known)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self._of(one.for_recordings(recordings) for one in self._unfitted())
+
+    def for_features(self, names: Sequence[str]) -> Self:
+        """Unfitted copy whose members know what the features are."""
+        return self._of(one.for_features(names) for one in self._unfitted())
+
+    def _of(self, members: Iterable[JointRegressor]) -> Self:
+        """Unfitted copy of other members, unless they are names."""
+        other = {} if self._is_named() else {"members": tuple(members)}
+        return clone(self).set_params(**other)  # type: ignore[no-any-return]  # sklearn: untyped
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs."""
@@ -128,21 +136,24 @@ class Combination(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters, to be run only."""
-        made = cls()
+        same = (one for one in map(registry.registered, registry.OWN) if type(one) is cls)
+        made = next((one for one in same if one.model_params() == params), cls())
         made.params_ = params
         return made
 
     @classmethod
     def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
         """Fitted estimator of its data; raises as `JointRegressor.from_data`."""
+        family = find_family(data.family)
+        family.check(data, n_features, n_outputs)
         made = super().from_data(data, n_features, n_outputs)
-        made.members = ()
+        made.members, made.family = (), family  # type: ignore[misc]  # by its members
         return made
 
     def settled(self) -> Self:
         """Unfitted copy, of settled members."""
         fitted = vars(self).get("members_")
-        if self.members is None or fitted is None:
+        if self._is_named() or fitted is None:
             return super().settled()
         return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
             members=tuple(member.settled() for member in fitted),
@@ -174,15 +185,26 @@ class Combination(JointRegressor):
         self.params_ = _described(self.members_, weights)
         return arrays
 
+    def _is_named(self) -> bool:
+        """Whether all members are names, which what is learnt of recordings does not change."""
+        return all(isinstance(member, str) for member in self.members)
+
     def _unfitted(self) -> list[JointRegressor]:
         """Give members of one's own."""
-        usual = [registry.registered(registry.LINEAR), registry.boosted_trees()]
-        members = usual if self.members is None else self.members
+        members = (registry.member(m) if isinstance(m, str) else m for m in self.members)
         return [clone(joint_regressor(member)) for member in members]
 
     def _used(self) -> tuple[tuple[float, ...], ...]:
         """Weights of the members that have any."""
         return tuple(tuple(map(float, own)) for own in self.weights or () if np.any(own))
+
+
+def _family(members: Sequence[Family]) -> Family:
+    """Give the family of a combination of members of these."""
+    if any(one.inputs for one in members):
+        return hybrid.FAMILY
+    remembers = any(one.remembers for one in members)
+    return combination_with_memory.FAMILY if remembers else combination.FAMILY
 
 
 def _described(members: Sequence[JointRegressor], weights: Array | None = None) -> Params:

@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
+from truejoint.errors import CalibrationError, unknown
 from truejoint.models.names import OFFSET
 from truejoint.plugins import plugins
 
@@ -38,11 +39,14 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "poly2": _Line("polynomial", "PolynomialRegressor", {}),
     "dnn": _Line("network", "NeuralNetwork", {}, _SMALL),
     "poly2_ridge": _Line("rich_play", "Ridge", {}, {}),
-    "linear_trees": _Line("combination", "Combination", {}, {}),
+    "linear_trees": _Line("combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {}),
+    "network_forest": _Line("combination", "Combination", {"members": ("dnn", "random_forest")}),
     "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge"}, {}),
     "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees"}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
-    "gru": _Line("recurrent", "RecurrentNetwork", {}),
+    "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
+    "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
+    "tcn": _Line("sequence", "TemporalConvolution", {}),
     "lsm": _Line("yan2020", "CableLeastSquares", {}),
     "lsm_intercept": _Line("yan2020", "CableLeastSquares", {"intercept": True}),
     "lsm_compensated": _Line("yan2020", "CableLeastSquares", {"compensated": True}),
@@ -58,12 +62,19 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
 }
-_BOOSTED: Final = _Line(
-    "sklearn.ensemble",
-    "HistGradientBoostingRegressor",
-    {"early_stopping": False, "random_state": 0},
-)
-"""Of scikit-learn; it becomes arrays of ours."""
+_TREES: Final = {
+    "boosted_trees": _Line(
+        "sklearn.ensemble",
+        "HistGradientBoostingRegressor",
+        {"early_stopping": False, "random_state": 0},
+    ),
+    "random_forest": _Line(
+        "sklearn.ensemble",
+        "RandomForestRegressor",
+        {"n_estimators": 60, "min_samples_leaf": 5, "n_jobs": 1, "random_state": 0},
+    ),
+}
+"""Of scikit-learn, as members of a combination; they become arrays of ours."""
 OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
 
 TITLES: Final = {
@@ -111,9 +122,17 @@ def parameter_names(name: str) -> tuple[str, ...]:
     return tuple(found)
 
 
-def boosted_trees() -> Any:
-    """Unfitted boosted trees."""
-    return getattr(import_module(_BOOSTED.module), _BOOSTED.cls)(**_BOOSTED.params)
+def member(name: str) -> Any:
+    """Unfitted regressor that a combination calls so: one of truejoint's own names, or of trees.
+
+    Raises CalibrationError if it is neither.
+    """
+    if name in _TREES:
+        line = _TREES[name]
+        return getattr(import_module(line.module), line.cls)(**line.params)
+    if name not in OWN:
+        raise CalibrationError(unknown("member", name, (*OWN, *_TREES)))
+    return registered(name)
 
 
 def tried() -> list[Any]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
+from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
@@ -40,7 +42,8 @@ class Ridge(TermsRegressor):
     """Ridge regression on features and products of them, its penalties cross-validated.
 
     For each output by itself, a penalty and how much more products are penalised are those of the
-    least mean square on five blocks of rows, on end, that are left out in turn.
+    least mean square on five parts of the rows that are left out in turn: blocks on end, or, of
+    fewer than five histories, a block of each.
 
     Parameters
     ----------
@@ -93,7 +96,7 @@ class Ridge(TermsRegressor):
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
         targets = (y - scales["target_mean"]) / scales["target_scale"]
-        blocks = np.array_split(np.arange(len(X)), BLOCKS)
+        blocks = left_out(dt)
         products = np.array([_products(scaled[b], targets[b], factors) for b in blocks])
         is_product = factors[:, 1] < X.shape[1]
         shares = SHARES if is_product.any() else SHARES[-1:]
@@ -118,6 +121,19 @@ class Ridge(TermsRegressor):
             "coef": np.ascontiguousarray(table[1:]),
             "intercept": table[0] + scales["target_mean"],
         }
+
+
+def left_out(dt: Array) -> list[Integers]:
+    """Rows of each of the `BLOCKS` parts, of the time (n,) since the row before.
+
+    Of few histories none is left out as a whole: what it alone shows, such as a load, would then
+    count as something that cannot be learnt.
+    """
+    starts = np.flatnonzero(dt == 0.0)
+    whole = [np.arange(len(dt))]
+    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
+    cut = [np.array_split(rows, BLOCKS) for rows in own]
+    return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
 
 
 def _products(scaled: Array, y: Array, factors: Integers) -> Array:
@@ -175,6 +191,8 @@ class RichPlay(JointRegressor):
     Half-widths are shares of half the range that a feature has in training, so nothing is to be
     chosen for a robot or a unit. A ridge regression on the features, plays and low-passes, and on
     their products with the features (the width of a loop grows with load), is learnt first.
+    `calibrate` adds plays of measured positions whose widths grow with efforts (friction grows with
+    the tension of a cable).
 
     Parameters
     ----------
@@ -192,6 +210,11 @@ class RichPlay(JointRegressor):
         features.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
+    pairs : sequence of (int, int), optional
+        Places of a feature, and of one that the widths of its further plays grow with, or shrink;
+        by default, each measured position with the effort of its joint, or with those of cables.
+    growing : sequence of float
+        Largest half-widths of these plays, in half ranges of the feature.
     random_state : int, optional
         Seed of the trees; their own by default.
 
@@ -216,11 +239,18 @@ class RichPlay(JointRegressor):
     rows: int = 40_000
     leading: int | None = None
     squared: int = 0
+    pairs: tuple[tuple[int, int], ...] | None = None
+    growing: tuple[float, ...] = (0.05, 0.2, 0.6)
     random_state: int | None = None
+
+    def for_features(self, names: Sequence[str]) -> Self:
+        """Unfitted copy whose pairs are those of the features called so, where it has none."""
+        pairs = loaded_pairs(names) if self.pairs is None else self.pairs
+        return clone(self).set_params(pairs=pairs)  # type: ignore[no-any-return]
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs."""
-        seen = play_bank.n_seen(vars(self), n_features)
+        seen = play_bank.n_seen(self.model_params(), n_features)
         return max(self.least_rows, Ridge().minimum_rows(seen))
 
     def check_params(self) -> None:
@@ -240,7 +270,8 @@ class RichPlay(JointRegressor):
 
     def model_params(self) -> Params:
         """Parameters of the family: its own, and the model's once there is one."""
-        own = {name: getattr(self, name) for name in ("learner", "plays", "time_constants")}
+        names = ("learner", "plays", "time_constants", "growing")
+        own = {name: getattr(self, name) for name in names} | {"pairs": self.pairs or ()}
         return {**own, "members": vars(self).get("members_", _UNFITTED)}
 
     @classmethod
@@ -261,9 +292,12 @@ class RichPlay(JointRegressor):
         varies = ~constant_columns(X[known])
         inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
         arrays = {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
-        seen = play_bank.expand_rows(vars(self), arrays, X, dt, kept)
-        self.model_ = self._unfitted(X.shape[1], seen.shape[1], y.shape[1]).fit(
-            seen, y[kept], progress
+        params = self.model_params()
+        seen = play_bank.expand_rows(params, arrays, X, dt, kept)
+        crossed = play_bank.n_constant(params, X.shape[1])
+        starts = np.diff(np.cumsum(dt == 0.0)[kept], prepend=0) > 0
+        self.model_ = self._unfitted(X.shape[1], crossed, y.shape[1]).fit(
+            seen, y[kept], progress, np.where(starts, 0.0, 1.0)
         )
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
@@ -297,14 +331,33 @@ class RichPlay(JointRegressor):
             )
         return leading, n_seen, squared
 
-    def _unfitted(self, n_features: int, n_seen: int, n_outputs: int) -> JointRegressor:
-        """Model for so many features, and so much that it sees of them, and so many joints."""
-        ridge = Ridge(*self._products(n_features, n_seen))
+    def _unfitted(self, n_features: int, n_crossed: int, n_outputs: int) -> JointRegressor:
+        """Model for so many features, what of them and their plays is multiplied, and joints."""
+        ridge = Ridge(*self._products(n_features, n_crossed))
         if self.learner == "ridge":
             return ridge
         leaves = _LEAVES if n_outputs <= _FEW_JOINTS else _LEAVES // 2
-        trees = registry.boosted_trees().set_params(max_leaf_nodes=leaves)
+        trees = registry.member("boosted_trees").set_params(max_leaf_nodes=leaves)
         return Combination((ridge, trees), None, self.random_state)
+
+
+def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Places of measured positions, each with that of an effort that may widen its loop.
+
+    Of its own joint or, where that has none, of the channels that are no measured joint, as the
+    wires of a sheath. None where these are too many.
+    """
+    effort = {name.removeprefix("effort/"): i for i, name in enumerate(names)
+              if name.startswith("effort/")}  # fmt: skip
+    measured = {name.removeprefix("measured/"): i for i, name in enumerate(names)
+                if name.startswith("measured/")}  # fmt: skip
+    cables = [i for joint, i in effort.items() if joint not in measured]
+    pairs = [
+        (i, other)
+        for joint, i in measured.items()
+        for other in ([effort[joint]] if joint in effort else cables)
+    ]
+    return tuple(pairs) if len(pairs) <= play_bank.MAX_PAIRS else ()
 
 
 _UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)

@@ -31,6 +31,7 @@ from truejoint.summary import json_values
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
+_REZEROED_RAW = f"{RAW}, re-zeroed"  # what a chosen raw position is called beside the baseline
 
 
 class Corrects(Protocol):
@@ -113,6 +114,9 @@ def evaluate(
     if not (rezero >= 0.0 and np.isfinite(rezero)):
         raise CalibrationError(f"the time to re-zero from is {rezero:g} s; it must be 0 s or more")
     given = _by_estimator(models)
+    if rezero > 0.0 and RAW in given:  # a model of no correction, but not as it comes: another row
+        given = {_REZEROED_RAW if name == RAW else name: seeds for name, seeds in given.items()}
+        chosen = _REZEROED_RAW if chosen == RAW else chosen
     calibrations = _fitted_for(given, rezeroing=rezero > 0.0)
     recordings = as_recordings(recordings)
     chosen, joints = _checked_models(calibrations, chosen)

@@ -3,7 +3,8 @@
 A joint behind cables remembers where its motor came from: friction and slack make a play, creep a
 low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen, European Journal
 of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
-larger swings.
+larger swings. Friction grows with the tension of a cable, so that there may be plays of one feature
+whose widths go up, or down, with another.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from truejoint.models.family import (
     Shape,
     call_row,
     find_family,
+    is_integer,
     numbers,
     one_of,
 )
@@ -35,6 +37,9 @@ from truejoint.models.products import standardise
 LEARNERS: Final = ("ridge", "trees")
 MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
+MAX_PAIRS: Final = 32
+LEAST: Final = 0.1
+"""Share of its largest half-width that a growing play has where the other feature is least."""
 
 LAYOUT: Final = Layout()
 N_PLAYS: Final = LAYOUT.integer("n_plays", "of each feature")
@@ -46,6 +51,11 @@ TIME_CONSTANTS: Final = LAYOUT.array("time_constants", "of the low-passes [s]")
 OUTPUTS: Final = LAYOUT.array("outputs", "of the plays of each feature, as they were last")
 TRAILS: Final = LAYOUT.array("trails", "output and input of each low-pass, as they were last")
 SEEN: Final = LAYOUT.array("seen", "by the model: features, then plays, then low-passes")
+N_PAIRS: Final = LAYOUT.integer("n_pairs", "of a feature and one that its plays grow with")
+N_GROWING: Final = LAYOUT.integer("n_growing", "plays of a pair, each way")
+PAIRS: Final = LAYOUT.integers("pairs", "the feature, and the one that its plays grow with")
+GROWING: Final = LAYOUT.array("growing", "largest half-widths of growing plays, in half ranges")
+GROWN: Final = LAYOUT.array("grown", "outputs of growing plays, as they were last")
 ROW: Final = LAYOUT.address("row", "prediction of the model")
 MODEL: Final = LAYOUT.part("model", "of what is seen")
 
@@ -75,6 +85,25 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -
             kept = vector(memory, numbers[TRAILS] + 2 * at, 2)
             trail = lowpass(time_constants[j], fresh, dt, seen[i], kept)
             seen[k + k * n_plays + at] = trail - seen[i]
+    grow(numbers, memory, fresh, seen, k * (1 + n_plays + n_lowpasses))
+
+
+@compiled
+def grow(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: int) -> None:
+    """Add plays whose widths go up, then down, with another feature: `seen` from `start` on."""
+    n_pairs, n_growing = numbers[N_PAIRS], numbers[N_GROWING]
+    growing = vector(memory, numbers[GROWING], n_growing)
+    outputs = vector(memory, numbers[GROWN], 2 * n_pairs * n_growing)
+    for i in range(n_pairs):
+        here = seen[numbers[numbers[PAIRS] + 2 * i]]
+        other = 0.5 * seen[numbers[numbers[PAIRS] + 2 * i + 1]]
+        for way in range(2):
+            share = 0.5 + other if way == 0 else 0.5 - other
+            width = LEAST + (1.0 - LEAST) * min(max(share, 0.0), 1.0)
+            for j in range(n_growing):
+                at = (2 * i + way) * n_growing + j
+                outputs[at] = play(width * growing[j], fresh, here, outputs[at])
+                seen[start + at] = (outputs[at] - here) / growing[j]
 
 
 @compiled
@@ -84,6 +113,7 @@ def play_bank_row(
     """Predict by the model from what the features are and were."""
     k = x.shape[0]
     n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
+    n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
     seen = vector(memory, numbers[SEEN], n)
     expand(numbers, memory, dt, x, seen)
     call_row(
@@ -120,6 +150,12 @@ def expand_rows(
 
 def n_seen(params: Params, n_features: int) -> int:
     """Count what the model sees."""
+    growing = 2 * len(params["pairs"]) * len(params["growing"])
+    return n_constant(params, n_features) + growing
+
+
+def n_constant(params: Params, n_features: int) -> int:
+    """Count what comes before the plays that grow."""
     return n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
 
 
@@ -131,6 +167,10 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
         raise CalibrationError(
             f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
             "features"
+        )
+    if any(place >= n_features for pair in params["pairs"] for place in pair):
+        raise CalibrationError(
+            f"play_bank has pairs {params['pairs']}; it must be of features 0 to {n_features - 1}"
         )
     own = family.shapes(data.params, k, n_outputs)
     return {
@@ -155,6 +195,7 @@ def _packed(
     family: Family | None = None,
 ) -> Memory:
     n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
+    pairs, n_growing = params["pairs"], len(params["growing"])
     return LAYOUT.pack(
         {} if family is None else {"row": family.row},
         n_plays=n_plays,
@@ -166,8 +207,22 @@ def _packed(
         outputs=np.zeros(k * n_plays),
         trails=np.zeros((k * n_lowpasses, 2)),
         seen=np.zeros(n_seen(params, k)),
+        n_pairs=len(pairs),
+        n_growing=n_growing,
+        pairs=pairs or ((0, 0),),  # C has no array without elements
+        growing=params["growing"],
+        grown=np.zeros(max(1, 2 * len(pairs) * n_growing)),
         row=0 if family is None else family.row_address(),
         model=model,
+    )
+
+
+def _are_pairs(value: object) -> bool:
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) <= MAX_PAIRS
+        and all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in value)
+        and all(is_integer(place, 0, 10**6) for pair in value for place in pair)
     )
 
 
@@ -177,6 +232,8 @@ FAMILY: Final = Family(
         "learner": one_of(*LEARNERS),
         "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature"),
         "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]"),
+        "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),
+        "pairs": Rule(_are_pairs, f"up to {MAX_PAIRS} pairs of features by their places"),
         "members": Rule(
             lambda value: are_members(value) and len(value) == 1 and not value[0][2],
             "one model: family, its parameters and no outputs",

@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import argrelmax
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
@@ -18,6 +17,7 @@ from truejoint.recordings.checks.delay import estimate_delay
 from truejoint.recordings.checks.explained import OTHER_PLAYS, PLAYS, SLOW, explain
 from truejoint.recordings.recording import Recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
+from truejoint.threads import one_thread
 
 _MAX_GRID: Final = 1 << 19  # points of the longer stream, when clocks are compared at first
 _LEAST_OVERLAP: Final = 0.5  # share of the shorter stream
@@ -133,6 +133,12 @@ def join_truth(
     return replace(joined, provenance=described), found
 
 
+def cover_same_time(t: Array, other: Array) -> bool:
+    """Whether stamps `t` (n,) and `other` (m,) [s] have half of the shorter time in common."""
+    common = min(t[-1], other[-1]) - max(t[0], other[0])
+    return bool(common >= _LEAST_OVERLAP * min(np.ptp(t), np.ptp(other)))
+
+
 def _shifted(
     recording: Recording, truth: Stream, offset: float
 ) -> tuple[Recording, dict[str, int]]:
@@ -145,7 +151,8 @@ def _shifted(
         name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns
     }
     units = {**recording.units, **units}
-    return Recording.from_columns(columns, recording.provenance, units), counts
+    # Arrays of the other recording, and new ones.
+    return Recording.from_columns(columns, recording.provenance, units, copy=False), counts
 
 
 def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOffset:
@@ -162,7 +169,7 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
     joined = joined.with_truth(found.joints)
     if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
         return found
-    with threadpool_limits(1, user_api="blas"):
+    with one_thread():
         delay, other = (
             estimate_delay(
                 [[joined]] * len(found.joints),
@@ -198,9 +205,7 @@ def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -
     measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
     found = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
     coarse = _coarse_offset(state.t, measured, truth.t, found, ", ".join(joints), near, _each_joint)
-    with threadpool_limits(
-        1, user_api="blas"
-    ):  # many small regressions, of which each would wait for its threads
+    with one_thread():  # many small regressions, of which each would wait for its threads
         seconds, sd = _fine_offset(state.t, measured, truth.t, found, coarse)
     steps = [float(np.median(np.diff(stamps))) for stamps in (state.t, truth.t)]
     return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)

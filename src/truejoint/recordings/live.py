@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final, Self
 
@@ -14,14 +14,15 @@ from truejoint.crtk.messages import ARMS, JOINT_STATE, RAVEN_FIELDS, USUAL_QUANT
 from truejoint.crtk.ros import Transport
 from truejoint.crtk.ros.transport import SILENCE
 from truejoint.errors import RecordingError
-from truejoint.recordings.bags.reading import (
+from truejoint.recordings.bags.assembling import assemble
+from truejoint.recordings.bags.series import Lot
+from truejoint.recordings.bags.wiring import (
     HOMED,
     JOINT_FIELDS,
     OPERATING_STATES,
     RAVEN_TYPE,
-    Lot,
+    Topics,
     Wiring,
-    assemble,
     find_wiring,
     robot_of,
 )
@@ -114,7 +115,7 @@ class LiveLink:
     def _receive(self, heard: Heard, message: Any) -> None:
         heard.take(self._transport.now(), self._transport.seconds(message), message)
 
-    def _wire(self, topics: Mapping[str, tuple[str, int]]) -> tuple[Robot, Wiring]:
+    def _wire(self, topics: Topics) -> tuple[Robot, Wiring]:
         robot = robot_of(_PLACE, topics, self._robot, self._arm)
         return robot, find_wiring(_PLACE, topics, robot, **self._how)
 

@@ -183,14 +183,18 @@ class Recording(Summarised):
         columns: Mapping[str, Any],
         provenance: Provenance | str,
         units: Mapping[str, str] | None = None,
+        *,
+        copy: bool = True,
     ) -> Recording:
         """Make a recording of columns by name; units of joint positions come from the robot.
 
         `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
         `provenance` says where they come from, or no more than the robot's name; `units` those for
         which `default_unit` is not right. Of a joint whose mechanism is known, the measured
-        position is that of its motor where it is not given. Raises RecordingError or RobotError if
-        the columns break a rule of a recording, or there is no such robot.
+        position is that of its motor where it is not given. Without a `copy` the recording keeps
+        the arrays themselves, which then must not change: those of a day take much memory. Raises
+        RecordingError or RobotError if the columns break a rule of a recording, or there is no such
+        robot.
 
         Examples
         --------
@@ -223,7 +227,7 @@ class Recording(Summarised):
             motor, measured = f"motor/{joint}", f"measured/{joint}"
             if mechanism is not None and motor in arrays and measured not in arrays:
                 arrays[measured] = arrays[motor] / mechanism.motor_per_jaw
-        table = pd.DataFrame(arrays)
+        table = pd.DataFrame(arrays, copy=copy)
         filled = {name: default_unit(name, robot) for name in table.columns if name != "t"}
         filled.update(units or {})
         return cls(table, filled, provenance)

@@ -90,19 +90,25 @@ def synchronise(
         raise RecordingError(f"synchronise: gap limit {gap_limit} s; give one above 0 s")
     dropped: dict[str, int] = {}
     state, truth = usable_rows(state, "state", dropped), usable_rows(truth, "truth", dropped)
-    after = np.searchsorted(truth.t, state.t, side="left")
-    exact = truth.t[np.minimum(after, truth.t.size - 1)] == state.t
     early, late = state.t < truth.t[0], state.t > truth.t[-1]
-    inside = ~early & ~late & ~exact
-    upper = np.clip(after, 1, truth.t.size - 1)
-    gap = inside & (truth.t[upper] - truth.t[upper - 1] > gap_limit)
+    gap = _in_gap(state.t, truth.t, gap_limit)
     unknown = early | late | gap
     columns = {"t": state.t, **state.columns}
     for name, values in truth.columns.items():
-        columns[name] = np.where(unknown, np.nan, np.interp(state.t, truth.t, values))
+        columns[name] = np.interp(state.t, truth.t, values)
+        columns[name][unknown] = np.nan
     counts = {BEFORE: early, AFTER: late, GAP: gap}
     dropped |= {reason: int(rows.sum()) for reason, rows in counts.items() if rows.any()}
     return columns, dropped
+
+
+def _in_gap(t: Array, known: Array, limit: float) -> Mask:
+    """Which rising stamps (n,) lie between two of those `known` (m,) that are `limit` apart."""
+    wide = np.flatnonzero(np.diff(known) > limit)
+    edge = np.zeros(t.size + 1, dtype=np.int8)
+    np.add.at(edge, np.searchsorted(t, known[wide], side="right"), 1)
+    np.add.at(edge, np.searchsorted(t, known[wide + 1], side="left"), -1)
+    return np.asarray(np.cumsum(edge[:-1], dtype=np.int8) > 0)
 
 
 def forward_rows(t: Array) -> Mask:
@@ -111,6 +117,8 @@ def forward_rows(t: Array) -> Mask:
     A single stamp that leaps ahead is a stray: it is left out, not all those after it.
     """
     keep = np.isfinite(t)
+    if (np.diff(t) > 0.0).all():
+        return keep
     rows = np.flatnonzero(keep)
     before, stamps, after = t[rows][:-2], t[rows][1:-1], t[rows][2:]
     keep[rows[1:-1][(stamps > after) & (after > before)]] = False
@@ -122,7 +130,9 @@ def forward_rows(t: Array) -> Mask:
 
 def usable_rows(stream: Stream, name: str, dropped: dict[str, int]) -> Stream:
     """Rows without NaN whose stamps go forward; the others are counted in `dropped`."""
-    known = np.logical_and.reduce([np.isfinite(v) for v in (stream.t, *stream.columns.values())])
+    known = np.isfinite(stream.t)
+    for values in stream.columns.values():
+        known &= np.isfinite(values)
     if not known.all():
         dropped[f"{name}: {MISSING}"] = int((~known).sum())
         stream = stream.rows(known)

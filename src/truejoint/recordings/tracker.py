@@ -154,14 +154,18 @@ class Track:
         return cls(t[kept], position[kept], turns, source, found)
 
 
-def read_track(path: str | os.PathLike[str], topic: str = "", unit: str = "m") -> Track:
-    """Read the points or poses of a marker on the tool from a file or a bag.
+def read_track(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    topic: str = "",
+    unit: str = "m",
+) -> Track:
+    """Read the points or poses of a marker on the tool from a file, or the bags of a session.
 
     Parameters
     ----------
-    path : path-like
+    path : path-like or sequence of path-like
         Text or Parquet with columns ``t`` [s], ``x``, ``y``, ``z`` and, of poses, ``qx``, ``qy``,
-        ``qz``, ``qw``; others are passed over. Or a bag with a topic of ``geometry_msgs``:
+        ``qz``, ``qw``; others are passed over. Or bags with a topic of ``geometry_msgs``:
         ``PointStamped``, ``PoseStamped``, ``PoseWithCovarianceStamped``, ``TransformStamped``.
     topic : str
         Of a bag; by default the only one of these types that is not the arm's own.
@@ -181,14 +185,17 @@ def read_track(path: str | os.PathLike[str], topic: str = "", unit: str = "m") -
     >>> len(read_track("points.csv"))
     100
     """
-    source = Path(path)
+    sources = [Path(path)] if isinstance(path, str | os.PathLike) else [Path(one) for one in path]
+    if not sources:
+        raise RecordingError("there is no file of points to read; give at least one")
+    source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
     head = b"" if source.is_dir() else read_head(require_file(source))
-    if is_bag(source, head):
+    if len(sources) > 1 or is_bag(source, head):
         if unit != "m":
             raise RecordingError(f"{source}: a bag's points are in m; leave the unit out")
-        return _read_bag(source, topic)
+        return _read_bags(sources, topic)
     if topic:
         raise RecordingError(f"{source}: is no bag, so it has no topic; leave {topic!r} out")
     names, columns = (_parquet if head.startswith(PARQUET_MAGIC) else _text)(source)
@@ -240,22 +247,21 @@ def _parquet(source: Path) -> tuple[list[str], list[Array]]:
         ) from None
 
 
-def _read_bag(source: Path, topic: str) -> Track:
-    topics = bag_topics(source)
+def _read_bags(sources: Sequence[Path], topic: str) -> Track:
+    source = sources[0]
+    topics = bag_topics(sources)
     kinds = {name: kind for name, (kind, count) in topics.items() if kind in _FIELDS and count}
-    found = [name for name in kinds if crtk_name(name) not in _OWN]
-    if topic:
-        found = [topic]
+    found = [topic] if topic else [name for name in kinds if crtk_name(name) not in _OWN]
     if len(found) != 1 or found[0] not in kinds:
         listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))
         what = f"no points or poses on {topic!r}." if topic else "which topic is the tracker's?"
         raise RecordingError(
-            f"{source}: {what} Name one (--topic); of points or poses there are {listed or 'none'}"
+            f"{source}: {what} Name one; of points or poses there are {listed or 'none'}"
         )
     point, turn = _FIELDS[kinds[found[0]]]
     fields = [f"{point}.{axis}" for axis in "xyz"]
     fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
-    stamps, values = read_topic(source, found[0], fields)
+    stamps, values = read_topic(sources, found[0], fields)
     columns = [_number(values, name) for name in fields]
     return Track.of_readings(
         stamps / 1e9,

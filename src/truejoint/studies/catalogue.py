@@ -97,12 +97,13 @@ _RAVEN: Final = (
     ),
     Study(
         "endurance", "How does a calibration last: six hours idle, at work, under a load?",
-        "peng2024, II-G, figure 6, Table III", "truejoint.studies.raven2.endurance",
+        "peng2024, II-G, figures 6 and 7, Table III", "truejoint.studies.raven2.endurance",
         (
             _RAVENS, Option("works", ("idle", "unloaded", "loaded"), "what the arm does"), _SETS,
             Option("hours", 6, "of it", small=2), Option("load_g", 500.0, "on the tool [g]"),
             _SESSIONS, Option("networks", 2, "seeds of the network", small=1),
         ),
+        version=2,
     ),
     Study(
         "features", "What do all features of the robot's state cost, against 16 selected ones?",
@@ -156,7 +157,10 @@ _RAVEN: Final = (
             _RAVENS,
             Option(
                 "models",
-                ("dnn", "linear", "poly2", "gru", "gpr", "forest", "rich_play", "rich_trees"),
+                (
+                    "dnn", "linear", "poly2", "gru", "lstm", "tcn", "gpr", "forest",
+                    "network_forest", "rich_play", "rich_trees",
+                ),
                 "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
             ),
             _LONGEST, Option("hours", 6, "of unloaded work", small=2), _SESSIONS,
@@ -197,6 +201,7 @@ _PAST: Final = (
             Option("features", "positioning", "of the positioning joints, or all"),
             Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
         ),
+        version=2,
     ),
 )  # fmt: skip
 
@@ -327,13 +332,54 @@ _WRIST: Final = Study(
         Option("test_s", 60.0, "each test [s]", small=15.0),
         Option(
             "methods",
-            ("coupling", "linear_motor", "play_motor", "linear_effort", "play_effort"),
+            (
+                "coupling",
+                "linear_motor",
+                "play_motor",
+                "linear_effort",
+                "play_effort",
+                "filter",
+                "play_filter",
+            ),
             "rows of the table, as in studies/wrist/accuracy.py",
         ),
     ),
 )
 
-STUDIES: Final = {study.name: study for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST)}
+_WRIST_LOOP: Final = Study(
+    "wrist-loop",
+    "How exactly do pitch and jaws go where they are wanted, with an estimate in the loop?",
+    "",
+    "truejoint.studies.wrist.closed_loop",
+    (
+        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("seconds", 30.0, "of steps that are tracked [s]", small=10.0),
+        Option("rate_hz", 200.0, "of the loop"),
+        Option("gain", 0.3, "share of the remaining error that a step adds"),
+    ),
+)
+
+_WRIST_CHANGES: Final = Study(
+    "wrist-changes",
+    "What does an instrument that changed after its calibration cost, and does it show?",
+    "",
+    "truejoint.studies.wrist.changes",
+    (
+        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
+        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
+    ),
+)
+
+STUDIES: Final = {
+    study.name: study
+    for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST, _WRIST_LOOP, _WRIST_CHANGES)
+}
 """In the order in which they are listed."""
 
 

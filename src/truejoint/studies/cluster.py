@@ -19,7 +19,7 @@ from truejoint.extras import require
 T = TypeVar("T")
 R = TypeVar("R")
 
-_ANSWER: Final = 20.0  # [s] for a scheduler to answer
+_ANSWER: Final = 20.0  # [s] for a scheduler or a worker to answer
 _PATIENCE: Final = 20.0  # [s] for it to have workers
 _LOOK: Final = 5.0  # [s] between two looks at whether there are workers
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
@@ -111,7 +111,15 @@ def _check_workers(client: Any, address: str) -> None:
                 f"worker {worker} has {about['nthreads']} threads; start it with --nthreads 1, and "
                 "one worker for each core"
             )
-    for worker, found in client.run(software, on_error="return").items():
+    try:
+        # Run by the client's own loop, as only that can stop waiting for one that hangs.
+        told = client.sync(client.run, software, on_error="return", callback_timeout=_ANSWER)
+    except TimeoutError:
+        raise StudyError(
+            f"a worker of {address} did not say within {_ANSWER:g} s what software it has; is it "
+            "stopped, or its computer overloaded? Restart it"
+        ) from None
+    for worker, found in told.items():
         _check_same(f"worker {worker}", found, software())
 
 

@@ -13,9 +13,16 @@ import numpy as np
 import pytest
 from rosbags import highlevel, rosbag1, rosbag2
 from tests.recordings.bags.conftest import make_session
+from tests.recordings.marker_bag import bag_writer, header_at
 
 from truejoint import read_recording
-from truejoint.crtk.messages import DEFINITIONS, JOINT_STATE, OPERATING_STATE, RAVEN_FIELDS
+from truejoint.crtk.messages import (
+    DEFINITIONS,
+    JOINT_STATE,
+    OPERATING_STATE,
+    RAVEN_FIELDS,
+    ros2_definition,
+)
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import (
     Recording,
@@ -25,7 +32,7 @@ from truejoint.recordings import (
     read_topic,
     write_bag,
 )
-from truejoint.recordings.bags import container, reading
+from truejoint.recordings.bags import assembling, container, wiring
 from truejoint.recordings.bags.container import (
     CUT_SHORT,
     DAMAGED,
@@ -115,18 +122,18 @@ def test_topics_are_counted_by_the_index_or_by_reading(session, tmp_path, monkey
 
 def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
     columns = {"t": np.arange(4.0), "measured/jaw": np.array([0.0, np.nan, 2.0, 3.0])}
-    assert list(reading._keep_known(columns).values()) == [1]
+    assert list(assembling._keep_known(columns).values()) == [1]
     np.testing.assert_array_equal(columns["t"], [0.0, 2.0, 3.0])
-    assert reading._keep_known(columns) == {}
+    assert assembling._keep_known(columns) == {}
     np.testing.assert_array_equal(columns["measured/jaw"], [0.0, 2.0, 3.0])
 
 
 def test_of_many_topics_a_message_lists_thirty():
-    assert reading._listed({}) == "there are none"
+    assert wiring.listed({}) == "there are none"
     topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(31)}
-    assert reading._listed(topics).endswith("/29 (std_msgs/String, 29), ...")
+    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
     topics.pop("/30")
-    assert reading._listed(topics).endswith("/29 (std_msgs/String, 29)")
+    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29)")
 
 
 def test_any_command_reads_a_bag(bag, session):
@@ -431,24 +438,25 @@ def test_rows_of_homing_are_left_out(session, tmp_path):
     assert AMID not in found.provenance.dropped
 
 
-def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path):
-    kind, system = "crtk_msgs/msg/operating_state", typesys()  # as RAVEN-II still calls it
-    store = system.get_typestore(system.Stores.ROS1_NOETIC)
-    store.register(system.get_types_from_msg(DEFINITIONS["crtk_msgs/operating_state"], kind))
-    start = session.provenance.start
-    with rosbag1.Writer(tmp_path / "said.bag") as writer:
+@pytest.mark.parametrize("kind", ["operating_state", "OperatingState"])  # as RAVEN-II, as CRTK
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path, kind, suffix):
+    start, kind = session.provenance.start, f"crtk_msgs/msg/{kind}"
+    text = DEFINITIONS["crtk_msgs/operating_state"]
+    if suffix != ".bag":
+        text = ros2_definition("crtk_msgs/operating_state")
+    said = tmp_path / f"said{suffix}"
+    with bag_writer(said) as (writer, store, serialize):
+        store.register(typesys().get_types_from_msg(text, kind))
         topic = writer.add_connection("/arm1/operating_state", kind, typestore=store)
         for after, is_homed in ((0.0, True), (1.0, False), (2.0, True)):
             stamp = round((start + after) * 1e9)
-            time = store.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
-            header = store.types["std_msgs/msg/Header"](0, time, "")
+            header = header_at(store.types, stamp)
             message = store.types[kind](header, "ENABLED", is_homed, not is_homed)
-            writer.write(topic, stamp, store.serialize_ros1(message, kind))
-    write_bag(session, tmp_path / "a.bag", profile="raven2_mended")
-    found = read_bag(
-        [tmp_path / "a.bag", tmp_path / "said.bag"], "raven2", profile="raven2_mended",
-        state="/arm1/measured_js",
-    )  # fmt: skip
+            writer.write(topic, stamp, serialize(message, kind))
+    whole = tmp_path / ("a.bag" if suffix == ".bag" else "a.mcap")
+    write_bag(session, whole, profile="raven2_mended")
+    found = read_bag([whole, said], "raven2", profile="raven2_mended", state="/arm1/measured_js")
     amid = (session.t >= 1.0 - 1e-9) & (session.t < 2.0 - 1e-9)
     assert found.provenance.dropped[AMID] == amid.sum() > 10
     np.testing.assert_allclose(found.t, session.t[~amid], atol=1e-6)

@@ -41,11 +41,23 @@ def test_only_effort_sees_a_load(result):
 
 def test_a_grip_is_told_from_none(result):
     (part,) = result[1].values()
-    error, size = part.numbers["loads"]["loaded"]["grip"]
-    false, none = part.numbers["loads"]["free"]["grip"]
+    loads = part.numbers["loads"]["play_effort"]
+    error, size = loads["loaded"]["grip"]
+    false, none = loads["free"]["grip"]
     assert none == 0.0
     assert false < 0.1 * size
     assert error < 0.3 * size
+
+
+def test_the_filter_finds_the_instrument_and_says_how_well_it_knows_it(result):
+    (part,) = result[1].values()
+    stiffness, deviation = part.numbers["identified"]["jaw_stiffness"]
+    assert 110e3 < stiffness < 200e3  # of 135-180
+    assert 0.0 < deviation < 0.2 * stiffness
+    assert (rms(result, "filter", "loaded") < 0.6 * rms(result, "play_motor", "loaded")).all()
+    for test in part.numbers["honest"].values():
+        assert 0.1 < test["angle"]["nees"] < 8.0
+        assert test["load"]["covered"] > 0.6
 
 
 def test_its_table_and_figures_can_be_drawn(result):
@@ -65,6 +77,19 @@ def test_motions_stay_within_what_they_say():
     assert not np.array_equal(motions.steps(5.0, 1), motions.steps(5.0, 2))
     joints = motions.joints(np.array([[0.1, 0.2, 0.3]]))
     np.testing.assert_allclose(joints, [[0.1, 0.05, 0.35]])
+
+
+def test_jaws_close_on_what_they_hold_and_are_open_when_it_goes():
+    pose = motions.multi_sine(12.0, 5)
+    asked, held = motions.grips(pose, 5)
+    there = held > 0.0
+    assert 0.3 < there.mean() < 0.8
+    # They are clear of it as it comes and as it goes, and press on it in between.
+    apart = asked[:, 2] - held
+    changes = np.flatnonzero(np.diff(there.astype(int)))
+    assert (apart[changes] > 0.04).all()
+    assert apart[there].min() < -0.05
+    np.testing.assert_array_equal(asked[:, :2], pose[:, :2])
 
 
 def test_a_load_grips_half_of_the_time_and_comes_off_again():

@@ -191,7 +191,7 @@ class RosBackend:
         self._reach(self._command)
         before, began = self._now(), self.time
         self._send_command(command)
-        left = {"begun": False}
+        left = {"begun": not before.is_homed}  # so that it has homed as soon as it says so
 
         def is_done() -> bool:
             now = self._now()

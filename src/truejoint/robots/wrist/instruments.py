@@ -24,9 +24,10 @@ JOINTS: Final = ("pitch", "jaw1", "jaw2")
 _JAW_RADIUS: Final = 2.8e-3  # [m] of the cables' path on the jaws
 _PITCH_PIN: Final = Pin(inertia=1.5e-6, radius=0.9e-3, friction=1.5e-3)
 _JAW_PIN: Final = Pin(inertia=4e-7, radius=0.9e-3, friction=0.6e-3)
-# Three tenths of the compliance are before the guides, as much in the shaft, the rest behind the
-# wrist's pulleys, around which a cable wraps 1.6 rad. The guides' angle counts as 1 rad: what is
-# known is the friction of all of them.
+# With rods in the shaft, three tenths of the compliance are before the guides, as much in the
+# shaft, the rest behind the wrist's pulleys, around which a cable wraps 1.6 rad; with bare cable
+# the shaft has more (`cables.shaft_compliance` of a virtual one). The guides' angle counts as
+# 1 rad: what is known is the friction of all of them.
 _SEGMENTS: Final = (0.3, 0.3, 0.4)
 _NODES: Final = (Node(1.0), Node(1.6, "pitch"))
 # A push at the tip turns the pitch by 19 mm and the yaw, half of either jaw, by 10 mm.

@@ -9,6 +9,9 @@ Each millisecond runs in this order, as on the robot:
 4. `_turn_motors`: the motors' equation of motion over the next millisecond.
 
 Every 100 ms `age` moves what is slow: creep, friction, grease.
+
+What runs in every millisecond is inlined: handing over the arrays of plant and state took longer
+than the equations.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, jit
+from truejoint.compiled import compiled, inlined, jit
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.raven2.parameters import Creep, ExternalEncoders, MotorFriction
 
@@ -163,7 +166,7 @@ def gravity_load(
         out[2] += part * (b0 + c2 * b1 + s2 * b2)
 
 
-@compiled
+@inlined
 def _couple(coupling: Array, cable: Array, joint: Array) -> None:
     """Joint positions of cable positions: what a joint's cable loses to the joints before it."""
     joint[0] = cable[0]
@@ -171,7 +174,7 @@ def _couple(coupling: Array, cable: Array, joint: Array) -> None:
     joint[2] = cable[2] - coupling[1] * joint[0] - coupling[2] * joint[1]
 
 
-@compiled
+@inlined
 def _path(plant: Plant, state: State, k: int) -> float:
     """Cable position [joint units] that motor `k` has wound, with run-out and wrap."""
     eccentric = plant.run_out[k, 0] * state.wave[k, 0] + plant.run_out[k, 1] * state.wave[k, 1]
@@ -187,7 +190,7 @@ def _path(plant: Plant, state: State, k: int) -> float:
     return path
 
 
-@compiled
+@inlined
 def _settle(plant: Plant, state: State, work: Array) -> None:
     """Joint positions and cable loads in balance with gravity, friction and stops."""
     gravity, cable, free, load = work[0], work[1], work[2], work[3]
@@ -230,7 +233,7 @@ def _settle(plant: Plant, state: State, work: Array) -> None:
         _carry(plant, state, load)
 
 
-@compiled
+@inlined
 def _carry(plant: Plant, state: State, load: Array) -> None:
     """Load the cables with what the joints carry: by power, the transpose of the coupling."""
     state.carried[2] = load[2]
@@ -240,7 +243,7 @@ def _carry(plant: Plant, state: State, load: Array) -> None:
     )
 
 
-@compiled
+@inlined
 def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
     """Read the external encoders where their time has come, each at its own instant."""
     while state.slow[NEXT_TRUTH] <= t:
@@ -259,7 +262,7 @@ def _sample_truth(plant: Plant, state: State, t: float, rows: Rows) -> None:
         state.slow[NEXT_TRUTH] += max(0.1 * plant.truth_period, wait)
 
 
-@compiled
+@inlined
 def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
     """Motor encoders, and the joint positions and velocities that the robot makes of them."""
     count = TURN / plant.counts
@@ -278,7 +281,7 @@ def _read_motors(plant: Plant, state: State, rows: Rows, i: int) -> None:
         rows.velocity[i, plant.channel[k]] = velocity
 
 
-@compiled
+@inlined
 def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> None:
     """Torque commands of the robot's PD law on the motor angles."""
     for k in range(7):
@@ -307,7 +310,7 @@ def _control(plant: Plant, state: State, goal: Array, rows: Rows, i: int) -> Non
         rows.effort[i, column] = step * np.rint(limited / step)
 
 
-@compiled
+@inlined
 def _turn_motors(plant: Plant, state: State, effort: Array) -> None:
     """Motor angles one step later: rotor, Dahl friction and the load of the cables."""
     c = plant.motor_friction

@@ -98,7 +98,9 @@ def plant_constants(
     wrap, slope = np.zeros((n_cables, most)), np.zeros((n_cables, most))
     joint_of = np.full((n_cables, most), -1)
     for c, cable in enumerate(cables):
-        compliance = np.array(cable.segments) / whole[c]
+        shares = np.array(cable.segments)
+        shares[1:-1] *= p.cables.shaft_compliance
+        compliance = shares / (shares.sum() * whole[c])
         if cable.spring:
             compliance[0] += 1.0 / cable.spring
         stiffness[c, : len(compliance)] = 1.0 / compliance

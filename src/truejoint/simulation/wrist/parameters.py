@@ -14,13 +14,15 @@ MAXWELL_SLIP: Final = "maxwell_slip"
 class Cables(NamedTuple):
     """Every cable: stiffness [N/m] and pretension [N].
 
-    And coefficients of friction at nodes that no joint turns, and at those that one does.
+    Coefficients of friction at nodes that no joint turns, and at those that one does. And how
+    many times as much as the mechanism says, beside the rest, a cable gives way between its nodes.
     """
 
     stiffness: Annotated[float, Bounds(1e3, 1e6)]
     pretension: Annotated[float, Bounds(0.1, 100.0)]
     guide_friction: Annotated[float, Bounds(0.0, 1.0)]
     wrist_friction: Annotated[float, Bounds(0.0, 0.5)]
+    shaft_compliance: Annotated[float, Bounds(0.01, 100.0)]
 
 
 class Variation(NamedTuple):

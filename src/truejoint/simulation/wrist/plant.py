@@ -128,19 +128,23 @@ def slide_over(
     `start` and `end` [m] are what its motor has wound up and its joints have let go.
     """
     first, last = c.stiffness[number, node], c.stiffness[number, node + 1]
-    before, behind = w.pull[node], w.pull[node + 1]
-    travel = guide_travel(
-        before, behind, w.ratio[node], first * (before > 0.0), last * (behind > 0.0)
-    )
-    if travel == 0.0:
-        return False
-    at = nodes[number, node] + travel
-    nodes[number, node] = at
-    w.slid[node] = travel
+    at = nodes[number, node]
     left = nodes[number, node - 1] if node > 0 else start
     right = nodes[number, node + 1] if node + 1 < c.n_nodes[number] else end
-    w.pull[node] = max(first * (c.slack[number, node] + left - at), 0.0)
-    w.pull[node + 1] = max(last * (c.slack[number, node + 1] + at - right), 0.0)
+    # Below 0 where slack is to be taken up before a segment pulls.
+    before = first * (c.slack[number, node] + left - at)
+    behind = last * (c.slack[number, node + 1] + at - right)
+    if before <= 0.0 and behind <= 0.0:
+        return False
+    travel = guide_travel(before, behind, w.ratio[node], first, last)
+    # No further than until the segment that lets go is slack.
+    travel = min(max(travel, -max(behind, 0.0) / last), max(before, 0.0) / first)
+    if travel == 0.0:
+        return False
+    nodes[number, node] = at + travel
+    w.slid[node] = travel
+    w.pull[node] = max(before - first * travel, 0.0)
+    w.pull[node + 1] = max(behind + last * travel, 0.0)
     return True
 
 

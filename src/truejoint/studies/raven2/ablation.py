@@ -30,7 +30,6 @@ GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
     "status": ("state", "arm"),
 }  # fmt: skip
 """Quantities of the state message that follow from each other, so that one replaces another."""
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 800_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = ("dnn", "linear")
 _FIT_RATE: Final = 10.0  # [Hz]: many fits, of features that do not need more
@@ -46,15 +45,7 @@ def parts(settings: Settings) -> Sequence[Part]:
         "seconds": 60.0 * settings["minutes"],
         "noise": settings["noise"],
     }
-    return [
-        Part(
-            f"{title}-{k}",
-            leave_out,
-            {"raven": raven, "seed": _OFFSET + _SEED * settings.seed + k, **common},
-        )
-        for title, raven in s.specimens(settings["specimens"]).items()
-        for k in range(settings["sessions"])
-    ]
+    return s.part_for_each(settings, leave_out, _OFFSET, common)
 
 
 def leave_out(raven: s.Plain, seed: int, training: str, seconds: float, noise: float) -> PartResult:
@@ -115,9 +106,8 @@ def _judged(models: s.Models, test: Recording, spoilt: Recording) -> s.Errors:
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """RMSE by what is left out or spoilt, and what is said of the groups."""
     made, figures, judged = [], {}, []
-    for title in s.specimens(settings["specimens"]):
-        numbers = [results[f"{title}-{k}"].numbers["errors"] for k in range(settings["sessions"])]
-        found = {name: [one[name] for one in numbers] for name in numbers[0]}
+    for title, numbers in s.numbers_of(settings, results).items():
+        found = {name: [one["errors"][name] for one in numbers] for name in numbers[0]["errors"]}
         name = f"Groups of features, specimen {title}"
         notes = (
             "; ".join(f"{group}: {', '.join(own)}" for group, own in GROUPS.items()) + ".",

@@ -26,7 +26,6 @@ FITTED_TO: Final = ("J1", "J2-J3")
 KINDS: Final = ("fine", "coarse")
 """Options that say which sparsities are trained on."""
 _NAMES: Final = (*DIRECTIONS, s.PUBLISHED)
-_SEED: Final = 1000  # between the seeds of studies
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -42,7 +41,8 @@ def parts(settings: Settings) -> Sequence[Part]:
         for session in range(settings["sessions"]):
             for direction in settings["directions"]:
                 # Every direction has an arm, a homing and a test of its own, as in the paper.
-                seed = _SEED * settings.seed + len(_NAMES) * session + _NAMES.index(direction)
+                number = len(_NAMES) * session + _NAMES.index(direction)
+                seed = s.STUDY_SEED * settings.seed + number
                 arguments = {"raven": raven, "direction": direction, "seed": seed, **common}
                 found.append(Part(f"{title}-{direction}-{session}", calibrate, arguments))
     return found

@@ -19,7 +19,6 @@ from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary, 
 from truejoint.studies.table import Table
 
 _FINE: Final = (4, 5, 6)  # divisions of the zig-zags that are compared with, as in peng2024
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 900_000  # of the arms' seeds, so that no other study has the same
 _MOTION_SEED: Final = 2_000_000  # between the seed of an arm and that of its motion
 _REFERENCE: Final = "zigzag"
@@ -46,7 +45,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     found = []
     for title, raven in s.specimens(settings["specimens"]).items():
         for session in range(settings["sessions"]):
-            seed = _OFFSET + _SEED * settings.seed + session
+            seed = _OFFSET + s.STUDY_SEED * settings.seed + session
             for motion in _MOTIONS:
                 arguments = {"raven": raven, "seed": seed, "motion": motion, **common}
                 found.append(Part(f"{title}-{motion}-{session}", learn, arguments))

@@ -1,4 +1,4 @@
-"""II-G, figure 6 and Table III of peng2024: six hours idle, at work, and at work under a load."""
+"""II-G, figures 6 and 7, Table III of peng2024: six hours idle, at work, and under a load."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
+from truejoint.recordings import Recording
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
@@ -27,10 +28,12 @@ from truejoint.studies.verdicts import RULE
 
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does; the last with a mass on its tool."""
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 300_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
+_EXAMPLE: Final = 60.0  # [s] of the first hour that are drawn, as in figure 7
+_DRAWN: Final = {"truth": "k", "raw": "0.6", "dnn": "tab:blue", "linear": "tab:green"}
+"""What is drawn of them, and its colour; the last two fitted to the longest training."""
 
 Hours = Sequence[Mapping[str, s.Errors]]
 """Errors by combination of sparsities, for each hour."""
@@ -52,7 +55,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     for title, raven in s.specimens(settings["specimens"]).items():
         for session in range(settings["sessions"]):
             for number, work in enumerate(settings["works"]):
-                seed = _OFFSET + _SEED * settings.seed + len(WORKS) * session + number
+                seed = _OFFSET + s.STUDY_SEED * settings.seed + len(WORKS) * session + number
                 load = settings["load_g"] / 1e3 if work == LOADED else 0.0
                 arguments = {"raven": raven, "work": work, "load": load, "seed": seed, **common}
                 found.append(Part(f"{title}-{work}-{session}", last, arguments))
@@ -77,7 +80,21 @@ def last(
     go_on = s.resting if work == IDLE else s.working
     tests = go_on(arm, hours, s.TEST_SEED + seed)
     errors = [{text: s.judged(own, test) for text, own in models.items()} for test in tests]
-    return PartResult({"hours": errors, "seconds": lengths})
+    example = _example(models[max(lengths, key=lambda text: lengths[text])], tests[0])
+    return PartResult({"hours": errors, "seconds": lengths}, example)
+
+
+def _example(models: s.Models, test: Recording) -> dict[str, Array]:
+    """Stamps (n,) [s] and joints (n, 3) of the first minute: true, measured, and corrected."""
+    minute = test.with_truth(s.JOINTS)
+    minute = minute.rows(minute.t - minute.t[0] <= _EXAMPLE)
+    corrected = {name: models[name][0].correct(minute) for name in _DRAWN if name in models}
+    return {
+        "t": minute.t - minute.t[0],
+        "truth": minute.columns("truth", s.JOINTS),
+        "raw": minute.columns("measured", s.JOINTS),
+        **corrected,
+    }
 
 
 def by_work(settings: Settings, results: Mapping[str, PartResult], title: str) -> Found:
@@ -110,7 +127,7 @@ def _together(errors: Sequence[s.Errors]) -> s.Errors:
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
-    """Figure 6 and the rows of Table III, and what the paper says of the hours."""
+    """Figures 6 and 7, the rows of Table III, and what the paper says of the hours."""
     made, figures, judged = [], {}, []
     for title in s.specimens(settings["specimens"]):
         found = by_work(settings, results, title)
@@ -131,6 +148,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             )
         made.append(_by_length(title, found, settings))
         figures[f"endurance-{title}"] = _figure(title, found)
+        first = {work: results[f"{title}-{work}-0"].arrays for work in settings["works"]}
+        figures[f"trajectories-{title}"] = _trajectories(title, first)
         if set(WORKS) <= set(found) and settings["hours"] > 1:
             judged += [claim.judged(found, title) for claim in CLAIMS]
     return Summary(made, figures, judged)
@@ -174,6 +193,24 @@ def _figure(title: str, found: Found) -> Figure:
         rows.append(panels)
     caption = "RMSE by hour after one calibration; mean over trainings of the three lengths."
     return Figure(f"peng2024 figure 6, specimen {title}", rows, caption, height=9.5, legend=True)
+
+
+def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Figure:
+    rows = []
+    for joint, label in enumerate(s.TITLES):
+        panels = []
+        for work, example in examples.items():
+            curves = [
+                Curve(example["t"], s.SCALES[joint] * example[name][:, joint], name, colour)
+                for name, colour in _DRAWN.items()
+            ]
+            panels.append(Panel(curves, "[s]", label, "" if joint else work))
+        rows.append(panels)
+    caption = (
+        "The first minute of the first hour's test: the true joints, those that the robot reports, "
+        "and these corrected by models of the longest training."
+    )
+    return Figure(f"peng2024 figure 7, specimen {title}", rows, caption, height=8.0, legend=True)
 
 
 def _at(work: str, hour: int, method: str, joint: int) -> claims.Pick:

@@ -25,7 +25,6 @@ WIDE: Final = "wide"
 """The larger network, on all features."""
 KINDS: Final = (SELECTED, TIMELESS, ALL)
 _CLOCKS: Final = ("state/time", "state/last_seq")
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 700_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = ("dnn", "linear", "poly2", "offset", WIDE)
 _STRIDE: Final = 10
@@ -40,15 +39,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     for text in settings["sets"]:
         s.combination(text)
     common = {name: settings[name] for name in ("sets", "models", "networks", "hours")}
-    return [
-        Part(
-            f"{title}-{k}",
-            fit_both,
-            {"raven": raven, "seed": _OFFSET + _SEED * settings.seed + k, **common},
-        )
-        for title, raven in s.specimens(settings["specimens"]).items()
-        for k in range(settings["sessions"])
-    ]
+    return s.part_for_each(settings, fit_both, _OFFSET, common)
 
 
 def fit_both(
@@ -98,8 +89,7 @@ def all_features(recording: Recording) -> list[str]:
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Figure 8, its numbers, and what the paper says of features."""
     made, figures, judged = [], {}, []
-    for title in s.specimens(settings["specimens"]):
-        numbers = [results[f"{title}-{k}"].numbers for k in range(settings["sessions"])]
+    for title, numbers in s.numbers_of(settings, results).items():
         order = sorted(settings["sets"], key=numbers[0]["seconds"].get)
         found = {
             (kind, text): [one["errors"][text][kind] for one in numbers]

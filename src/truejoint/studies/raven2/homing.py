@@ -16,7 +16,6 @@ from truejoint.studies.verdicts import RULE
 
 NONE, ONE = SEEN = ("none seen", "one seen")
 """Homings amid the training."""
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 400_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
 
@@ -39,7 +38,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     for title, raven in s.specimens(settings["specimens"]).items():
         for session in range(settings["sessions"]):
             for number, seen in enumerate(SEEN):
-                seed = _OFFSET + _SEED * settings.seed + len(SEEN) * session + number
+                seed = _OFFSET + s.STUDY_SEED * settings.seed + len(SEEN) * session + number
                 arguments = {"raven": raven, "seen": seen == ONE, "seed": seed, **common}
                 found.append(Part(f"{title}-{seen.split()[0]}-{session}", home_again, arguments))
     return found

@@ -28,7 +28,6 @@ from truejoint.studies.verdicts import RULE
 RAW: Final = "raw"
 WHEN: Final = ("first", "last")
 """Hours that are judged."""
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 600_000  # of the arms' seeds, so that no other study has the same
 _AXES: Final = ("x", "y", "z", "distance")
 _CONDITION: Final = {"joint": "RAVEN-II unloaded", "tool": "RAVEN-II estimated"}
@@ -55,9 +54,12 @@ RIVALS: Final[Mapping[str, Rival]] = {
     "dnn": Rival("network (peng2024)"),
     "linear": Rival("linear (peng2024)"),
     "poly2": Rival("polynomial (peng2024)"),
-    "gru": Rival("recurrent network, as Hwang's kind"),
+    "gru": Rival("gated recurrent units"),
+    "lstm": Rival("long short-term memory, as Hwang 2020"),
+    "tcn": Rival("temporal convolutions, as Park 2024"),
     "gpr": Rival("Gaussian process, as Mahler's kind", 1.0),
-    "forest": Rival("random forest, as Seita's second phase"),
+    "forest": Rival("random forest"),
+    "network_forest": Rival("network and a random forest on what it leaves, as Seita 2018"),
     "rich_play": Rival("plays of every signal, ridge (ours)"),
     "rich_trees": Rival("boosted trees on what plays leave (ours)"),
 }
@@ -86,15 +88,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     if settings["hours"] < 2:
         raise StudyError(f"hours={settings['hours']}; first and last make at least 2")
     common = {name: settings[name] for name in ("models", "training", "hours")}
-    return [
-        Part(
-            f"{title}-{k}",
-            compare,
-            {"raven": raven, "seed": _OFFSET + _SEED * settings.seed + k, **common},
-        )
-        for title, raven in s.specimens(settings["specimens"]).items()
-        for k in range(settings["sessions"])
-    ]
+    return s.part_for_each(settings, compare, _OFFSET, common)
 
 
 def compare(
@@ -138,8 +132,7 @@ def _judged(estimate: Array, test: Recording) -> dict[str, list[float]]:
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Tables III and IV beside the paper's and those that it quotes."""
     made, judged = [], []
-    for title in s.specimens(settings["specimens"]):
-        numbers = [results[f"{title}-{k}"].numbers for k in range(settings["sessions"])]
+    for title, numbers in s.numbers_of(settings, results).items():
         for table, kind in (("III", "joint"), ("IV", "tool")):
             made.append(_table(title, table, kind, numbers))
         if set(_MEANT) <= set(settings["models"]):

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, cast
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration import Calibration, calibrate, reseeded
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
 from truejoint.evaluation.metrics import rmse
@@ -17,6 +17,7 @@ from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_mo
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation import Twin
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
+from truejoint.studies.study import Part, PartResult, Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
@@ -39,6 +40,8 @@ HOUR: Final = 3600.0  # [s]
 STATE_RATE: Final = 30.0  # [Hz], peng2024, IV-A
 _LONG_RATE: Final = 10.0  # [Hz], of hours
 _IDLE_TEST: Final = 120.0  # [s], short, as the tests work the cables as well
+STUDY_SEED: Final = 1000
+"""Between the arms' seeds of two seeds of a study."""
 TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
 
@@ -54,6 +57,36 @@ def specimens(names: Sequence[str]) -> dict[str, Plain]:
     if len(found) < len(names):
         raise StudyError(f"specimens {', '.join(names)}: two have one name; rename a file")
     return found
+
+
+def part_for_each(
+    settings: Settings,
+    compute: Callable[..., PartResult],
+    offset: int,
+    common: Mapping[str, Any],
+    count: str = "sessions",
+) -> list[Part]:
+    """Part of every specimen and session, of which the option `count` says how many there are.
+
+    `compute` is called with a specimen ``raven``, an arm's ``seed`` from `offset` on, so that no
+    other study has the same, and what is `common` to all.
+    """
+    first = offset + STUDY_SEED * settings.seed
+    return [
+        Part(f"{title}-{k}", compute, {"raven": raven, "seed": first + k, **common})
+        for title, raven in specimens(settings["specimens"]).items()
+        for k in range(settings[count])
+    ]
+
+
+def numbers_of(
+    settings: Settings, results: Mapping[str, PartResult], count: str = "sessions"
+) -> dict[str, list[Mapping[str, Any]]]:
+    """Numbers of the sessions of every specimen, by its title; see `part_for_each`."""
+    return {
+        title: [results[f"{title}-{k}"].numbers for k in range(settings[count])]
+        for title in specimens(settings["specimens"])
+    }
 
 
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
@@ -121,10 +154,15 @@ def fitted(
 
     `how` is as `calibrate` takes it.
     """
-    own = [calibrate(training, "dnn", random_state=seed + k, **how) for k in range(networks)]
-    first = own[0] if own else calibrate(training, "linear", **how)
+    first = calibrate(training, "dnn" if networks else "linear", random_state=seed, **how)
     others = {name: [model] for name, model in first.baselines.items()}
-    return {name: ones for name, ones in {"dnn": own, **others}.items() if ones}
+    if not networks:
+        return others
+    seeds = range(seed + 1, seed + networks)
+    return {
+        "dnn": [first, *reseeded(first, training, seeds, fit_rate=how.get("fit_rate"))],
+        **others,
+    }
 
 
 def judged(models: Models, recording: Recording) -> Errors:

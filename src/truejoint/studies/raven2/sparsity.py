@@ -13,7 +13,6 @@ from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, PartResult, Settings, Statement, Summary, check_counts
 from truejoint.studies.verdicts import RULE
 
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 200_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
 
@@ -28,15 +27,7 @@ def parts(settings: Settings) -> Sequence[Part]:
         "networks": settings["networks"],
         "seconds": 60.0 * settings["minutes"],
     }
-    return [
-        Part(
-            f"{title}-{k}",
-            repeat,
-            {"raven": raven, "seed": _OFFSET + _SEED * settings.seed + k, **common},
-        )
-        for title, raven in s.specimens(settings["specimens"]).items()
-        for k in range(settings["repeats"])
-    ]
+    return s.part_for_each(settings, repeat, _OFFSET, common, "repeats")
 
 
 def repeat(
@@ -54,8 +45,7 @@ def repeat(
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Figure 5, its numbers, and what the paper says of them."""
     made, figures, judged = [], {}, []
-    for title in s.specimens(settings["specimens"]):
-        numbers = [results[f"{title}-{k}"].numbers for k in range(settings["repeats"])]
+    for title, numbers in s.numbers_of(settings, results, "repeats").items():
         seconds = {
             text: np.mean([one["seconds"][text] for one in numbers]) for text in settings["sets"]
         }

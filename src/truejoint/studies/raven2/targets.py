@@ -14,7 +14,6 @@ from truejoint.studies.study import Part, PartResult, Settings, Summary, check_c
 from truejoint.studies.verdicts import RULE
 
 TARGETS: Final = ("error", "position")
-_SEED: Final = 1000  # between the seeds of studies
 _OFFSET: Final = 500_000  # of the arms' seeds, so that no other study has the same
 
 Found = Mapping[str, Sequence[s.Errors]]
@@ -27,15 +26,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     for text in settings["sets"]:
         s.combination(text)
     common = {name: settings[name] for name in ("sets", "networks", "hours")}
-    return [
-        Part(
-            f"{title}-{k}",
-            predict,
-            {"raven": raven, "seed": _OFFSET + _SEED * settings.seed + k, **common},
-        )
-        for title, raven in s.specimens(settings["specimens"]).items()
-        for k in range(settings["sessions"])
-    ]
+    return s.part_for_each(settings, predict, _OFFSET, common)
 
 
 def predict(
@@ -64,8 +55,7 @@ def predict(
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Table II beside the paper's."""
     made, judged = [], []
-    for title in s.specimens(settings["specimens"]):
-        numbers = [results[f"{title}-{k}"].numbers for k in range(settings["sessions"])]
+    for title, numbers in s.numbers_of(settings, results).items():
         found = {target: [one[target] for one in numbers] for target in TARGETS}
         name = f"peng2024 Table II, specimen {title}"
         note = f"Mean over {settings['hours']} hours of unloaded work and all trainings."

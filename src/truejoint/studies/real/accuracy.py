@@ -37,7 +37,8 @@ from truejoint.units import display_unit
 HWANG: Final = "hwang"
 """Split of the da Vinci arm's set as its authors do it."""
 ESTIMATORS: Final = (
-    "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees", "gru", "ukf_elastic",
+    "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees", "gru", "lstm", "tcn",
+    "network_forest", "ukf_elastic",
 )  # fmt: skip
 """Those that take any recording, and the filter for a jaw measured at its driver."""
 FEATURES: Final = ("suited", "plain")

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
-from truejoint.estimators import RichPlay
+from truejoint.estimators import RichPlay, get_estimator
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
@@ -30,34 +31,40 @@ from truejoint.studies.study import (
 )
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
+from truejoint.studies.wrist.physical import JOINTS, LOADS, Physical, Signals, honesty, identify
+from truejoint.studies.wrist.reduced import LOAD, PIN
 
-_JOINTS: Final = ("pitch", "jaw1", "jaw2")
 _RAW: Final = "coupling"
+_FILTER: Final = "filter"
 _SETTLED: Final = 2.0  # [s] after which a history that began with the recording counts
 
 
 @dataclass(frozen=True)
 class Method:
-    """One row of the table: an estimator, what it sees, and whether it is fitted under load too."""
+    """One row of the table: an estimator, what it sees, and whether it is fitted under load too.
+
+    `with_filter` it sees the physical filter's states beside.
+    """
 
     title: str
     estimator: Any
     quantities: tuple[str, ...] = ()
     with_load: bool = False
+    with_filter: bool = False
 
     @property
     def features(self) -> list[str]:
         """Features, pitch first, by which the loops of all cables grow and shrink."""
-        return [f"{quantity}/{joint}" for quantity in self.quantities for joint in _JOINTS]
+        return [f"{quantity}/{joint}" for quantity in self.quantities for joint in JOINTS]
 
 
 # Half-widths in half ranges: 0.1 deg and up of 55 deg of pitch, a few mNm and up of an effort.
-# Speed shows in one short low-pass, for the motors' viscous friction.
+# Low-passes tell speed, for the motors' viscous friction, and take noise off the efforts.
 _PLAYS: Final = RichPlay(
-    plays=(0.002, 0.005, 0.01, 0.018, 0.03, 0.05, 0.09, 0.2),
-    time_constants=(0.05,),
-    leading=3,
-    squared=3,
+    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
+    time_constants=(0.02, 0.1),
+    leading=1,
+    squared=1,
 )
 
 METHODS: Final[Mapping[str, Method]] = {
@@ -65,16 +72,21 @@ METHODS: Final[Mapping[str, Method]] = {
     "linear_motor": Method("linear, motors", "linear", ("motor",)),
     "play_motor": Method("plays, motors", _PLAYS, ("measured", "motor")),
     "rich_play": Method("rich_play as it is, motors", "rich_play", ("measured", "motor")),
-    "linear_effort": Method("linear, motors and effort", "linear", ("motor", "effort"), True),
+    "linear_effort": Method(
+        "linear, motors and effort", get_estimator("linear"), ("motor", "effort"), True
+    ),
     "play_effort": Method(
         "plays, motors and effort", _PLAYS, ("measured", "motor", "effort"), True
     ),
+    _FILTER: Method("physical filter, motors and effort", None, with_load=True),
+    "play_filter": Method(
+        "plays, motors, effort, filter's states",
+        _PLAYS,
+        ("measured", "motor", "effort"),
+        True,
+        True,
+    ),
 }
-
-
-_SEES_LOADS: Final = "play_effort"
-LOADS: Final = ("grip", "pitch", "yaw")
-"""Of jaws on what they hold, and of forces at the tip about pitch and yaw."""
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -118,62 +130,89 @@ def judge(
         "free": motions.record(twin, motions.steps, test_s, seed + 2, load=False),
         "loaded": motions.record(twin, motions.steps, test_s, seed + 3, load=True),
     }
-    numbers: dict[str, Any] = {"family": family, "errors": {}}
+    numbers: dict[str, Any] = {"family": family, "errors": {}, "loads": {}}
     arrays: dict[str, Array] = {}
+    physical = None
+    if any(key == _FILTER or METHODS[key].with_filter for key in methods):
+        physical = identify([free, under_load], twin.robot)
+        numbers["identified"] = physical.found
+        numbers["honest"] = {name: honesty(physical, test) for name, test in tests.items()}
     for key in methods:
-        method = METHODS[key]
-        model = None
-        if method.estimator is not None:
-            training = [free, under_load] if method.with_load else [free]
-            model = calibrate(training, method.estimator, features=method.features, joints=_JOINTS)
+        found = estimates(METHODS[key], free, under_load, tests, physical)
         numbers["errors"][key] = {}
         for name, test in tests.items():
-            off = errors(model, test)
-            numbers["errors"][key][name] = np.sqrt(np.mean(off**2, axis=0)).tolist()
+            rows = test.t - test.t[0] > _SETTLED
+            angle, load = found[name]
+            off = (angle - test.columns("truth_exact", JOINTS))[rows]
+            numbers["errors"][key][name] = rms(off)
             arrays[f"{name}/{key}"] = off[::4]
+            if load is not None:
+                truth = test.columns("truth_load", LOADS)[rows]
+                own = zip(LOADS, rms(load[rows] - truth), rms(truth), strict=True)
+                numbers["loads"].setdefault(key, {})[name] = {n: (a, b) for n, a, b in own}
     for name, test in tests.items():
         rows = test.t - test.t[0] > _SETTLED
         arrays[f"{name}/t"] = test.t[rows][::4] - test.t[0]
-    numbers["loads"] = load_errors([free, under_load], tests) if _SEES_LOADS in methods else {}
     grip = tests["loaded"].column("truth_load/grip")
     numbers["grip_rms"] = float(np.sqrt(np.mean(grip**2)))
     return PartResult(numbers, arrays)
 
 
-def load_errors(
-    training: Sequence[Recording], tests: Mapping[str, Recording]
-) -> dict[str, dict[str, tuple[float, float]]]:
-    """RMS error and RMS of each load [Nm], by test, of plays fitted to the loads themselves."""
-    method = METHODS[_SEES_LOADS]
+def estimates(
+    method: Method,
+    free: Recording,
+    under_load: Recording,
+    tests: Mapping[str, Recording],
+    physical: Physical | None,
+) -> dict[str, tuple[Array, Array | None]]:
+    """Joints (n, 3) [rad], and loads (n, 3) [Nm] where it tells them, of a method in each test."""
+    if method.estimator is None and physical is not None and method.with_load:
+        known = {name: physical.estimate(Signals.of(test)) for name, test in tests.items()}
+        return {name: (one.angle, one.load) for name, one in known.items()}
+    if method.with_load:
+        return fitted([free, under_load], tests, method, physical)
+    if method.estimator is None:
+        return {name: (test.columns("measured", JOINTS), None) for name, test in tests.items()}
+    model = calibrate([free], method.estimator, features=method.features, joints=JOINTS)
+    return {name: (model.correct(test), None) for name, test in tests.items()}
+
+
+def rms(values: Array) -> list[float]:
+    """Root mean square of each column (k,) of (n, k)."""
+    return np.sqrt(np.mean(values**2, axis=0)).tolist()  # type: ignore[no-any-return]
+
+
+def fitted(
+    training: Sequence[Recording],
+    tests: Mapping[str, Recording],
+    method: Method,
+    physical: Physical | None,
+) -> dict[str, tuple[Array, Array | None]]:
+    """Joints (n, 3) [rad] and loads (n, 3) [Nm] in each test, by a method that learns both."""
     features = FeatureSet.parse(method.features)
     gap = default_gap_limit(training)
 
-    def rows(recordings: Sequence[Recording]) -> tuple[Array, Array, Array]:
-        return (
-            np.vstack([features.compute(r, gap) for r in recordings]),
-            np.vstack([r.columns("truth_load", LOADS) for r in recordings]),
-            np.concatenate([time_steps(r.t, gap) for r in recordings]),
-        )
+    def inputs(recording: Recording) -> Array:
+        own = features.compute(recording, gap)
+        if not (method.with_filter and physical is not None):
+            return own
+        estimate = physical.estimate(Signals.of(recording))
+        turned = estimate.angle - recording.columns("measured", JOINTS)
+        return np.hstack([own, turned, estimate.load, estimate.states[:, PIN:LOAD]])
 
-    X, loads, dt = rows(training)
-    model = clone(method.estimator).fit(X, loads, dt=dt)
-    found = {}
+    def targets(recording: Recording) -> Array:
+        measured, truth = (recording.columns(key, JOINTS) for key in ("measured", "truth"))
+        return np.hstack([truth - measured, recording.columns("truth_load", LOADS)])
+
+    dt = np.concatenate([time_steps(r.t, gap) for r in training])
+    X, y = (np.vstack([of(r) for r in training]) for of in (inputs, targets))
+    model = clone(method.estimator).fit(X, y, dt=dt)
+    found: dict[str, tuple[Array, Array | None]] = {}
     for name, test in tests.items():
-        X, loads, dt = rows([test])
-        settled = test.t - test.t[0] > _SETTLED
-        off = (model.predict(X, dt) - loads)[settled]
-        pairs = np.sqrt(np.mean([off**2, loads[settled] ** 2], axis=1)).T
-        found[name] = {
-            load: (float(a), float(b)) for load, (a, b) in zip(LOADS, pairs, strict=True)
-        }
+        known = model.predict(inputs(test), time_steps(test.t, gap))
+        n = len(JOINTS)
+        found[name] = known[:, :n] + test.columns("measured", JOINTS), known[:, n:]
     return found
-
-
-def errors(model: Calibration | None, test: Recording) -> Array:
-    """Estimate minus the joints (n, 3) [rad], of a model or of the coupling alone."""
-    known = test.columns("measured", _JOINTS) if model is None else model.correct(test)
-    off = known - test.columns("truth_exact", _JOINTS)
-    return np.asarray(off[test.t - test.t[0] > _SETTLED])
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
@@ -181,8 +220,10 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     numbers = [result.numbers for result in results.values()]
     families = list(dict.fromkeys(n["family"] for n in numbers))
     tables = [_table(numbers, families, settings)]
-    if all(n["loads"] for n in numbers):
+    if numbers[0]["loads"]:
         tables.append(_load_table(numbers, families))
+    if "honest" in numbers[0]:
+        tables.append(_honest_table(numbers, families))
     first = next(iter(results.values()))
     return Summary(tables, {"wrist": _figure(numbers, settings), "wrist-errors": _errors(first)})
 
@@ -219,21 +260,49 @@ def _table(
 
 def _load_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
     rows = []
-    for family in families:
-        own = [n["loads"] for n in numbers if n["family"] == family]
+    for key, family in product(numbers[0]["loads"], families):
+        own = [n["loads"][key] for n in numbers if n["family"] == family]
         cells = []
         for load in LOADS:
             error, size = 1e3 * np.array([n["loaded"][load] for n in own]).T
             cells += [f"{np.median(error):.1f} ({error.max():.1f})", f"{np.median(size):.1f}"]
         false = 1e3 * np.array([n["free"]["grip"][0] for n in own])
-        rows.append((family, *cells, f"{np.median(false):.1f} ({false.max():.1f})"))
-    header = ("family", *(text for load in LOADS for text in (load, "of")), "grip when free")
+        rows.append(
+            (METHODS[key].title, family, *cells, f"{np.median(false):.1f} ({false.max():.1f})")
+        )
+    header = ("method", "family", *(t for load in LOADS for t in (load, "of")), "grip when free")
     notes = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
         "the RMS of the load itself: pitch and yaw are torques of the force at the tip. What a pin "
         "holds by friction no motor feels; that is the dead band below which a push stays unseen.",
     )
     return Table("Grip and tip torque", header, tuple(rows), notes)
+
+
+def _honest_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
+    rows = []
+    for family in families:
+        own = [n["honest"] for n in numbers if n["family"] == family]
+        cells = []
+        for name, quantity in product(("free", "loaded"), ("angle", "load")):
+            nees, covered = np.array(
+                [[n[name][quantity][key] for key in ("nees", "covered")] for n in own]
+            ).T
+            cells += [
+                f"{np.median(nees):.2f} ({nees.max():.2f})",
+                f"{100 * np.median(covered):.0f} %",
+            ]
+        rows.append((family, *cells))
+    header = (
+        "family", "free: angle", "in 90 %", "load", "in 90 %", "loaded: angle", "in 90 %", "load",
+        "in 90 %",
+    )  # fmt: skip
+    notes = (
+        "Normalised square of the physical filter's errors, 1 where its deviations are honest: "
+        "median (worst) of the specimens; share of errors within what it states for 90 %, median. "
+        "Its deviations are scaled to the errors in calibration, of another class of motion.",
+    )
+    return Table("What the physical filter states of itself", header, tuple(rows), notes)
 
 
 def _figure(numbers: Sequence[Mapping[str, Any]], settings: Settings) -> Figure:
@@ -254,7 +323,7 @@ def _errors(result: PartResult) -> Figure:
     t = result.arrays["loaded/t"]
     shown = t < _SETTLED + 30.0
     panels = []
-    for j, joint in enumerate(_JOINTS):
+    for j, joint in enumerate(JOINTS):
         curves = [
             Curve(t[shown], np.degrees(result.arrays[f"loaded/{key}"][shown, j]), method.title,
                   f"C{k}")

@@ -22,8 +22,9 @@ _TONES: Final = 6  # of a random multi-sine, each joint
 _BAND: Final = (0.04, 0.5)  # [Hz]
 _SPEED: Final = math.radians(60.0)  # [rad/s] at the middle of a step
 _REST: Final = (0.2, 1.0)  # [s] between steps
-_RAMP: Final = 0.3  # [s] in which a grip builds up
-_PRESSED: Final = (0.06, 0.2)  # [rad] that closing jaws are held open by what they grip
+_RAMP: Final = 0.4  # [s] in which a grip builds up
+_CLEAR: Final = 0.05  # [rad] by which what jaws close on is smaller than their opening
+_PRESSED: Final = (0.06, 0.2)  # [rad] by which they are asked to close beyond it
 _FREE: Final = -0.3  # [rad] by which what is between them is out of their reach
 _FORCE: Final = 2.0  # [N] of a push at the tip, at most
 _PUSH: Final = (0.6, 2.0)  # [s]
@@ -65,17 +66,32 @@ def steps(seconds: float, seed: int) -> Array:
     return np.asarray(np.vstack(parts)[:length])
 
 
-def loaded(twin: WristTwin, pose: Array, seed: int) -> None:
-    """Load a twin that follows `pose` (n, 3) from now on: grips half of the time, and pushes."""
-    rng, start, n = np.random.default_rng([seed, 1]), twin.time, len(pose)
-    t = np.arange(n) * SETPOINT_DT
-    pressed, force = np.full(n, _FREE), np.zeros((n, 2))
+def grips(pose: Array, seed: int) -> tuple[Array, Array]:
+    """Close the jaws of `pose` (n, 3) on something, half of the time.
+
+    Give the pose that is then asked for, and the opening (n,) [rad] of what is between the jaws:
+    there before they close on it, and gone once they have opened again. They go on turning.
+    """
+    rng, asked = np.random.default_rng([seed, 1]), pose.copy()
+    t, held = np.arange(len(pose)) * SETPOINT_DT, np.full(len(pose), _FREE)
     at = 0.5
     while at < t[-1]:
-        length = rng.uniform(1.0, 4.0)
-        up = np.clip(np.minimum(t - at, at + length - t) / _RAMP, 0.0, 1.0)
-        pressed = np.maximum(pressed, _FREE + (rng.uniform(*_PRESSED) - _FREE) * up)
+        length, pressed = rng.uniform(1.0, 4.0), rng.uniform(*_PRESSED)
+        gone = at + length + _RAMP
+        size = float(pose[(t >= at) & (t <= gone), 2].min()) - _CLEAR
+        there = np.clip(np.minimum(3.0 * (t - at), gone - t) / _RAMP, 0.0, 1.0)
+        held = np.maximum(held, _FREE + (size - _FREE) * there)
+        closed = np.clip(np.minimum(t - at, at + length - t) / _RAMP, 0.0, 1.0)
+        closed = closed**2 * (3.0 - 2.0 * closed)
+        asked[:, 2] += closed * (size - pressed - asked[:, 2])
         at += 2.0 * length
+    return asked, held
+
+
+def pushes(rows: int, seed: int) -> Array:
+    """Draw forces at the tip (n, 2) [N] that come and go, a row a millisecond."""
+    rng, t = np.random.default_rng([seed, 2]), np.arange(rows) * SETPOINT_DT
+    force = np.zeros((rows, 2))
     for k in range(force.shape[1]):
         at = 1.0
         while at < t[-1]:
@@ -83,23 +99,24 @@ def loaded(twin: WristTwin, pose: Array, seed: int) -> None:
             inside = (t > at) & (t < at + length)
             force[:, k] += inside * size * np.sin(math.pi * (t - at) / length) ** 2
             at += length + rng.uniform(0.5, 3.0)
-    held = pose[:, 2] + pressed
-    twin.held = _from(start, held)
-    twin.tip_force = _from(start, force)
+    return force
 
 
 def record(
     twin: WristTwin, motion: Callable[[float, int], Array], seconds: float, seed: int, load: bool
 ) -> Recording:
-    """Record a homed twin along a motion, unloaded or under the loads of `loaded`.
+    """Record a homed twin along a motion, free or with `grips` and `pushes`.
 
     It glides to where the motion begins, which is not recorded.
     """
-    pose = motion(seconds, seed)
+    pose, held = motion(seconds, seed), None
+    if load:
+        pose, held = grips(pose, seed)
     path = joints(pose)
     twin.run(glide(twin.commanded, path[0], 1.5))
-    if load:
-        loaded(twin, pose, seed)
+    if held is not None:
+        twin.held = later(twin.time, held)
+        twin.tip_force = later(twin.time, pushes(len(pose), seed))
     kind = f"{motion.__name__} {'loaded' if load else 'free'} {seed}"
     try:
         return record_wrist(twin, path, session=kind)
@@ -107,8 +124,11 @@ def record(
         twin.held = twin.tip_force = None
 
 
-def _from(start: float, values: Array) -> Callable[[Array], Array]:
-    """Give rows of `values`, one a millisecond from `start` [s] on, at times of a twin."""
+def later(start: float, values: Array) -> Callable[[Array], Array]:
+    """Give rows of `values`, one a millisecond from `start` [s] on, at times of a twin.
+
+    The first and the last one hold before and after.
+    """
 
     def at(t: Array) -> Array:
         rows = np.clip(np.rint((t - start) / SETPOINT_DT).astype(np.int64), 0, len(values) - 1)

@@ -1,0 +1,41 @@
+"""What changes after a calibration cost and show, and what closing the jaws takes off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.studies import get_study
+from truejoint.studies.figures import png
+from truejoint.studies.wrist import changes
+
+FEW = {"free_s": "40", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}
+
+
+@pytest.fixture(scope="module")
+def result():
+    settings = get_study("wrist-changes").settings("small", options=FEW)
+    (part,) = get_study("wrist-changes").parts(settings)
+    return settings, {part.key: part.compute(**part.arguments)}
+
+
+def test_efforts_show_more_friction_and_not_where_the_zeros_are(result):
+    (part,) = result[1].values()
+    strange = {name: found["strange"] for name, found in part.numbers["errors"].items()}
+    assert strange["motors' friction x 1.5"] > strange[changes.NOTHING] + 0.03
+    assert strange[changes.GAIN] > strange[changes.NOTHING] + 0.03
+    assert strange[changes.ENGAGED] == pytest.approx(strange[changes.NOTHING], abs=0.02)
+
+
+def test_closing_the_jaws_takes_off_what_engaging_moved(result):
+    (part,) = result[1].values()
+    errors = part.numbers["errors"]
+    moved = errors[changes.ENGAGED]["opening"] - errors[changes.NOTHING]["opening"]
+    assert np.degrees(abs(moved)) > 0.15
+    assert abs(moved - part.numbers["zero"]) < 0.5 * abs(moved)
+
+
+def test_its_tables_and_figure_can_be_drawn(result):
+    summary = changes.summarise(*result)
+    assert [row[0] for row in summary.tables[0].rows] == list(changes.CHANGES)
+    assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())
