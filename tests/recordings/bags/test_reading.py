@@ -42,7 +42,7 @@ from truejoint.recordings.bags.container import (
     read_batches,
 )
 from truejoint.recordings.bags.fields import full_name, typesys
-from truejoint.recordings.bags.reading import find_wiring
+from truejoint.recordings.bags.wiring import find_wiring
 from truejoint.recordings.datasets.store import data_folders
 from truejoint.recordings.readers.raven_csv import AMID
 from truejoint.robots import get_robot
