@@ -66,7 +66,7 @@ def write_all_atomically(
             files[path](temporary)
             _sync(temporary)
         for path, temporary in filled.items():
-            _move(temporary, path, overwrite=overwrite)
+            move(temporary, path, overwrite=overwrite)
         for folder in {path.parent for path in files}:
             _sync(folder)
     except FileExistsError:
@@ -202,7 +202,11 @@ def _sync(path: Path) -> None:
         os.close(handle)
 
 
-def _move(temporary: Path, path: Path, *, overwrite: bool) -> None:
+def move(temporary: Path, path: Path, *, overwrite: bool) -> None:
+    """Give a file the name `path`; it may be left under its own as well.
+
+    Raises FileExistsError, without `overwrite`, if there is one of that name.
+    """
     if not overwrite:
         try:
             # A link, unlike a rename, fails if somebody made the file in the meantime.

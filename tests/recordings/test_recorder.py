@@ -327,6 +327,18 @@ def test_topics_are_there_after_a_crash(arm: Any, tmp_path: Path) -> None:
     ]  # fmt: skip
 
 
+def test_topics_whose_name_was_taken_meanwhile_are_kept(arm: Any, tmp_path: Path) -> None:
+    def record() -> None:
+        with Recorder(arm, path=tmp_path / "run.parquet", topics={"measured_js": 100.0}):
+            arm.state(np.arange(600) * 1e-3)
+            (tmp_path / "run.topics.arrows").write_text("another's")
+
+    with pytest.raises(RecordingError, match=r"exists; the topics are in .*run\.unfinished"):
+        record()
+    assert (tmp_path / "run.topics.arrows").read_text() == "another's"
+    assert len(read_recorded_topics(tmp_path / "run.unfinished.arrows")["measured_js"]) == 60
+
+
 def test_topics_need_a_place_of_their_own(arm: Any, tmp_path: Path) -> None:
     with pytest.raises(RecordingError, match="topics are kept on the disk alone; give a path"):
         Recorder(arm, topics={"measured_js": 100.0})

@@ -18,7 +18,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
-from truejoint.files import check_target, free_name, uninterrupted
+from truejoint.files import check_target, free_name, move, uninterrupted
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording
 from truejoint.recordings.stream_file import (
@@ -253,9 +253,11 @@ class Recorder:
             stream.path.unlink()
             return
         beside = topics_beside(path)
-        if beside.exists() and (stopped or not self.overwrite):
-            beside = free_name(beside, "partial")
-        stream.path.replace(beside)
+        try:
+            move(stream.path, beside, overwrite=self.overwrite and not stopped)
+        except FileExistsError:
+            raise RecordingError(f"{beside}: exists; the topics are in {stream.path}") from None
+        stream.path.unlink(missing_ok=True)
 
     def _open(self, path: Path) -> StreamWriter:
         """Open the file that survives whatever ends the program."""
