@@ -1,6 +1,7 @@
 """Re-zeroing and calibrating by touching a block, on arms that nobody has seen.
 
     python -m benchmarks.touch [--nothing] [--twins nominal peng2024] [--arms 10] [--hours 3]
+        [--keep FOLDER] [--guided]
 
 An arm is a specimen of the RAVEN-II twin whose physics are drawn anew: scale, coupling, friction
 and stiffness by up to 20 %, zeros by .3 to .5 deg or mm, run-out by any phase. On the first day it
@@ -9,18 +10,23 @@ give the block's pose. After a new homing, and again after `--hours` of random m
 planned, re-zero the models. What is judged is five minutes of random motion, by the joint positions
 that only the twin knows. A touch has .2 mm of noise per axis.
 
-With `--nothing` there is no first day: thirty planned touches calibrate joints and block together.
-Judged is the tip in the block's frame, its pose as estimated; again with two touches 1 mm off in
-each axis, with two numbers exchanged, and with a print .5 % small.
+With `--nothing` there are no joint encoders: thirty planned touches, after the homing, calibrate
+joints and block together. Judged is the tip in the block's frame, its pose as estimated; again with
+two touches 1 mm off in each axis, with two numbers exchanged, with a print .5 % small that nobody
+measured, with links whose angles are off by .2 deg, with three other arms (seeds 200 to 202) or
+the first day of the same arm as a prior, and as single shots of a tracker in place of dimples. A
+twin called ``nominal+loaded`` has another friction. With `--guided` twelve touches are guided with
+that prior, and it is told how often a person is asked and how long they wait for the next dimple.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import pickle
 import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,21 +38,25 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration import (
     BlockPose,
     Plate,
+    Shots,
     Touches,
+    calibrate_by_points,
     calibrate_by_touch,
     find_block,
     rezeroed_by_touch,
 )
-from truejoint.calibration.tip_rows import TipPrior, TipRows, TipState
-from truejoint.calibration.touch_calibration import Terms
-from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
+from truejoint.calibration.touch_guide import Guide, Learning
+from truejoint.calibration.touch_plan import choose_touches
 from truejoint.calibration.touches import known_kinematics, tip_rows, zero_prior
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
 from truejoint.errors import CalibrationError
 from truejoint.motion import follow, random_motion, workspace_of, zigzag
 from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
+from truejoint.robots import Robot
+from truejoint.robots.chain import SerialChain
 from truejoint.robots.reach import reach
+from truejoint.robots.robot import Kinematics
 from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.twin import Raven2Twin
@@ -54,6 +64,14 @@ from truejoint.simulation.raven2.twin import Raven2Twin
 Row = dict[str, Any]
 FEW = 6  # touches that re-zero
 DISPLAY = np.array([180 / np.pi, 180 / np.pi, 1e3])
+FRICTION: dict[str, dict[str, Any]] = {
+    # Three times the friction that grows with the load, and five times the way before it slides.
+    "loaded": {
+        "motor_friction.gear_loss": 0.3,
+        "joint_friction.load_share": (0.18, 0.18, 0.18),
+        "joint_friction.presliding": (4.4e-3, 8.5e-3, 5e-4),
+    }
+}
 TURN = np.array([0.3, -0.2, 0.5])  # of the block in the base [rad]
 
 
@@ -73,7 +91,10 @@ class Truth:
 
 def perturbed(specimen: str, seed: int) -> Raven2Parameters:
     """Physics of an arm of its own, of the kind of a specimen."""
-    base, rng = Raven2Parameters.read(specimen), np.random.default_rng([seed, 41])
+    name, _, friction = specimen.partition("+")
+    base, rng = Raven2Parameters.read(name), np.random.default_rng([seed, 41])
+    if friction:
+        base = base.with_values(FRICTION[friction])
 
     def by(values: Any, share: float = 0.2) -> Any:
         sizes = np.asarray(values) * (1.0 + rng.uniform(-share, share, np.shape(values)))
@@ -141,8 +162,8 @@ def touched(
     return recording, Touches(tuple(t - start for t in stamps), tuple(dimples))
 
 
-def observed(arm: Arm, seed: int) -> tuple[Recording, Array, Array, Mask]:
-    """Record five minutes of random motion: measured and true positions, and which rows count."""
+def observed(arm: Arm, seed: int) -> Judge:
+    """Record five minutes of random motion."""
     motion, truth = random_motion(arm.robot, 300.0, 700 + seed, profile="laboratory"), Truth()
     with Recorder(arm, session="judge") as recorder:
         arm.subscribe(truth)
@@ -154,28 +175,80 @@ def observed(arm: Arm, seed: int) -> tuple[Recording, Array, Array, Mask]:
     measured = recording.columns("measured", arm.robot.joint_names)
     true = measured.copy()
     true[:, :3] = np.column_stack([np.interp(stamps, t, rows[:, k]) for k in range(3)])
-    return recording, measured, true, (stamps >= t[0]) & (stamps <= t[-1])
+    return Judge(recording, measured, true, (stamps >= t[0]) & (stamps <= t[-1]))
 
 
-def judged(arm: Arm, models: dict[str, Calibration], seed: int) -> dict[str, Row]:
-    """RMS error [m] of the tip and (3,) of the joints of each model, on random motion."""
-    recording, measured, true, inside = observed(arm, seed)
-    chain: Any = arm.robot.kinematics
-    found = {}
-    for name, model in models.items():
-        joint = measured.copy()
-        joint[:, :3] = model.correct(recording)
-        off = chain.forward(joint)[:, :3, 3] - chain.forward(true)[:, :3, 3]
-        found[name] = {
-            "tip": float(np.sqrt((off[inside] ** 2).sum(axis=1).mean())),
-            "joints": np.sqrt(((joint - true)[inside, :3] ** 2).mean(axis=0)).tolist(),
-        }
-    return found
+@dataclass(frozen=True)
+class Judge:
+    """Five minutes of random motion: what was measured, and what only the twin knows."""
+
+    recording: Recording
+    measured: Array  # (n, all joints)
+    true: Array
+    counts: Mask
 
 
-def models_of(training: list[Recording], names: list[str]) -> dict[str, Calibration]:
-    """Calibrations of the first day, by estimator."""
-    return {name: calibrate(training, name, random_state=0) for name in names}
+@dataclass(frozen=True)
+class Session:
+    """All that was recorded of one arm; the estimates are made of it afterwards."""
+
+    training: list[Recording]
+    plate: Plate
+    pose: tuple[Array, Array]
+    first: tuple[Recording, Touches]  # thirty, planned, on the day of the training
+    thirty: tuple[Recording, Touches]  # after the homing
+    few: dict[str, tuple[Recording, Touches]]  # six, after the homing and after work
+    judges: dict[str, Judge]
+
+
+def recorded(specimen: str, seed: int, hours: float) -> Session:
+    """Record one arm's first day, and what it touches after a homing and after `hours`."""
+    arm, training = new_arm(specimen, seed), []
+    for direction in ("J1", "J2-J3", "J1-J2-J3"):
+        with Recorder(arm, session=direction) as recorder:
+            follow(arm, zigzag(arm.robot, direction, 1 / 4))
+        training.append(recorder.recording())
+    plate, pose, dimples, sides = planned_points(arm, seed)
+    first = touched(arm, plate, pose, dimples, seed, sides)
+    judges = {"first day": observed(arm, seed)}
+    model = calibrate(training, "linear", random_state=0)
+    few = planned(model, first, find_block(model, *first, plate)[0])
+    six = {}
+    arm.home()
+    six["homing"] = touched(arm, plate, pose, few, 1000 + seed)
+    thirty = touched(arm, plate, pose, dimples, 2000 + seed, -sides)
+    judges["homing"] = observed(arm, seed)
+    if hours:
+        way = random_motion(arm.robot, hours * 3600.0, 900 + seed, profile="laboratory")
+        follow(arm, way)
+        six["work"] = touched(arm, plate, pose, few, 3000 + seed)
+        judges["work"] = observed(arm, seed + 1)
+    return Session(training, plate, pose, first, thirty, six, judges)
+
+
+def kept(folder: Path | None, specimen: str, seed: int, hours: float) -> Session:
+    """Record one arm, or take it from the `folder` where an earlier run has kept it."""
+    path = None if folder is None else folder / f"{specimen}-{seed}-{hours:g}.pickle"
+    if path is not None and path.exists():
+        session: Session = pickle.loads(path.read_bytes())  # noqa: S301  # our own
+        return session
+    session = recorded(specimen, seed, hours)
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(pickle.dumps(session))
+    return session
+
+
+def tip_error(robot: Robot, judge: Judge, model: Calibration) -> Row:
+    """RMS error [m] of the tip in the robot's base, and (3,) of the joints, on random motion."""
+    chain, joint = known_kinematics(robot), judge.measured.copy()
+    joint[:, :3] = model.correct(judge.recording)
+    off = (chain.forward(joint)[:, :3, 3] - chain.forward(judge.true)[:, :3, 3])[judge.counts]
+    error = (joint - judge.true)[judge.counts, :3]
+    return {
+        "tip": float(np.sqrt((off**2).sum(axis=1).mean())),
+        "joints": np.sqrt((error**2).mean(axis=0)).tolist(),
+    }
 
 
 def planned(model: Calibration, day: tuple[Recording, Touches], block: BlockPose) -> list[str]:
@@ -186,116 +259,155 @@ def planned(model: Calibration, day: tuple[Recording, Touches], block: BlockPose
     return [day[1].dimple[k] for k in chosen]
 
 
-def session(specimen: str, seed: int, hours: float, names: list[str]) -> dict[str, Any]:
-    """One arm's rows, by estimator and time."""
-    arm = new_arm(specimen, seed)
-    training = []
-    for direction in ("J1", "J2-J3", "J1-J2-J3"):
-        with Recorder(arm, session=direction) as recorder:
-            follow(arm, zigzag(arm.robot, direction, 1 / 4))
-        training.append(recorder.recording())
-    models = models_of(training, names)
-    plate, *pose = free_points(arm, 30, seed)
-    first = touched(arm, plate, (pose[0], pose[1]), list(plate.points), seed)
-    blocks = {name: find_block(model, *first, plate)[0] for name, model in models.items()}
-    rows = {f"{name} full": row for name, row in judged(arm, models, seed).items()}
-    few = planned(models[names[0]], first, blocks[names[0]])
-    for when in ("homing", *(["work"] if hours else [])):
-        if when == "homing":
-            arm.home()
-        else:
-            way = random_motion(arm.robot, hours * 3600.0, 900 + seed, profile="laboratory")
-            follow(arm, way)
-        today = touched(arm, plate, (pose[0], pose[1]), few, 1000 + seed)
-        again = {}
-        for name, model in models.items():
-            begin = time.perf_counter()
-            try:
-                fresh, found = rezeroed_by_touch(model, *today, blocks[name])
-            except CalibrationError as error:  # whoever touches is asked to touch again
-                print(f"{specimen} {seed}, {name}: {error}")
-                continue
-            again[f"{name} {when} touched"] = fresh
-            rows[f"{name} {when} fit"] = {
-                "seconds": time.perf_counter() - begin, "misfit": found.misfit / found.freedom,
-                "left_out": int(found.left_out.sum()), "sd": found.sd[:3].tolist(),
-            }  # fmt: skip
-        old = {f"{name} {when} old": model for name, model in models.items()}
-        rows |= judged(arm, old | again, seed + (when == "work"))
-    return rows
-
-
 def planned_points(arm: Arm, seed: int) -> tuple[Plate, tuple[Array, Array], list[str], Array]:
     """Thirty of 120 free dimples that tell most, in a short order, their pose and the sides."""
     plate, *pose = free_points(arm, 120, seed)
-    terms, robot = Terms.of(arm.robot), arm.robot
-    names = tuple(plate.points)
-    goal = plate.at(names) @ pose[0].T + pose[1]
-    joint, _ = reach(robot, goal, robot.home)
-    own = joint[:, :3]
-    features = np.hstack([own, np.repeat(own, 3, axis=1)])  # no play has been gone through yet
-    rows = TipRows(
-        known_kinematics(robot), joint, (0, 1, 2), terms.basis(features), plate.at(names),
-        np.full(len(names), 2e-4), 0.1 * terms.scale,
-    )  # fmt: skip
-    spread = [*terms.spread(), *[1.0] * 6, 0.0, 0.0, 0.0, 5e-3]
-    start = TipState(np.zeros(len(terms.spread())), pose[0], pose[1])
-    chosen = choose_touches(rows, TipPrior.of(start, spread), 30)
-    chosen = chosen[shortest_order(own[chosen], workspace_of(robot).speed)]
-    return plate, (pose[0], pose[1]), [names[k] for k in chosen], approach_sides(30, 3, seed)
+    robot = arm.robot
+    meant = BlockPose(plate, robot.name, robot.arm, pose[0], pose[1], np.eye(6), 1.0, 5e-3)
+    guide = Guide(Learning(robot, plate), robot, meant, 30, seed=seed)
+    stops = []
+    while (stop := guide.next_stop()) is not None:
+        stops.append(stop)
+        guide.skip(stop)
+    names, sides = [stop.dimple for stop in stops], np.array([stop.side for stop in stops])
+    return plate, (pose[0], pose[1]), names, sides
 
 
-def in_block(arm: Arm, seed: int, pose: tuple[Array, Array]) -> Callable[[Calibration], Row]:
-    """Judge calibrations by the tip in the block's frame, on one random motion."""
-    recording, measured, true, inside = observed(arm, seed)
-    chain: Any = arm.robot.kinematics
-    there = (chain.forward(true)[:, :3, 3] - pose[1]) @ pose[0]
-
-    def judge(model: Calibration) -> Row:
-        joint, facts = measured.copy(), model.metadata["touch"]
-        joint[:, :3] = model.correct(recording)
-        tip = chain.forward(joint)[:, :3, 3] - np.array(facts["translation"])
-        off = np.linalg.norm(tip @ np.array(facts["rotation"]) - there, axis=1)[inside]
-        error = (joint - true)[inside, :3]
-        return {
-            "tip": float(np.sqrt((off**2).mean())),
-            "joints": np.sqrt((error**2).mean(axis=0)).tolist(),
-            "left_out_error": facts["left_out_error"],
-            "left_out": facts["left_out"],
-            "scale": facts["scale"],
-            "zero_off": np.abs(error.mean(axis=0)).tolist(),
-            "zero_sd": facts["zero_sd"],
-            "joint_sd": facts["joint_sd"],
-        }
-
-    return judge
+def rezero_rows(session: Session, names: list[str]) -> dict[str, Row]:
+    """One arm's rows, by estimator and time: re-zeroed by six touches of a bolted block."""
+    rows: dict[str, Row] = {}
+    robot = session.training[0].robot
+    for name in names:
+        model = calibrate(session.training, name, random_state=0)
+        block, _ = find_block(model, *session.first, session.plate)
+        rows[f"{name} full"] = tip_error(robot, session.judges["first day"], model)
+        for when, today in session.few.items():
+            judge = session.judges[when]
+            rows[f"{name} {when} old"] = tip_error(robot, judge, model)
+            begin = time.perf_counter()
+            try:
+                fresh, found = rezeroed_by_touch(model, *today, block)
+            except CalibrationError as error:  # whoever touches is asked to touch again
+                print(f"  {name} {when}: {error}")
+                continue
+            rows[f"{name} {when} touched"] = tip_error(robot, judge, fresh) | {
+                "seconds": time.perf_counter() - begin, "misfit": found.misfit / found.freedom,
+                "left_out": int(found.left_out.sum()), "sd": found.sd[:3].tolist(),
+            }  # fmt: skip
+    return rows
 
 
-def nothing_session(specimen: str, seed: int) -> dict[str, Row]:
-    """One arm without a first day: clean touches, and wrong ones of the same recording."""
-    arm = new_arm(specimen, seed)
-    plate, pose, dimples, sides = planned_points(arm, seed)
-    recording, touches = touched(arm, plate, pose, dimples, seed, sides)
-    minutes = recording.duration / 60
-    judge, rng = in_block(arm, seed, pose), np.random.default_rng([seed, 67])
+def in_block(session: Session, model: Calibration, chain: Kinematics) -> Row:
+    """Judge a calibration by the tip in the block's frame, of an arm that really is a `chain`."""
+    judge, believed = session.judges["homing"], known_kinematics(session.training[0].robot)
+    there = (chain.forward(judge.true)[:, :3, 3] - session.pose[1]) @ session.pose[0]
+    joint, facts = judge.measured.copy(), model.metadata["touch"]
+    joint[:, :3] = model.correct(judge.recording)
+    tip = believed.forward(joint)[:, :3, 3] - np.array(facts["translation"])
+    off = np.linalg.norm(tip @ np.array(facts["rotation"]) - there, axis=1)[judge.counts]
+    error = (joint - judge.true)[judge.counts, :3]
+    names = ("left_out_error", "left_out_sd", "left_out", "scale", "zero_sd", "prior", "not_seen")
+    return {
+        "tip": float(np.sqrt((off**2).mean())),
+        "joints": np.sqrt((error**2).mean(axis=0)).tolist(),
+        "zero_off": np.abs(error.mean(axis=0)).tolist(),
+        **{name: facts[name] for name in names},
+    }
+
+
+def bent(robot: Robot, degrees: float) -> SerialChain:
+    """Kinematics of a robot whose links' angles are off by so much, each to the other side."""
+    chain: Any = robot.kinematics
+    axes = [
+        replace(axis, alpha=axis.alpha + np.deg2rad(degrees) * (-1.0) ** k)
+        for k, axis in enumerate(chain.axes)
+    ]
+    found: SerialChain = replace(chain, axes=axes)
+    return found
+
+
+def touched_by(session: Session, robot: Robot, chain: SerialChain) -> Plate:
+    """Block whose dimples are where the tip had rested, were the arm a `chain`."""
+    rotation, translation = session.pose
+    names = tuple(session.plate.points)
+    joint, _ = reach(robot, session.plate.at(names) @ rotation.T + translation, robot.home)
+    points = (chain.forward(joint)[:, :3, 3] - translation) @ rotation
+    return replace(session.plate, points=dict(zip(names, points, strict=True)))
+
+
+def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict[str, Row]:
+    """One arm's rows without joint sensors: clean touches, and wrong ones of the same recording."""
+    (recording, touches), plate = session.thirty, session.plate
+    rng, dimples = np.random.default_rng([seed, 67]), list(touches.dimple)
     bad = dict(plate.points)
     for name in rng.choice(dimples, 2, replace=False):
         bad[name] = bad[name] + rng.choice([-1e-3, 1e-3], 3)
-    a, b = rng.choice(30, 2, replace=False)
-    swapped = list(dimples)
-    swapped[a], swapped[b] = swapped[b], swapped[a]
-    small = {name: point / 0.995 for name, point in plate.points.items()}
+    a, b = rng.choice(len(dimples), 2, replace=False)
+    dimples[a], dimples[b] = dimples[b], dimples[a]
+    swapped = replace(touches, dimple=tuple(dimples))
+    unseated = replace(plate, points=bad)
+    unmeasured = replace(plate, measured=float("nan"))
+    small = replace(unmeasured, points={name: p / 0.995 for name, p in plate.points.items()})
+    robot, older = recording.robot, [calibrate(session.training, "linear", random_state=0)]
+    shots = Shots(touches.t, plate.at(touches.dimple))
+    straight, crooked = known_kinematics(robot), bent(robot, 0.2)
+
+    def touch(*given: Any, known: list[Calibration] | tuple[()] = ()) -> Calibration:
+        return calibrate_by_touch(*given, known=known)[0]
+
+    cases: dict[str, tuple[Kinematics, Callable[[], Calibration]]] = {
+        "clean": (straight, lambda: touch(recording, touches, plate)),
+        "unmeasured print": (straight, lambda: touch(recording, touches, unmeasured)),
+        "2 badly seated": (straight, lambda: touch(recording, touches, unseated)),
+        "2 numbers exchanged": (straight, lambda: touch(recording, swapped, plate)),
+        "print .5 % small": (straight, lambda: touch(recording, touches, small)),
+        "other arms": (straight, lambda: touch(recording, touches, plate, known=others)),
+        "other arms, small": (straight, lambda: touch(recording, touches, small, known=others)),
+        "older": (straight, lambda: touch(recording, touches, plate, known=older)),
+        "older, small": (straight, lambda: touch(recording, touches, small, known=older)),
+        "shots": (straight, lambda: calibrate_by_points(recording, shots, shot_sd=2e-4)[0]),
+        "links .2 deg off": (
+            crooked, lambda: touch(recording, touches, touched_by(session, robot, crooked))
+        ),
+    }  # fmt: skip
     rows: dict[str, Row] = {}
-    for name, block, made in (
-        ("clean", plate, touches),
-        ("2 badly seated", replace(plate, points=bad), touches),
-        ("2 numbers exchanged", plate, replace(touches, dimple=tuple(swapped))),
-        ("print .5 % small", replace(plate, points=small, measured=float("nan")), touches),
-    ):
+    for name, (chain, make) in cases.items():
         begin = time.perf_counter()
-        model, _ = calibrate_by_touch(recording, made, block)
-        rows[name] = judge(model) | {"seconds": time.perf_counter() - begin, "minutes": minutes}
+        model = make()
+        rows[name] = {"seconds": time.perf_counter() - begin} | in_block(session, model, chain)
     return rows
+
+
+def others_of(specimen: str, first: int, folder: Path | None) -> list[Calibration]:
+    """Calibrations of three arms of a specimen that are judged nowhere."""
+    sessions = [kept(folder, specimen, seed, 0.0) for seed in range(first, first + 3)]
+    return [calibrate(one.training, "linear", random_state=0) for one in sessions]
+
+
+def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
+    """Print how often a person is asked in twelve guided touches, and how long they wait."""
+    arm = new_arm(specimen, seed)
+    plate, rotation, translation = free_points(arm, 120, seed)
+    robot, asked = arm.robot, 0
+    meant = BlockPose(plate, robot.name, robot.arm, rotation, translation, np.eye(6), 1.0, 5e-3)
+    guide = Guide(Learning(robot, plate, known), robot, meant, 12, seed=seed)
+    hand, seconds = SimulatedHand(arm, rotation, translation, seed=seed), []
+    with Recorder(arm, session="guided") as recorder:
+        while (stop := guide.next_stop()) is not None:
+            t = hand.touch(plate.points[stop.dimple], stop.side)
+            asked += 1
+            arm.wait(0.6)
+            whole, begin = recorder.recording(), (time.perf_counter(), time.process_time())
+            guide.take(stop, t, whole)
+            guide.next_stop()
+            seconds.append((time.perf_counter() - begin[0], time.process_time() - begin[1]))
+    hand.close()
+    waits, work = np.array(seconds[3:]).T
+    print(
+        f"{specimen} {seed}: {asked} prompts, {len(guide.touches())} touches; fit and next dimple "
+        f"{np.median(waits):.2f} s, at most {waits.max():.2f}; of processor {np.median(work):.2f} "
+        f"and {work.max():.2f}"
+    )
 
 
 def main() -> None:
@@ -307,29 +419,68 @@ def main() -> None:
     parser.add_argument("--hours", type=float, default=0.0)
     parser.add_argument("--estimators", nargs="+", default=["linear", "rich_play"])
     parser.add_argument("--nothing", action="store_true")
+    parser.add_argument("--guided", action="store_true")
+    parser.add_argument("--keep", type=Path, help="folder in which recordings are kept")
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     everything: dict[str, Any] = {}
     for twin in options.twins:
         rows = everything[twin] = []
+        others = others_of(twin, 200, options.keep) if options.nothing or options.guided else []
+        if options.guided:
+            for seed in range(options.first, options.first + options.arms):
+                guided(twin, seed, others)
+            continue
         for seed in range(options.first, options.first + options.arms):
+            session = kept(options.keep, twin, seed, options.hours)
             rows.append(
-                nothing_session(twin, seed)
+                nothing_rows(session, seed, others)
                 if options.nothing
-                else session(twin, seed, options.hours, options.estimators)
+                else rezero_rows(session, options.estimators)
             )
-            shown = {k: round(1e3 * v["tip"], 3) for k, v in rows[-1].items() if "tip" in v}
+            shown = {k: round(1e3 * v["tip"], 3) for k, v in rows[-1].items()}
             print(f"{twin} {seed}: {shown}", flush=True)
             if options.json:
                 options.json.write_text(json.dumps(everything, indent=1))
-        print(f"\n| {twin} | tip [mm] | worst | shoulder [deg] | elbow [deg] | insertion [mm] |")
-        print("|---|---:|---:|---:|---:|---:|")
-        for key in dict.fromkeys(key for row in rows for key in row if "tip" in row[key]):
-            there = [row[key] for row in rows if key in row]
-            tips = [1e3 * row["tip"] for row in there]
-            joints = np.array([row["joints"] for row in there]) * DISPLAY
-            cells = " | ".join(f"{x:.2f}" for x in np.median(joints, axis=0))
-            print(f"| {key} | {np.median(tips):.2f} | {max(tips):.2f} | {cells} |")
+        print_table(twin, rows)
+        if options.nothing:
+            print_honesty(twin, rows)
+
+
+def print_table(twin: str, rows: list[dict[str, Row]]) -> None:
+    """Print median and worst tip and joints, over arms, of each row."""
+    print(f"\n| {twin} | tip [mm] | worst | shoulder [deg] | elbow [deg] | insertion [mm] |")
+    print("|---|---:|---:|---:|---:|---:|")
+    for key in dict.fromkeys(key for row in rows for key in row):
+        there = [row[key] for row in rows if key in row]
+        tips = [1e3 * row["tip"] for row in there]
+        joints = np.array([row["joints"] for row in there]) * DISPLAY
+        cells = " | ".join(f"{x:.2f}" for x in np.median(joints, axis=0))
+        count = f" ({len(there)} arms)" if len(there) < len(rows) else ""
+        print(f"| {key}{count} | {np.median(tips):.2f} | {max(tips):.2f} | {cells} |")
+
+
+def print_honesty(twin: str, rows: list[dict[str, Row]]) -> None:
+    """Print what was stated against what was true, and how much worse than clean each case is."""
+    print(f"\n| {twin} | to clean | worst | left out / true | within 15 % | in its deviations "
+          "| zeros in 90 % | prior used | left out |")  # fmt: skip
+    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
+    for key in rows[0]:
+        there = [row[key] for row in rows]
+        ratio = [row[key]["tip"] / row["clean"]["tip"] for row in rows]
+        stated, sd, true = (
+            np.array([row[name] for row in there])
+            for name in ("left_out_error", "left_out_sd", "tip")
+        )
+        off = np.array([row["zero_off"] for row in there])
+        inside = off < 1.645 * np.array([row["zero_sd"] for row in there])
+        near = int((np.abs(stated / true - 1.0) <= 0.15).sum())
+        print(
+            f"| {key} | {np.median(ratio):.2f} | {max(ratio):.2f} | {np.median(stated / true):.2f} "
+            f"| {near} | {np.sqrt((((stated - true) / sd) ** 2).mean()):.2f} "
+            f"| {int(inside.sum())} of {inside.size} | {sum(bool(row['prior']) for row in there)} "
+            f"| {np.mean([len(row['left_out']) for row in there]):.1f} |"
+        )
 
 
 if __name__ == "__main__":

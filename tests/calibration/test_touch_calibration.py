@@ -6,11 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.calibration.touched_arm import RATE, ROBOT, ROTATION, error_of, recorded
+from tests.calibration.touched_arm import RATE, ROBOT, ROTATION, error_of, fitted, recorded
 
 import truejoint
 from truejoint.calibration import Plate, Touches, calibrate_by_touch
-from truejoint.calibration.touch_calibration import Terms
+from truejoint.calibration.plate import TOUCH_SD
+from truejoint.calibration.touch_terms import Terms
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
@@ -141,3 +142,53 @@ def test_touches_that_hide_something_are_refused(how, said):
     recording, touches, plate, _ = session(**how)
     with pytest.raises(CalibrationError, match=said):
         calibrate_by_touch(recording, touches, plate)
+
+
+def error_in_block(model, at: int = 0) -> float:
+    """RMS error of the tip [m] on another motion, in the block of the session of a seed."""
+    found, true = in_block(model, session(20, 9)[0])
+    shift = session(30, at)[3] - session()[3]
+    return float(np.sqrt(((found - (true - shift @ ROTATION)) ** 2).sum(axis=1).mean()))
+
+
+def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():
+    recording, touches, plate, _ = session(12, 4, noise=2e-4)
+    helped, report = calibrate_by_touch(recording, touches, plate, known=[fitted()])
+    assert helped.metadata["touch"]["prior"] == ["raven2 (left arm)"]
+    assert report.zero_sd[0] < np.deg2rad(1.01)
+    assert report.not_seen[0].startswith("zero of shoulder: not seen, assumed within")
+
+
+def test_a_prior_that_contradicts_the_touches_is_not_used():
+    recording, touches, plate, _ = session(30, 2)
+    alone, _ = calibrate_by_touch(recording, touches, plate)
+    wrong = replace(fitted(), offsets={"model": np.array([0.0, 0.5, 0.05])})
+    model, report = calibrate_by_touch(recording, touches, plate, known=[wrong])
+    assert report.not_seen[-1].startswith("the prior: the touches are likelier without it")
+    assert model.metadata["touch"]["prior"] == []
+    assert error_in_block(model, 2) == pytest.approx(error_in_block(alone, 2), rel=1e-6)
+
+
+def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
+    recording, touches, plate, _ = session(30, 2)
+    small = replace(plate, points={n: p / 0.99 for n, p in plate.points.items()}, measured=np.nan)
+    _, blind = calibrate_by_touch(recording, touches, small)
+    assert any(text.startswith("size of the print: not seen") for text in blind.not_seen)
+    model, report = calibrate_by_touch(recording, touches, small, known=[fitted()])
+    (told,) = (text for text in report.not_seen if text.startswith("size of the print: -"))
+    assert "measure it, and enter measured_mm" in told
+    assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-1])
+    measured, calm = calibrate_by_touch(recording, touches, plate)
+    assert not any("size" in text for text in calm.not_seen)
+    assert measured.metadata["touch"]["scale"] == pytest.approx(1.0, abs=2e-3)
+
+
+def test_what_touches_state_has_a_deviation_of_its_own(calibrated):
+    _, report = calibrated
+    squares = (report.left_out**2).sum(axis=1)
+    expected = np.sqrt(max(squares.mean() - 3 * TOUCH_SD**2, 0.0))
+    assert report.left_out_error == pytest.approx(expected)
+    assert report.left_out_sd > 0.0
+    # Before: as measured, with the block laid over the tip.
+    assert np.abs(report.before.mean(axis=0)).max() < 1e-9
+    assert np.linalg.norm(report.before) > 2 * np.linalg.norm(report.left_out)

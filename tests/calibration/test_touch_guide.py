@@ -11,7 +11,16 @@ from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
 
 from truejoint import Calibration
 from truejoint.calibration import Plate, design_plate
-from truejoint.calibration.touch_guide import Guide, Stop, Verdict, design_pose, reachable
+from truejoint.calibration.touch_guide import (
+    FindingBlock,
+    Guide,
+    Learning,
+    Rezeroing,
+    Stop,
+    Verdict,
+    design_pose,
+    reachable,
+)
 from truejoint.errors import CalibrationError
 
 
@@ -28,6 +37,11 @@ def block() -> Touched:
 @pytest.fixture(scope="module")
 def plate(block: Touched) -> Plate:
     return replace(block.plate, translation=block.translation + 0.005)
+
+
+def finding(model: Calibration, plate: Plate, count: int) -> Guide:
+    pose = design_pose(plate, ROBOT)
+    return Guide(FindingBlock(model, pose), ROBOT, pose, count)
 
 
 def run(guide: Guide, plate: Plate, wrong: int = -1) -> tuple[list[Stop], list[Verdict]]:
@@ -48,7 +62,8 @@ def test_the_stated_error_falls_touch_by_touch(model, block, plate, finds_block)
     if not finds_block:  # the block has been found
         known = {"translation": block.translation, "covariance": 1e-8 * np.eye(6)}
         pose = replace(pose, joint_sd=np.array([1e-3, 1e-3, 1e-4]), **known)
-    guide = Guide(model, ROBOT, pose, 10, finds_block=finds_block)
+    purpose = FindingBlock(model, pose) if finds_block else Rezeroing(model, pose)
+    guide = Guide(purpose, ROBOT, pose, 10)
     stops, verdicts = run(guide, plate)
     assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 10
     assert [v.tip_sd is None for v in verdicts] == [True] * 3 + [False] * 7
@@ -59,7 +74,7 @@ def test_the_stated_error_falls_touch_by_touch(model, block, plate, finds_block)
 
 
 def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, plate):
-    guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 10, finds_block=True)
+    guide = finding(model, plate, 10)
     stops, verdicts = run(guide, plate, wrong=6)
     assert len(stops) == 11
     assert verdicts[5].off > 2e-3
@@ -70,7 +85,7 @@ def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, plate):
 
 
 def test_a_touch_while_the_arm_moves_is_refused_and_still_to_come(model, plate):
-    guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 6, finds_block=True)
+    guide = finding(model, plate, 6)
     stop = guide.next_stop()
     made = touched(plate=plate, dimples=[stop.dimple, "1" if stop.dimple != "1" else "2"])
     with pytest.raises(CalibrationError, match=r"moves by .* while dimple"):
@@ -80,7 +95,7 @@ def test_a_touch_while_the_arm_moves_is_refused_and_still_to_come(model, plate):
 
 
 def test_sides_are_told_in_words(model, plate):
-    guide = Guide(model, ROBOT, design_pose(plate, ROBOT), 8, finds_block=False)
+    guide = finding(model, plate, 8)
     sides = []
     while (stop := guide.next_stop()) is not None:
         rising = [f"{joint} rising" in stop.words for joint in ROBOT.positioning]
@@ -107,9 +122,24 @@ def test_a_plate_or_a_model_of_another_robot_is_refused(model, plate):
         design_pose(replace(plate, robot="forceps"), ROBOT)
     pose = replace(design_pose(plate, ROBOT), arm="right")
     with pytest.raises(CalibrationError, match="the model is of"):
-        Guide(model, ROBOT, pose, 6, finds_block=False)
+        Rezeroing(model, pose)
     pose = replace(design_pose(plate, ROBOT), model_sha256="other")
     with pytest.raises(CalibrationError, match="with another calibration"):
-        Guide(model, ROBOT, pose, 6, finds_block=False)
+        Rezeroing(model, pose)
     with pytest.raises(CalibrationError, match="30 touches of 24 dimples"):
-        Guide(model, ROBOT, design_pose(plate, ROBOT), 30, finds_block=False)
+        finding(model, plate, 30)
+
+
+def test_a_guide_leads_an_arm_of_which_nothing_is_known(plate):
+    pose = design_pose(plate, ROBOT)
+    guide = Guide(Learning(ROBOT, plate), ROBOT, pose, 8)
+    stops, verdicts = run(guide, plate)
+    assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 8
+    sd = [v.tip_sd for v in verdicts]
+    assert sd[:3] == [None] * 3
+    assert sd[7] < sd[3]
+    helped = Guide(Learning(ROBOT, plate, (fitted(),)), ROBOT, pose, 5)
+    _, judged = run(helped, plate)
+    assert judged[4].tip_sd < 0.5 * sd[4]
+    with pytest.raises(CalibrationError, match="or a folder of 3 or more"):
+        Learning(ROBOT, plate, (replace(fitted(), arm="right"),))

@@ -13,10 +13,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.cli.conftest import Call
-from typer.main import get_command
 
 from truejoint import read_calibration, read_recording, write_parquet
-from truejoint.cli.commands import app
+from truejoint.cli.commands import built
 from truejoint.motion import read_trajectory
 from truejoint.robots import catalogue
 
@@ -27,7 +26,7 @@ def _walk(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str
         yield from _walk(below, (*words, name))
 
 
-ROOT = get_command(app)
+ROOT = built()
 COMMANDS = dict(_walk(ROOT))
 
 

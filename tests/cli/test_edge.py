@@ -176,7 +176,7 @@ class Fails:
 def test_the_last_resort_is_one_line(
     call: Call, monkeypatch: pytest.MonkeyPatch, error: BaseException, code: int, says: str
 ) -> None:
-    monkeypatch.setattr("truejoint.cli.commands.app", Fails(error))
+    monkeypatch.setattr("truejoint.cli.commands.built", lambda: Fails(error))
     result = call("show", "x")
     assert result.code == code
     assert says in result.err
@@ -196,7 +196,7 @@ def test_an_interrupt_that_is_swallowed_is_remembered(
         except KeyboardInterrupt:
             return
 
-    monkeypatch.setattr("truejoint.cli.commands.app", swallows)
+    monkeypatch.setattr("truejoint.cli.commands.built", lambda: swallows)
     assert call("show", "x").code == 130
 
 

@@ -17,7 +17,7 @@ from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
 
 import truejoint
 from truejoint.calibration import read_plate, write_plate
-from truejoint.calibration.touch_guide import Guide, design_pose
+from truejoint.calibration.touch_guide import FindingBlock, Guide, design_pose
 from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
@@ -145,7 +145,8 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
     folder, tmp_path, capsys, monkeypatch, is_early
 ):
     plate = read_plate(folder / "plate.toml")
-    guide = Guide(fitted(), ROBOT, design_pose(plate, ROBOT), 4, finds_block=True)
+    pose = design_pose(plate, ROBOT)
+    guide = Guide(FindingBlock(fitted(), pose), ROBOT, pose, 4)
     made, seated, early = [], [], 0.1 if is_early else 0.0
     if not is_early:
         fail = Mock(side_effect=CalibrationError("do not fit"))
@@ -167,22 +168,91 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
     assert ("rest for 0.3 s" if is_early else "do not fit") in capsys.readouterr().err
 
 
-def test_a_model_is_made_of_touches_alone(call, tmp_path):
+@pytest.fixture(scope="module")
+def rests(tmp_path_factory) -> Path:
+    """Touches of an arm of which nothing is known, as t.csv, and as shots of a tracker."""
+    folder = tmp_path_factory.mktemp("rests")
     recording, touches, plate, _ = from_nothing()
-    kept(Touched(without_truth(recording), touches, plate, np.zeros(3)), tmp_path / "t.csv")
-    write_plate(plate, tmp_path / "plate.toml")
-    arguments = ["calibrate", tmp_path / "t.parquet", "-o", tmp_path / "m.safetensors"]
-    how = ["--touches", tmp_path / "t.csv", "--plate", tmp_path / "plate.toml"]
-    made = call(*arguments, *how)
+    kept(Touched(without_truth(recording), touches, plate, np.zeros(3)), folder / "t.csv")
+    write_plate(plate, folder / "plate.toml")
+    rows = zip(touches.t, 1e3 * plate.at(touches.dimple), strict=True)
+    lines = [f"{t!r},{x!r},{y!r},{z!r}" for t, (x, y, z) in ((t, p.tolist()) for t, p in rows)]
+    (folder / "shots.csv").write_text("\n".join(["t,x_mm,y_mm,z_mm", *lines]))
+    return folder
+
+
+def test_a_model_is_made_of_touches_alone(call, rests, tmp_path):
+    arguments = ["calibrate", rests / "t.parquet", "-o", tmp_path / "m.safetensors"]
+    how = ["--touches", rests / "t.csv", "--plate", rests / "plate.toml"]
+    made = call(*arguments, *how, "--touch-report", tmp_path / "touches.html")
     assert made.code == 0, made.err
-    assert "the tip is within" in made.out
+    assert re.search(r"the tip is within [\d.]+ mm ± [\d.]+ mm \(RMS\) in the block", made.out)
     assert "zero of shoulder: not seen" in made.out
     assert "not seen" in call("show", tmp_path / "m.safetensors").out
+    assert "zero of shoulder: not seen" in (tmp_path / "touches.html").read_text()
+    (tmp_path / "empty").mkdir()
     for wrong, said in (
-        ([*how[:2]], "give --touches, --plate and the one recording"),
+        (how[:2], "--touches and --plate belong together"),
+        (how[2:], "give --touches and --plate, or --points"),
+        ([*how, "--points", rests / "shots.csv"], "give --touches and --plate, or --points"),
+        ([*how, "--registration", rests / "t.csv"], "--registration is of a tracker"),
         ([*how, "-e", "linear"], "leave out other options"),
         ([*how, "--seed", "3"], "leave out other options"),
+        ([*how, "--touch-report", tmp_path / "touches.pdf"], "a report is an HTML page"),
+        ([*how, "--prior", tmp_path / "empty"], "no model file is in this folder"),
+        (["--touches", rests / "shots.csv", *how[2:]], "want t,dimple"),
     ):
         refused = call(*arguments, *wrong, "--force")
-        assert refused.code == 2
+        assert refused.code == 2, wrong
         assert said in refused.err
+        assert refused.err.count("\n") == 1
+
+
+def test_three_other_arms_and_an_older_model_are_priors_of_touches(call, rests, tmp_path):
+    arms = tmp_path / "arms"
+    arms.mkdir()
+    for number in range(3):
+        truejoint.write_calibration(fitted(), arms / f"arm{number}.safetensors")
+    common = ["calibrate", rests / "t.parquet", "--touches", rests / "t.csv", "--plate",
+              rests / "plate.toml", "-o", tmp_path / "m.safetensors", "--force"]  # fmt: skip
+    for prior, count in ((arms, 3), (arms / "arm0.safetensors", 1)):
+        made = call(*common, "--prior", prior, "--json")
+        assert made.code == 0, made.err
+        assert len(json.loads(made.out)["metadata"]["touch"]["prior"]) == count
+    (arms / "arm2.safetensors").unlink()
+    refused = call(*common, "--prior", arms)
+    assert refused.code == 2
+    assert "2 calibrations do not tell how much arms differ" in refused.err
+    refused = call("calibrate", rests / "t.parquet", "--prior", arms / "arm0.safetensors",
+                   "--seed", "3", "-o", tmp_path / "n.safetensors")  # fmt: skip
+    assert refused.code == 2
+    assert "no --seed" in refused.err
+
+
+def test_shots_of_a_tracker_make_a_model(call, rests, tmp_path):
+    made = call("calibrate", rests / "t.parquet", "--points", rests / "shots.csv", "-o",
+                tmp_path / "m.safetensors", "--touch-sd-mm", "0.2")  # fmt: skip
+    assert made.code == 0, made.err
+    assert "30 touches" not in made.out
+    assert "in the tracker's frame" in made.out
+
+
+def test_touches_of_an_arm_without_a_model_are_planned(call, folder):
+    plate = ["--plate", folder / "plate.toml"]
+    result = call("touch", "raven2", *plate, "--touches", "8")
+    assert result.code == 0, result.err
+    lines = [line for line in result.out.splitlines() if "rising" in line or "falling" in line]
+    assert len({line.split("│")[2] for line in lines}) == 8
+    for wrong, said in (
+        (["raven2"], "without a model, takes --plate"),
+        (["raven2", "--bolted", folder / "plate.toml"], "without a model, takes --plate"),
+        (["raven3", *plate], "raven3"),
+        (["forceps", *plate], "is for raven2"),
+        ([folder / "none.safetensors", *plate], "none.safetensors"),
+        ([folder / "model.safetensors", *plate, "--prior", folder], "are of an arm without"),
+        (["raven2", *plate, "--prior", folder / "none.st"], "none.st"),
+    ):
+        refused = call("touch", *wrong)
+        assert refused.code == 2, wrong
+        assert said in refused.err
+        assert refused.err.count("\n") == 1

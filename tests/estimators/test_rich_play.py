@@ -8,8 +8,8 @@ from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor, RichPlay
-from truejoint.estimators.rich_play import PENALTIES, Ridge, loaded_pairs
+from truejoint.estimators import LinearRegressor, RichPlay, rich_play
+from truejoint.estimators.rich_play import PENALTIES, Ridge, left_out, loaded_pairs
 from truejoint.models import play_bank
 from truejoint.models.features import FeatureSet, time_steps
 from truejoint.models.play_bank import expand_rows
@@ -92,6 +92,40 @@ def test_growing_plays_know_a_loop_whose_width_grows_where_products_do_not():
         np.std(loops[1] - m.fit(rows[0], loops[0]).predict(rows[1])) for m in (model, RichPlay())
     )
     assert left < 0.7 * without
+    assert model.pairs_ == ((0, 1),)
+
+
+def test_growing_plays_that_tell_nothing_are_left_out():
+    (X, _), rng = slack(0), np.random.default_rng(0)
+    y = 0.2 * X[:, 0] + 0.05 * rng.normal(size=len(X))
+    model, plain = RichPlay(pairs=((0, 1),)).fit(X, y), RichPlay().fit(X, y)
+    assert model.pairs_ == ()
+    assert model.predict(X).tobytes() == plain.predict(X).tobytes()
+
+
+@pytest.mark.parametrize(("histories", "seen"), [(5, 1), (4, 4)])
+def test_a_recording_that_is_hidden_changes_no_blocks_of_the_ridge(monkeypatch, histories, seen):
+    """Of five, four are cut as five are: a choice judges what it then fits to all."""
+    (X, y), told = slack(0), []
+    dt = np.where(np.arange(2000) % (2000 // histories) == 0, 0.0, 0.02)
+    y = np.where(np.arange(2000) >= 1600, np.nan, y)
+    monkeypatch.setattr(rich_play, "left_out", lambda own: told.append(own) or left_out(own))
+    RichPlay().fit(X, y, dt=dt)
+    assert (told[0].size, (told[0] == 0.0).sum()) == (1600, seen)
+
+
+def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():
+    rng = np.random.default_rng(1)
+    X = rng.normal(size=(1000, 3))
+    y = np.column_stack([X[:, 0] + 0.1 * rng.normal(size=1000), rng.normal(size=1000)])
+    model = Ridge().fit(X, y)
+    left = []
+    for block in np.array_split(np.arange(1000), 5):
+        seen = np.setdiff1d(np.arange(1000), block)
+        line = LinearRegressor().fit(X[seen], y[seen, 0])
+        left.append(line.predict(X[block]) - y[block, 0])
+    expected = np.sqrt(np.mean(np.square(left))) / y[:, 0].std()
+    np.testing.assert_allclose(model.errors_, [expected, 1.0], rtol=0.02)
 
 
 def test_it_knows_a_loop_whose_width_grows_with_the_load():

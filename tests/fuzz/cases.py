@@ -19,12 +19,11 @@ from typing import Any
 
 import numpy as np
 import scipy.io
-import typer
 from tests.synthetic import build_recording
 
 import truejoint
 from truejoint.cli.app import main
-from truejoint.cli.commands import app
+from truejoint.cli.commands import built
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
 from truejoint.recordings import write_bag
@@ -51,8 +50,6 @@ TOKENS = (
 LEFT_OUT = {"demo", "datasets fetch", "study", "monitor", "node correct", "node simulate",
             "node record"}  # fmt: skip
 """Commands that would take long, fetch what is public, or run until they are stopped."""
-
-typer.main.get_command = cache(typer.main.get_command)  # most of the time of a call else
 
 
 def make_seeds(folder: Path) -> None:
@@ -118,7 +115,7 @@ def commands() -> dict[str, Any]:
         elif words not in LEFT_OUT:
             yield words, command
 
-    return dict(walk(typer.main.get_command(app), ""))
+    return dict(walk(built(), ""))
 
 
 class Draw:

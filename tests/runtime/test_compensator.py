@@ -16,7 +16,14 @@ from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.motion import Trajectory, follow
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots import get_robot
-from truejoint.runtime import Compensator, Corrector, Status, compensation, loop_margin, track
+from truejoint.runtime import (
+    Compensator,
+    Corrector,
+    Status,
+    compensated_motion,
+    compensation,
+    loop_margin,
+)
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import ForcepsTwin
 
@@ -217,7 +224,7 @@ def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging
     wanted = start + 0.01 * (1.0 - np.cos(np.arange(2000) * 2e-3 * np.pi)) / 2.0
     blocks = []
     lagging_arm.subscribe(blocks.append)
-    motion = track(lagging_arm, compensator, wanted[:, None])
+    motion = compensated_motion(lagging_arm, compensator, wanted[:, None])
     assert motion.setpoint.shape == motion.corrected.shape == (1000, 1)
     assert np.array_equal(motion.wanted[:, 0], wanted[1::2])
     states = [block for block in blocks if hasattr(block, "measured")]
@@ -328,18 +335,18 @@ def test_the_jaw_follows_and_the_motor_does_not():
             corrector = Corrector(model)
             corrector.set_homing(True)
             compensator = quick(corrector)
-            motion = track(arm, compensator, wanted)
+            motion = compensated_motion(arm, compensator, wanted)
             assert motion.status.tolist() == [0] * 1000
             assert motion.t == pytest.approx(motion.t[0] + np.arange(1000) / 250.0)
-            with pytest.raises(CommandRefused, match="track refused: jaw is nan"):
-                track(arm, compensator, [[0.0], [np.nan]])
+            with pytest.raises(CommandRefused, match="compensated_motion refused: jaw is nan"):
+                compensated_motion(arm, compensator, [[0.0], [np.nan]])
             needy = SimpleNamespace(joints=("jaw",), signals=("measured/jaw", "effort/jaw"))
             needy.made_for, needy.spike_speed = ("forceps", ""), np.ones(1)
             with pytest.raises(CommandRefused, match="does not report effort/jaw"):
-                track(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
+                compensated_motion(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)
             with pytest.raises(CommandRefused, match="must divide 1000 Hz"):
-                track(arm, odd, wanted)
+                compensated_motion(arm, odd, wanted)
         else:
             arm.wait(1e-3)
             arm.servo_jp_stream(wanted)

@@ -31,7 +31,10 @@ from .plate_shape import plate_svg as plate_svg
 from .registration import Registered as Registered
 from .registration import Registration as Registration
 from .registration import read_registration as read_registration
+from .sighted import Shots as Shots
+from .sighted import read_shots as read_shots
 from .touch_calibration import TouchReport as TouchReport
+from .touch_calibration import calibrate_by_points as calibrate_by_points
 from .touch_calibration import calibrate_by_touch as calibrate_by_touch
 from .touches import Touches as Touches
 from .touches import find_block as find_block

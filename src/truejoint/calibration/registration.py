@@ -12,6 +12,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
+from truejoint.calibration.tip_rows import align, cross_matrix
 from truejoint.errors import CalibrationError, unknown
 from truejoint.recordings.joining import ClockOffset
 from truejoint.robots import Robot
@@ -60,6 +61,28 @@ class Registration:
     marker: Array | None = None
     marker_sd: Array = field(default_factory=lambda: np.full(3, _MARKER_SD))
     stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if len(self.touched) and self.base is not None:
+            raise CalibrationError(
+                "registration: it states the base's pose and touched points; leave one of them out"
+            )
+
+    def known_base(self) -> tuple[Array | None, Array]:
+        """Pose (4, 4) of the tracker in the robot's base [m], None where nothing says it.
+
+        And what is known of it, the inverse covariance (6, 6) of a turn about and a shift along the
+        axes of the base. Raises CalibrationError if touched points lie in a line.
+        """
+        if self.base is not None:
+            return np.asarray(np.linalg.inv(self.base)), np.diag(self.base_sd**-2.0)
+        if not len(self.touched):
+            return None, np.zeros((6, 6))
+        ours, theirs = self.touched[:, 0], self.touched[:, 1]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = align(ours, theirs)
+        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
+        return pose, np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
 
 
 @dataclass(frozen=True)
@@ -242,6 +265,11 @@ def read_registration(path: Path, robot: Robot) -> Registration:
             place = _numbers(path, "marker.position_mm", table["position_mm"], 3)
             sd_mm = _positive(path, "marker.sd_mm", table.get("sd_mm"))
             stated |= {"marker": 1e-3 * place, "marker_sd": np.full(3, 1e-3 * sd_mm)}
+    if "touched_sd_mm" in values and "touched" not in values:
+        raise CalibrationError(
+            f"{path}: touched_sd_mm is of touched points, and there are none; leave it out, or "
+            "write [[touched]] for each"
+        )
     if "touched" in values:
         rows = [_table(path, "touched", row) for row in _list(path, "touched", values["touched"])]
         pairs = [

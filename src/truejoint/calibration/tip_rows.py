@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError
 from truejoint.robots.robot import Kinematics
 
@@ -64,6 +64,9 @@ class TipState:
         terms = tuple(f"term {k}" for k in range(len(self.coefficients)))
         return (*terms, *POSE, *MARKER, SCALE)
 
+    def __len__(self) -> int:
+        return len(self.coefficients) + len(POSE) + len(MARKER) + 1
+
     def moved(self, step: Array) -> TipState:
         """State after a step (n,) of all parameters; the turn is about the frame's own axes."""
         k = len(self.coefficients)
@@ -109,15 +112,22 @@ class TipPrior:
         Raises CalibrationError unless there is one standard deviation for each.
         """
         spread = np.asarray(sd, dtype=np.float64)
-        if spread.shape != (len(state.names),) or not (spread >= 0.0).all():
+        if spread.shape != (len(state),) or not (spread >= 0.0).all():
             raise CalibrationError(
                 f"a prior of shape {spread.shape} must hold a standard deviation of 0 or more for "
-                f"each of {len(state.names)} parameters"
+                f"each of {len(state)} parameters"
             )
         free = spread > 0.0
         return cls(
             state, np.diag(np.where(free, 1.0 / np.where(free, spread, 1.0) ** 2, 0.0)), free
         )
+
+    def with_pose(self, precision: Array) -> TipPrior:
+        """Prior of a frame whose pose is known: inverse covariance (6, 6) of turn and shift."""
+        k = len(self.state.coefficients)
+        whole = self.precision.copy()
+        whole[k : k + 6, k : k + 6] = precision
+        return replace(self, precision=whole)
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,11 +310,14 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
     return turn, tip.mean(axis=0) - turn @ point.mean(axis=0)
 
 
-def fit_tip(rows: TipRows, prior: TipPrior, *, gate: float = GATE) -> TipFit:
+def fit_tip(
+    rows: TipRows, prior: TipPrior, *, gate: float = GATE, start: TipState | None = None
+) -> TipFit:
     """Fit corrections and pose to points of the tool: Gauss-Newton, Huber's weights, priors.
 
     After the robust fit, points further off than `gate` standard deviations from what all others
     say are left out, the worst first, and the rest is fitted again. `TipFit.weight` says which.
+    The fit begins at `start`, by default where the prior expects it.
 
     Raises
     ------
@@ -313,12 +326,10 @@ def fit_tip(rows: TipRows, prior: TipPrior, *, gate: float = GATE) -> TipFit:
         or if more than a fifth of the points, and more than one, do not fit: of few, two
         that are left out may be those that are right.
     """
-    if len(prior.free) != len(prior.state.names) or rows.basis.shape[2] != len(
-        prior.state.coefficients
-    ):
+    if len(prior.free) != len(prior.state) or rows.basis.shape[2] != len(prior.state.coefficients):
         raise CalibrationError("the prior is not one of the terms of these rows")
     kept = np.ones(len(rows), dtype=np.bool_)
-    state = prior.state
+    state = prior.state if start is None else start
     while True:
         found = _fitted(rows, prior, state, kept)
         far = np.where(kept, found.distance, 0.0)
@@ -342,7 +353,7 @@ def _fitted(rows: TipRows, prior: TipPrior, state: TipState, kept: Mask) -> TipF
     free = np.flatnonzero(prior.free)
     for _ in range(_MOST_STEPS):
         normal, gradient, _, _ = _normal_equations(rows, prior, state, kept)
-        inverse = _inverse(normal[np.ix_(free, free)], [prior.state.names[i] for i in free])
+        inverse = _inverse(normal[np.ix_(free, free)], prior, free)
         step = np.zeros(len(prior.free))
         step[free] = -inverse @ gradient[free]
         state = state.moved(step)
@@ -354,21 +365,19 @@ def _fitted(rows: TipRows, prior: TipPrior, state: TipState, kept: Mask) -> TipF
         )
     normal, _, whitened, weight = _normal_equations(rows, prior, state, kept)
     jacobian, residual, whitening = whitened
-    inverse = _inverse(normal[np.ix_(free, free)], [prior.state.names[i] for i in free])
+    inverse = _inverse(normal[np.ix_(free, free)], prior, free)
     covariance = np.zeros_like(normal)
     covariance[np.ix_(free, free)] = inverse
     # What the fit of the others expects of each point: its own share is taken out of the normal
     # equations (Cook and Weisberg, Residuals and Influence in Regression, 1982, ch. 2).
     leverage = jacobian @ covariance @ jacobian.transpose(0, 2, 1)
     own = np.where(kept, weight, 0.0)[:, None, None] * leverage
-    distance = np.empty(len(rows))
-    expected = np.empty((len(rows), 3, 3))
-    for i in range(len(rows)):
-        left = np.linalg.solve(np.eye(3) - own[i] + 1e-9 * np.eye(3), residual[i])
-        spread = np.eye(3) + np.linalg.solve(np.eye(3) - own[i] + 1e-9 * np.eye(3), leverage[i])
-        distance[i] = np.sqrt(left @ np.linalg.solve(spread, left))
-        unwhite = np.linalg.inv(whitening[i])
-        expected[i] = unwhite @ (np.eye(3) + leverage[i]) @ unwhite.T
+    without = np.eye(3) - own + 1e-9 * np.eye(3)
+    left = np.linalg.solve(without, residual[:, :, None])
+    spread = np.eye(3) + np.linalg.solve(without, leverage)
+    distance = np.sqrt((left * np.linalg.solve(spread, left)).sum(axis=(1, 2)))
+    unwhite = np.linalg.inv(whitening)
+    expected = unwhite @ (np.eye(3) + leverage) @ unwhite.transpose(0, 2, 1)
     off = prior.state.minus(state)
     misfit = float((weight[:, None] * residual**2)[kept].sum() + off @ prior.precision @ off)
     log_size = float(np.log(np.linalg.det(whitening[kept])).sum())
@@ -393,21 +402,24 @@ def _normal_equations(
     length = np.linalg.norm(residual, axis=1)
     weight = np.minimum(1.0, HUBER / np.maximum(length, 1e-300))
     counted = np.where(kept, weight, 0.0)
-    normal = prior.precision + np.einsum("m,mia,mib->ab", counted, jacobian, jacobian)
-    gradient = prior.precision @ state.minus(prior.state)
-    gradient = gradient + np.einsum("m,mia,mi->a", counted, jacobian, residual)
+    flat = jacobian.reshape(-1, jacobian.shape[2])
+    weighed = (counted[:, None, None] * jacobian).reshape(flat.shape).T
+    normal = prior.precision + weighed @ flat
+    gradient = prior.precision @ state.minus(prior.state) + weighed @ residual.ravel()
     return normal, gradient, (jacobian, residual, whitening), weight
 
 
-def _inverse(normal: Array, names: list[str]) -> Array:
-    """Invert the normal matrix; raises CalibrationError naming what it leaves open."""
+def _inverse(normal: Array, prior: TipPrior, free: Integers) -> Array:
+    """Invert the normal matrix of what is free; raises CalibrationError naming what stays open."""
     size = np.sqrt(np.diag(normal))
     if not (size > 0.0).all():
-        raise CalibrationError(f"the points say nothing of {names[int(np.argmin(size))]}")
+        name = prior.state.names[free[int(np.argmin(size))]]
+        raise CalibrationError(f"the points say nothing of {name}")
     values, vectors = np.linalg.eigh(normal / np.outer(size, size))
     if values[0] < _OPEN * values[-1]:
         share = np.abs(vectors[:, 0])
-        open_ = [names[i] for i in np.argsort(-share)[:4] if share[i] > 0.2]
+        names = prior.state.names
+        open_ = [names[free[i]] for i in np.argsort(-share)[:4] if share[i] > 0.2]
         raise CalibrationError(
             f"the points leave open {', '.join(open_)} together; touch more, from other sides, or "
             "state what is known"

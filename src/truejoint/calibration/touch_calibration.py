@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -12,37 +13,41 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.fitting import calibrate
 from truejoint.calibration.plate import TOUCH_SD, Plate
+from truejoint.calibration.registration import Registration
 from truejoint.calibration.sessions import check_columns
-from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, TipState, align, fit_tip
+from truejoint.calibration.sighted import SHOT_SD, Shots, Sighted, shot, touched
+from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, align, fit_tip
+from truejoint.calibration.touch_terms import (
+    LEFT,
+    SPREAD,
+    WIDTHS,
+    Terms,
+    check_known,
+    learned_priors,
+    wide_priors,
+)
 from truejoint.calibration.touches import (
     Touches,
     check_count,
-    known_kinematics,
+    likelihood,
     resting,
     with_estimated_errors,
 )
 from truejoint.errors import CalibrationError
 from truejoint.estimators.polynomial import PolynomialRegressor
 from truejoint.models.family import EstimatorData
-from truejoint.models.features import FeatureSet, default_gap_limit
-from truejoint.models.polynomial import polynomial_factors
+from truejoint.models.features import default_gap_limit
 from truejoint.recordings import Recording
-from truejoint.robots import Robot
 from truejoint.units import with_unit
 
 FEWEST: Final = 12
-WIDTHS: Final = (1e-3, 5e-3, 2e-2)
-"""Half-widths of each joint's own plays, as shares of its workspace."""
-SPREAD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
-"""Scale of what is expected of the terms, widely: see `_SPREADS`."""
-_SPREADS: Final = {"zero": 5.0, "slope": 2.0, "square": 0.5, "play": 0.3}
-_SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)
-LEFT: Final = 0.03
-"""What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
+"""Touches that calibrate an arm of which nothing is known; half as many with a prior."""
 _FOLDS: Final = 6
 _FLAT: Final = 0.05  # of the touches' extent, below which they lie in a plane
 _SIDED: Final = 0.15  # of the touches that come from either side of each joint
-_SEEN: Final = 0.5  # of what was expected, above which a zero's deviation says that it was not seen
+_SEEN: Final = 0.5  # of what was expected, above which a deviation says that it was not seen
+_SIZED: Final = 0.8  # the same of the size of a print
+_WORTH: Final = 5e-5  # of the tip, above which what a print's size leaves open is told [m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +56,22 @@ class TouchReport:
 
     Attributes
     ----------
+    rests : Touches
+        When the tip rested, and where.
     fit : TipFit
     left_out_error : float
         RMS distance [m] of the tip, in the block's frame, from points that a fit without them
         expects, less what touches err themselves: the honest error.
+    left_out_sd : float
+        Standard deviation of that [m]: so few touches do not say it any better.
     zero_sd : ndarray, shape (n_joints,)
         Standard deviation of each joint's zero amid the workspace [rad or m].
     not_seen : tuple of str
         In words, what only the prior holds.
+    point, before, left_out : ndarray, shape (m, 3)
+        Of each touch its point in the block, how far off the tip was by the measured positions,
+        the block laid over them as well as it can be, and how far off it is by a fit without this
+        touch [m].
 
     Examples
     --------
@@ -66,20 +79,52 @@ class TouchReport:
     'Array'
     """
 
+    rests: Touches
     fit: TipFit
     left_out_error: float
+    left_out_sd: float
     zero_sd: Array
     not_seen: tuple[str, ...]
+    point: Array
+    before: Array
+    left_out: Array
+
+
+@dataclass(frozen=True, eq=False)
+class TermsFit:
+    """Joints and frame that fit what was touched or shot.
+
+    Attributes
+    ----------
+    found : TipFit
+    rows : TipRows
+        With what the terms leave of the joints.
+    prior : TipPrior
+        That was the likeliest.
+    is_learned : bool
+        Whether it is of other calibrations.
+    """
+
+    found: TipFit
+    rows: TipRows
+    prior: TipPrior
+    is_learned: bool
 
 
 def calibrate_by_touch(
-    recording: Recording, touches: Touches, plate: Plate, *, touch_sd: float = TOUCH_SD
+    recording: Recording,
+    touches: Touches,
+    plate: Plate,
+    *,
+    touch_sd: float = TOUCH_SD,
+    known: Sequence[Calibration] = (),
 ) -> tuple[Calibration, TouchReport]:
     """Fit joints and a block's pose together to touches of its dimples.
 
     Of each positioning joint a constant, slopes and squares of all of them, and plays of its own:
     with three joints 39 numbers. It makes the tip right in the block's frame; joints only as far as
-    `TouchReport.not_seen` leaves them.
+    `TouchReport.not_seen` leaves them. How wide the terms are expected to be, the touches say
+    themselves: the prior under which they are likeliest, also of those that calibrations make.
 
     Parameters
     ----------
@@ -89,6 +134,8 @@ def calibrate_by_touch(
     plate : Plate
     touch_sd : float
         How far off its dimple a tip rests, per axis [m].
+    known : sequence of Calibration
+        An older one of this arm, or three or more of other arms of the robot, as a prior.
 
     Returns
     -------
@@ -100,8 +147,9 @@ def calibrate_by_touch(
     Raises
     ------
     CalibrationError
-        If kinematics or workspace are not known, touches are fewer than twelve, lie in a plane,
-        come from one side, or do not fit.
+        If kinematics or workspace are not known, touches are fewer than twelve (with a prior, six),
+        lie in a plane and there is no prior, come from one side, or do not fit, or the prior is of
+        another robot or of two arms.
 
     Examples
     --------
@@ -109,209 +157,207 @@ def calibrate_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    robot = recording.robot
-    check_count(touches, FEWEST, "calibrate")
-    known_kinematics(robot)
-    if robot.workspace is None:
-        raise CalibrationError(f"no workspace of {robot.title} is known; state it in its file")
-    terms = Terms.of(robot)
-    check_columns(recording, [f"measured/{n}" for n in robot.joint_names], "tip's place takes")
-    features = terms.features.compute(recording, default_gap_limit([recording]))
-    rows = _rows(robot, terms, features, recording, touches, plate, touch_sd)
-    _check_spread(rows, terms, features, resting(recording, touches), touches)
-    # How bent and how wide the arm's errors are, the touches themselves say (empirical Bayes).
-    priors = [_prior(rows, terms, plate, share) for share in _SHARES]
-    kept = ~fit_tip(rows, priors[0]).left_out
-    likely = [fit_tip(rows.rows(kept), one, gate=np.inf).evidence for one in priors]
-    prior = priors[int(np.argmax(likely))]
-    rows = with_estimated_errors(rows, prior)
-    found = fit_tip(rows, prior)
-    report = _report(rows, prior, found, terms, touch_sd)
-    correction = terms.basis(features) @ found.state.coefficients
-    names = {f"truth/{joint}": correction[:, k] for k, joint in enumerate(terms.joints)}
-    stated = {
-        name: recording.column(name.replace("truth", "measured")) + added
-        for name, added in names.items()
-    }
-    table = {"t": recording.t, **{c: recording.column(c) for c in recording.units}, **stated}
+    check_count(touches, FEWEST // 2 if known else FEWEST, "calibrate")
+    return _calibrated(recording, touched(touches, plate, recording.robot, touch_sd), known)
+
+
+def calibrate_by_points(
+    recording: Recording,
+    shots: Shots,
+    registration: Registration | None = None,
+    *,
+    shot_sd: float = SHOT_SD,
+    known: Sequence[Calibration] = (),
+) -> tuple[Calibration, TouchReport]:
+    """Fit joints and a tracker's pose together to single shots of the tool at rest.
+
+    As `calibrate_by_touch`, whose ``block`` is the tracker's frame: the tip is right in that, and
+    in the robot's base as far as the `registration` says where the tracker stands. Without one
+    nothing is known of that, and what the tracker sees is the tip itself (a pivot calibration).
+
+    Examples
+    --------
+    >>> calibrate_by_points(test, Shots((1.0,), np.zeros((1, 3))))
+    Traceback (most recent call last):
+    truejoint.errors.CalibrationError: ...
+    """
+    check_count(shots.rests, FEWEST // 2 if known else FEWEST, "calibrate")
+    seen = shot(shots, registration or Registration(), recording.robot, shot_sd)
+    return _calibrated(recording, seen, known)
+
+
+def _calibrated(
+    recording: Recording, seen: Sighted, known: Sequence[Calibration]
+) -> tuple[Calibration, TouchReport]:
+    """Fit, judge, and make an ordinary calibration of it."""
+    terms = Terms.of(recording.robot)
+    features = features_of(recording, terms)
+    _check_spread(seen, terms, features, resting(recording, seen.rests), is_flat_fine=bool(known))
+    fit = fit_terms(recording, seen, terms, features, known)
+    report = _report(seen, fit, terms, is_given=bool(known))
+    coefficients = fit.found.state.coefficients
+    correction = terms.basis(features) @ coefficients
+    table: dict[str, Array] = {"t": recording.t}
+    table |= {c: recording.column(c) for c in recording.units}
+    for k, joint in enumerate(terms.joints):
+        table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
     whole = Recording.from_columns(table, recording.provenance, recording.units)
-    square = PolynomialRegressor(degree=2)
-    fitted = calibrate([whole], square, features=terms.features, joints=terms.joints, redundant=[])
-    arrays = terms.arrays(found.state.coefficients)
-    data = EstimatorData("polynomial", {"degree": 2}, arrays)
+    # All but the model: domain, units, baselines. Of the model the touches tell all.
+    fitted = calibrate(
+        [whole], "linear", features=terms.features, joints=terms.joints, redundant=[]
+    )
+    data = EstimatorData("polynomial", {"degree": 2}, terms.arrays(coefficients))
     model = PolynomialRegressor.from_data(data, len(terms.features), len(terms.joints))
     baseline = fitted.effort_baseline
     if baseline is not None:
-        baseline = replace(baseline, residual=np.hypot(rows.joint_sd, report.zero_sd))
-    facts: dict[str, Any] = {
-        "truth": "touch",
-        "touch": {
-            "touches": len(touches),
-            "left_out": [touches.dimple[i] for i in np.flatnonzero(found.left_out)],
-            "left_out_error": report.left_out_error,
-            "zero_sd": report.zero_sd.tolist(),
-            "joint_sd": rows.joint_sd.tolist(),
-            "scale": found.state.scale,
-            "rotation": found.state.rotation.tolist(),
-            "translation": found.state.translation.tolist(),
-            "not_seen": list(report.not_seen),
-        },
+        baseline = replace(baseline, residual=np.hypot(fit.rows.joint_sd, report.zero_sd))
+    own = replace(fitted, model=model, effort_baseline=baseline).with_metadata(
+        estimator=model.name, settings=" ".join(repr(model).split()), truth="touch",
+        touch=_facts(seen, fit, report, known),
+    )  # fmt: skip
+    return own, report
+
+
+def _facts(
+    seen: Sighted, fit: TermsFit, report: TouchReport, known: Sequence[Calibration]
+) -> dict[str, Any]:
+    """Say what the model file keeps of the touches, as plain values."""
+    state = fit.found.state
+    return {
+        "touches": len(seen.rests),
+        "what": seen.what,
+        "frame": seen.frame,
+        "prior": [one.title for one in known] if fit.is_learned else [],
+        "left_out": [seen.rests.dimple[i] for i in np.flatnonzero(fit.found.left_out)],
+        "left_out_error": report.left_out_error,
+        "left_out_sd": report.left_out_sd,
+        "zero_sd": report.zero_sd.tolist(),
+        "joint_sd": fit.rows.joint_sd.tolist(),
+        "scale": state.scale,
+        "rotation": (state.rotation @ seen.stated[:3, :3]).tolist(),
+        "translation": (state.rotation @ seen.stated[:3, 3] + state.translation).tolist(),
+        "not_seen": list(report.not_seen),
     }
-    own = replace(fitted, model=model, effort_baseline=baseline)
-    return own.with_metadata(**facts), report
 
 
-@dataclass(frozen=True, eq=False)
-class Terms:
-    """Terms of the correction of each joint, and the features that they are made of."""
-
-    joints: tuple[str, ...]
-    centre: Array  # (n_joints,) of the workspace [rad or m]
-    half: Array
-    scale: Array  # (n_joints,), `SPREAD` of each [rad or m]
-    features: FeatureSet
-
-    @classmethod
-    def of(cls, robot: Robot) -> Terms:
-        """Terms for the joints of a robot's workspace, which is known."""
-        space = robot.workspace
-        assert space is not None  # noqa: S101  # looked for before
-        names = [f"measured/{joint}" for joint in space.joints]
-        names += [
-            f"play(measured/{joint}, {float(width * extent)!r})"
-            for joint, extent in zip(space.joints, space.extent, strict=True)
-            for width in WIDTHS
-        ]
-        scale = np.array([SPREAD[robot.joint(joint).unit] for joint in space.joints])
-        half = space.extent / 2
-        return cls(space.joints, space.centre, half, scale, FeatureSet.parse(names))
-
-    def per_joint(self, features: Array) -> list[Array]:
-        """Columns (m, n_terms) of each joint, of features (m, k), all of about size 1."""
-        n = len(self.joints)
-        z = (features[:, :n] - self.centre) / self.half
-        plays = features[:, n:].reshape(len(z), n, len(WIDTHS)) - features[:, :n, None]
-        plays /= (2 * self.half[:, None]) * WIDTHS
-        pairs = [z[:, i] * z[:, j] for i in range(n) for j in range(i, n)]
-        shared = np.column_stack([np.ones(len(z)), z, *pairs])
-        return [np.column_stack([shared, plays[:, k]]) for k in range(n)]
-
-    def basis(self, features: Array) -> Array:
-        """Correction per coefficient (m, n_joints, k) [rad or m]."""
-        columns = self.per_joint(features)
-        each, n = columns[0].shape[1], len(columns)
-        basis = np.zeros((len(features), n, n * each))
-        for k, own in enumerate(columns):
-            basis[:, k, k * each : (k + 1) * each] = own * self.scale[k]
-        return basis
-
-    def spread(self, share: float = 1.0) -> Array:
-        """Give the standard deviations (k,) that coefficients are expected to have.
-
-        Squares and plays have a `share` of theirs.
-        """
-        n = len(self.joints)
-        counts = {"zero": 1, "slope": n, "square": n * (n + 1) // 2, "play": len(WIDTHS)}
-        shares = {"square": share, "play": share}
-        own = [_SPREADS[kind] * shares.get(kind, 1.0) for kind in counts]
-        return np.tile(np.repeat(own, list(counts.values())), n)
-
-    def zeros(self) -> list[int]:
-        """Places of the joints' constants among the coefficients."""
-        each = len(self.spread()) // len(self.joints)
-        return [k * each for k in range(len(self.joints))]
-
-    def arrays(self, coefficients: Array) -> dict[str, Array]:
-        """Arrays of a polynomial of degree 2 in the features, of the coefficients (k,)."""
-        n, widths = len(self.joints), len(WIDTHS)
-        k = len(self.features)
-        factors = polynomial_factors(k, 2).tolist()
-        place = {tuple(factor): i for i, factor in enumerate(factors)}
-        coef, intercept = np.zeros((len(factors), n)), np.zeros(n)
-        half = np.concatenate([self.half, np.repeat(self.half, widths)])
-        centre = np.concatenate([self.centre, np.repeat(self.centre, widths)])
-        pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        for joint, own in enumerate(coefficients.reshape(n, -1) * self.scale[:, None]):
-            intercept[joint] = own[0]
-            for i in range(n):
-                coef[place[i, k], joint] += own[1 + i]
-            for value, (i, j) in zip(own[1 + n :], pairs, strict=False):
-                coef[place[i, j], joint] = value
-            for w, value in enumerate(own[1 + n + len(pairs) :]):
-                per = value / (2 * WIDTHS[w])  # (p - q) / w, both scaled by half the workspace
-                coef[place[n + joint * widths + w, k], joint] += per
-                coef[place[joint, k], joint] -= per
-        return {"mean": centre, "inverse_scale": 1.0 / half, "coef": coef, "intercept": intercept}
+def features_of(recording: Recording, terms: Terms) -> Array:
+    """Features (n, k) of the terms; raises CalibrationError where columns are missing."""
+    names = recording.robot.joint_names
+    check_columns(recording, [f"measured/{n}" for n in names], "tip's place takes")
+    return terms.features.compute(recording, default_gap_limit([recording]))
 
 
-def _rows(
-    robot: Robot, terms: Terms, features: Array, recording: Recording, touches: Touches,
-    plate: Plate, touch_sd: float,
-) -> TipRows:  # fmt: skip
-    measured = recording.columns("measured", robot.joint_names)
-    basis = terms.basis(features)
-    rests = resting(recording, touches)
+def fit_terms(
+    recording: Recording, seen: Sighted, terms: Terms, features: Array,
+    known: Sequence[Calibration],
+) -> TermsFit:  # fmt: skip
+    """Fit terms and frame to what was seen, under the likeliest prior, errors estimated too.
+
+    `features` (n, k) are the terms', of the recording. How bent and how wide the arm's errors are,
+    and whether it is as others, what was seen says itself (empirical Bayes). Raises as `fit_tip`
+    and `resting`, and CalibrationError for a prior that is none.
+    """
+    check_known(known, recording.robot)
+    rows = _rows(recording, seen, terms, features)
+    expected = wide_priors(terms)
+    learned = learned_priors(terms, known, recording) if known else []
+    priors = [seen.prior(rows, one.mean, one.sd) for one in [*learned, *expected]]
+    first = fit_tip(rows, priors[len(learned)])
+    best = int(np.argmax([likelihood(rows, one, first) for one in priors]))
+    rows = with_estimated_errors(rows, priors[best])
+    found = fit_tip(rows, priors[best], start=first.state)
+    return TermsFit(found, rows, priors[best], best < len(learned))
+
+
+def _rows(recording: Recording, seen: Sighted, terms: Terms, features: Array) -> TipRows:
+    robot = recording.robot
+    measured, basis = recording.columns("measured", robot.joint_names), terms.basis(features)
+    rests = resting(recording, seen.rests)
     return TipRows(
-        known_kinematics(robot),
+        seen.kinematics,
         np.array([measured[rows].mean(axis=0) for rows in rests]),
         tuple(robot.index(terms.joints)),
         np.array([basis[rows].mean(axis=0) for rows in rests]),
-        plate.at(touches.dimple),
-        np.full(len(rests), touch_sd),
+        seen.point,
+        np.full(len(rests), seen.sd),
         LEFT * terms.scale,
     )
 
 
-def _prior(rows: TipRows, terms: Terms, plate: Plate, share: float) -> TipPrior:
-    """Prior of the terms, squares and plays with a `share` of what they may be at most."""
-    tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
-    rotation, translation = align(tip, rows.point * plate.scale)
-    spread = terms.spread(share)
-    start = TipState(np.zeros(len(spread)), rotation, translation, scale=plate.scale)
-    return TipPrior.of(start, [*spread, *[np.inf] * 6, 0.0, 0.0, 0.0, plate.scale_sd])
-
-
 def _check_spread(
-    rows: TipRows, terms: Terms, features: Array, rests: list[slice], touches: Touches
+    seen: Sighted, terms: Terms, features: Array, rests: list[slice], *, is_flat_fine: bool
 ) -> None:
-    """Refuse touches in one plane, and those that come from one side."""
-    extent = np.linalg.svd(rows.point - rows.point.mean(axis=0), compute_uv=False)
-    if extent[2] < _FLAT * extent[0]:
+    """Refuse touches in one plane, unless `is_flat_fine`, and those that come from one side."""
+    source = seen.rests.source
+    extent = np.linalg.svd(seen.point - seen.point.mean(axis=0), compute_uv=False)
+    if extent[2] < _FLAT * extent[0] and not is_flat_fine:
         raise CalibrationError(
-            f"{touches.source}: all touches lie in one plane, which leaves slopes and a turn open; "
-            "touch stairs (truejoint plate)"
+            f"{source}: all {seen.what} lie in one plane, which leaves slopes and a turn open; "
+            "touch stairs (truejoint plate), or give a prior (--prior)"
         )
     each = terms.per_joint(np.array([features[own].mean(axis=0) for own in rests]))
     for joint, columns in zip(terms.joints, each, strict=True):
         rising = float((columns[:, -len(WIDTHS)] < 0.0).mean())
         if not _SIDED <= rising <= 1.0 - _SIDED:
             raise CalibrationError(
-                f"{touches.source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} "
-                "of the touches, which hides what its cable loses; come from both"
+                f"{source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} of the "
+                f"{seen.what}, which hides what its cable loses; come from both"
             )
 
 
-def _report(
-    rows: TipRows, prior: TipPrior, found: TipFit, terms: Terms, touch_sd: float
-) -> TouchReport:
-    kept = np.flatnonzero(~found.left_out)
-    fold = np.arange(len(kept)) % _FOLDS
-    squares = []
+def _report(seen: Sighted, fit: TermsFit, terms: Terms, *, is_given: bool) -> TouchReport:
+    found, rows = fit.found, fit.rows
+    off = _left_out(fit)
+    kept = ~found.left_out
+    squares = (off[kept] ** 2).sum(axis=1)
+    square = max(float(squares.mean()) - 3.0 * seen.sd**2, 0.0)
+    error, spread = math.sqrt(square), float(squares.std(ddof=1)) / math.sqrt(len(squares))
+    error_sd = spread / (2.0 * max(error, math.sqrt(spread)))
+    tool = rows.kinematics.forward(rows.joint)
+    tip = tool[:, :3, 3] + tool[:, :3, :3] @ found.state.marker
+    turn, shift = align(tip[kept], rows.point[kept] * seen.scale)
+    zero_sd = found.sd[terms.zeros] * terms.scale
+    before = (tip - shift) @ turn - rows.point * seen.scale
+    words = _unseen(seen, fit, terms, is_given=is_given)
+    return TouchReport(seen.rests, found, error, error_sd, zero_sd, words, rows.point, before, off)
+
+
+def _left_out(fit: TermsFit) -> Array:
+    """Tell how far off each touch is (m, 3) [m] by a fit without it and a few others."""
+    rows, fold = fit.rows, np.zeros(len(fit.rows), dtype=np.int64)
+    kept = ~fit.found.left_out
+    fold[kept] = np.arange(kept.sum()) % _FOLDS
+    fold[~kept] = _FOLDS
+    off = fit.found.residual.copy()
     for number in range(_FOLDS):
-        train = np.zeros(len(rows), dtype=np.bool_)
-        train[kept[fold != number]] = True
-        other = fit_tip(rows.rows(train), prior, gate=np.inf)
-        off = rows.residual(other.state)[kept[fold == number]]
-        squares += (off**2).sum(axis=1).tolist()
-    error = math.sqrt(max(float(np.mean(squares)) - 3.0 * touch_sd**2, 0.0))
-    zeros, spread = terms.zeros(), terms.spread()
-    zero_sd = found.sd[zeros] * terms.scale
-    words = []
-    for k, joint in enumerate(terms.joints):
-        unit = "rad" if terms.scale[k] == SPREAD["rad"] else "m"
-        share = found.sd[zeros[k]] / spread[zeros[k]]
-        if share > _SEEN:
-            words.append(f"zero of {joint}: not seen, assumed within {with_unit(zero_sd[k], unit)}")
-        elif zero_sd[k] > 0.2 * SPREAD[unit]:
-            words.append(f"zero of {joint}: +- {with_unit(zero_sd[k], unit)}")
-    return TouchReport(found, error, zero_sd, tuple(words))
+        train = rows.rows(kept & (fold != number))
+        other = fit_tip(train, fit.prior, gate=np.inf, start=fit.found.state)
+        off[fold == number] = rows.residual(other.state)[fold == number]
+    return off
+
+
+def _unseen(seen: Sighted, fit: TermsFit, terms: Terms, *, is_given: bool) -> tuple[str, ...]:
+    """Say in words what touches did not tell, and how far what they told badly may be off."""
+    words, found = [], fit.found
+    held = 1.0 / np.sqrt(np.diag(fit.prior.precision)[terms.zeros])
+    sd = found.sd[terms.zeros]
+    for joint, own, before, scale in zip(terms.joints, sd, held, terms.scale, strict=True):
+        unit = "rad" if scale == SPREAD["rad"] else "m"
+        within = with_unit(float(own * scale), unit)
+        if own > _SEEN * before:
+            words.append(f"zero of {joint}: not seen, assumed within {within}")
+        elif own > 0.2:
+            words.append(f"zero of {joint}: ± {within}")
+    size = float(np.sqrt(((seen.point - seen.point.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if seen.scale_sd * size > _WORTH:  # nobody has measured it
+        size_sd, off = float(found.sd[-1]), found.state.scale / seen.scale - 1.0
+        share = f"{100 * off:+.2f} % ± {100 * size_sd:.2f} %"
+        if size_sd > _SIZED * seen.scale_sd:
+            share = f"not seen, assumed within {100 * size_sd:.1f} %"
+        words.append(
+            f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "
+            "measure it, and enter measured_mm"
+        )
+    if is_given and not fit.is_learned:
+        words.append("the prior: the touches are likelier without it, so it was not used")
+    return tuple(words)

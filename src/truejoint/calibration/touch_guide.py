@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.plate import TOUCH_SD, BlockPose, Plate
-from truejoint.calibration.tip_rows import TipFit, TipRows, fit_tip
+from truejoint.calibration.sighted import touched
+from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, fit_tip
+from truejoint.calibration.touch_calibration import features_of, fit_terms
 from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
+from truejoint.calibration.touch_terms import LEFT, WIDTHS, Terms, check_known, wide_priors
 from truejoint.calibration.touches import (
     FEWEST,
     Touches,
@@ -22,6 +26,7 @@ from truejoint.calibration.touches import (
     zero_prior,
 )
 from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
 from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot
 
@@ -95,66 +100,166 @@ def design_pose(plate: Plate, robot: Robot) -> BlockPose:
     )  # fmt: skip
 
 
+class Purpose(Protocol):
+    """What touches are made for: what they are to tell, and what those so far do."""
+
+    def unknowns(self, joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
+        """Rows of dimples that could be touched, and what is known before.
+
+        Of positions (m, n_joints) of all joints there [rad or m], and points (m, 3) as designed
+        [m].
+        """
+
+    def fit(self, recording: Recording, touches: Touches) -> TipFit:
+        """Fit to all touches so far; raises CalibrationError as `fit_tip`."""
+
+    def tip_sd(self, rows: TipRows, found: TipFit) -> float:
+        """Deviation of the tip [m], over all dimples, by what touches have left open."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rezeroing:
+    """Touches that find the zeros of a calibration, by a block whose pose is known."""
+
+    calibration: Calibration
+    pose: BlockPose
+
+    def __post_init__(self) -> None:
+        check_pose(self.calibration, self.pose)
+
+    def unknowns(self, joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
+        """Take an offset of each joint."""
+        robot = get_robot(self.calibration.robot, self.calibration.arm)
+        homing = self._homing(robot)
+        m, n = len(joint), len(homing)
+        rows = TipRows(
+            known_kinematics(robot), joint, tuple(robot.index(self.calibration.joints)),
+            np.tile(np.eye(n), (m, 1, 1)), point, np.full(m, TOUCH_SD), self._left(homing / 10.0),
+        )  # fmt: skip
+        return rows, zero_prior(self.pose, homing)
+
+    def fit(self, recording: Recording, touches: Touches) -> TipFit:
+        """Fit the offsets."""
+        rows = tip_rows(self.calibration, recording, touches, self.pose.plate)
+        homing = self._homing(recording.robot)
+        return fit_tip(
+            replace(rows, joint_sd=self._left(rows.joint_sd)), zero_prior(self.pose, homing)
+        )
+
+    def tip_sd(self, rows: TipRows, found: TipFit) -> float:
+        """Of the zeros, in a block that stands where it did."""
+        return _tip_sd(rows, found, slice(0, rows.basis.shape[2]))
+
+    def _homing(self, robot: Robot) -> Array:
+        units = [robot.joint(name).unit for name in self.calibration.joints]
+        return np.array([HOMING_SD[unit] for unit in units])
+
+    def _left(self, otherwise: Array) -> Array:
+        """Tell what the calibration leaves of each joint, as the pose's touches saw it."""
+        return self.pose.joint_sd if len(self.pose.joint_sd) == len(otherwise) else otherwise
+
+
+class FindingBlock(Rezeroing):
+    """Touches that find where a block stands, which is meant to stand at `pose`."""
+
+    def fit(self, recording: Recording, touches: Touches) -> TipFit:
+        """Fit pose and size."""
+        plate = self.pose.plate
+        rows = tip_rows(self.calibration, recording, touches, plate, offsets=False)
+        return fit_block(rows, plate)[0]
+
+    def tip_sd(self, rows: TipRows, found: TipFit) -> float:
+        """Of the block."""
+        return _tip_sd(replace(rows, basis=rows.basis[:, :, :0]), found, slice(None))
+
+
+@dataclass(frozen=True, eq=False)
+class Learning:
+    """Touches that calibrate an arm without a joint sensor, and find the block with it.
+
+    Attributes
+    ----------
+    robot : Robot
+    plate : Plate
+    known : sequence of Calibration
+        Prior, as `calibrate_by_touch` takes it.
+    """
+
+    robot: Robot
+    plate: Plate
+    known: Sequence[Calibration] = ()
+
+    def __post_init__(self) -> None:
+        check_known(self.known, self.robot)
+
+    def unknowns(self, joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
+        """Take all terms; no play has been gone through yet."""
+        robot, terms = self.robot, Terms.of(self.robot)
+        columns = tuple(robot.index(terms.joints))
+        own, m = joint[:, columns], len(joint)
+        rows = TipRows(
+            known_kinematics(robot), joint, columns,
+            terms.basis(np.hstack([own, np.repeat(own, len(WIDTHS), axis=1)])), point,
+            np.full(m, TOUCH_SD), LEFT * terms.scale,
+        )  # fmt: skip
+        seen = touched(Touches((0.0,), tuple(self.plate.points)[:1]), self.plate, robot, TOUCH_SD)
+        prior = wide_priors(terms)[0]
+        return rows, seen.prior(rows, prior.mean, prior.sd)
+
+    def fit(self, recording: Recording, touches: Touches) -> TipFit:
+        """Fit joints and block together."""
+        terms = Terms.of(self.robot)
+        seen = touched(touches, self.plate, self.robot, TOUCH_SD)
+        features = features_of(recording, terms)
+        return fit_terms(recording, seen, terms, features, self.known).found
+
+    def tip_sd(self, rows: TipRows, found: TipFit) -> float:
+        """Of all, in the block's frame."""
+        return _tip_sd(rows, found, slice(None))
+
+
+def _tip_sd(rows: TipRows, found: TipFit, chosen: slice) -> float:
+    jacobian = rows.jacobian(found.state)[0][:, :, chosen]
+    spread = jacobian @ found.covariance[chosen, chosen] @ jacobian.transpose(0, 2, 1)
+    return float(np.sqrt(np.einsum("mii->m", spread).mean()))
+
+
 class Guide:
     """Plans touches of a block, and judges each by those before it.
 
     Parameters
     ----------
-    calibration : Calibration
-        Of the arm; its corrected positions say where the tip is.
+    purpose : Purpose
     robot : Robot
     pose : BlockPose
         Where the block stands or, to find it, is meant to stand.
     count : int
         How many dimples.
-    finds_block : bool
-        Whether the block's pose is to be found, rather than the zero of the joints.
     seed : int
         Of the sides.
 
     Raises
     ------
     CalibrationError
-        If fewer dimples can be reached than asked for, or the block's pose is in another arm's base
-        or was found with another calibration.
+        If fewer dimples can be reached than asked for.
     """
 
     def __init__(
-        self, calibration: Calibration, robot: Robot, pose: BlockPose, count: int, *,
-        finds_block: bool, seed: int = 0,
-    ) -> None:  # fmt: skip
-        check_pose(calibration, pose)
-        self._calibration, self._pose, self._finds_block = calibration, pose, finds_block
+        self, purpose: Purpose, robot: Robot, pose: BlockPose, count: int, *, seed: int = 0
+    ) -> None:
+        self._purpose = purpose
         names, joint = reachable(robot, pose)
-        columns = tuple(robot.index(calibration.joints))
-        units = [robot.joint(name).unit for name in calibration.joints]
-        homing = np.array([HOMING_SD[unit] for unit in units])
-        residual = homing / 10.0  # plans hardly depend on it
-        if len(pose.joint_sd) == len(columns):
-            residual = pose.joint_sd
-        m, n = len(names), len(columns)
-        self._rows = TipRows(
-            known_kinematics(robot), joint, columns, np.tile(np.eye(n), (m, 1, 1)),
-            pose.plate.at(names), np.full(m, TOUCH_SD), residual,
-        )  # fmt: skip
-        self._prior = zero_prior(pose, homing)
-        chosen = choose_touches(self._rows, self._prior, count)
+        self._rows, prior = purpose.unknowns(joint, pose.plate.at(names))
+        chosen = choose_touches(self._rows, prior, count)
         space = robot.workspace
         moving = robot.index(robot.positioning if space is None else space.joints)
         speed = np.ones(len(moving)) if space is None else space.speed
         chosen = chosen[shortest_order(joint[chosen][:, moving], speed)]
         sides = approach_sides(count, len(robot.positioning), seed)
-        words = [
-            ", ".join(
-                f"{name} {'rising' if side < 0 else 'falling'}"
-                for name, side in zip(robot.positioning, row, strict=True)
-            )
-            for row in sides
-        ]
         points = pose.plate.points
         self._left = [
-            Stop(names[k], points[names[k]], side, text)
-            for k, side, text in zip(chosen, sides, words, strict=True)
+            Stop(names[k], points[names[k]], side, _words(robot, side))
+            for k, side in zip(chosen, sides, strict=True)
         ]
         self._made: list[tuple[float, str]] = []
         self._source = "touches"
@@ -184,41 +289,21 @@ class Guide:
         resting(recording, Touches((stamp,), (stop.dimple,), self._source))
         self._left.remove(stop)
         self._made.append((stamp, stop.dimple))
-        found = self._fit(recording)
-        if found is None:
+        if len(self._made) <= FEWEST:
             return Verdict(len(self._made), None, None)
+        found = self._purpose.fit(recording, self.touches())
         off = None
         if found.left_out[-1] and not stop.is_again:
             off = float(np.linalg.norm(found.residual[-1]))
             self._made.pop()
             self._left.append(replace(stop, is_again=True))
-        return Verdict(len(self._made), off, self._tip_sd(found))
+        return Verdict(len(self._made), off, self._purpose.tip_sd(self._rows, found))
 
-    def _fit(self, recording: Recording) -> TipFit | None:
-        """Fit to all touches so far; None while they are too few."""
-        if len(self._made) <= FEWEST:
-            return None
-        plate = self._pose.plate
-        rows = tip_rows(
-            self._calibration, recording, self.touches(), plate, offsets=not self._finds_block
-        )
-        if self._finds_block:
-            return fit_block(rows, plate)[0]
-        if len(self._pose.joint_sd) == len(rows.columns):
-            rows = replace(rows, joint_sd=self._pose.joint_sd)
-        return fit_tip(rows, self._prior)
 
-    def _tip_sd(self, found: TipFit) -> float:
-        """Deviation of the tip [m], over all dimples, by what is not known of zeros or block."""
-        rows = self._rows
-        if self._finds_block:
-            rows = replace(rows, basis=rows.basis[:, :, :0])
-        by_parameter, _ = rows.jacobian(found.state)
-        n = rows.basis.shape[2]
-        known = slice(0, n) if n else slice(None)
-        jacobian = by_parameter[:, :, known]
-        spread = jacobian @ found.covariance[known, known] @ jacobian.transpose(0, 2, 1)
-        return float(np.sqrt(np.einsum("mii->m", spread).mean()))
+def _words(robot: Robot, side: Array) -> str:
+    """From which side each joint comes, for a person."""
+    pairs = zip(robot.positioning, side, strict=True)
+    return ", ".join(f"{name} {'rising' if one < 0 else 'falling'}" for name, one in pairs)
 
 
 def reachable(robot: Robot, pose: BlockPose) -> tuple[tuple[str, ...], Array]:

@@ -71,7 +71,7 @@ class Touches:
 
     def __post_init__(self) -> None:
         if not self.t or len(self.t) != len(self.dimple):
-            raise CalibrationError(f"{self.source}: no touches; write t,dimple in a line each")
+            raise CalibrationError(f"{self.source}: no touches; write a line for each")
         if not (np.isfinite(self.t).all() and (np.diff(self.t) > 0.0).all()):
             raise CalibrationError(f"{self.source}: the times of touches must go up")
 
@@ -90,28 +90,43 @@ def read_touches(path: Path) -> Touches:
     >>> read_touches(Path("touches.csv")).dimple
     ('3', '17')
     """
-    text = read_small(path, CalibrationError, _MAX_BYTES, "touches").decode("utf-8", "replace")
+    t: list[float] = []
+    dimple: list[str] = []
+    for stamp, number in read_rows(path, ("t", "dimple"), "touches", "a time [s] and a dimple", 1):
+        t.append(float(stamp))
+        dimple.append(number)
+    return Touches(tuple(t), tuple(dimple), str(path))
+
+
+def read_rows(
+    path: Path, names: tuple[str, ...], what: str, want: str, numbers: int | None = None
+) -> list[tuple[str, ...]]:
+    """Columns of a CSV file by name, a row each: `what` it holds, and what a line is to give.
+
+    The first `numbers` of them are numbers, by default all. Raises CalibrationError naming line and
+    value.
+    """
+    text = read_small(path, CalibrationError, _MAX_BYTES, what).decode("utf-8", "replace")
     try:
         rows = list(csv.reader(text.splitlines()))
     except csv.Error as error:  # a file of something else: a field of 100 kB
-        raise CalibrationError(f"{path}: is no CSV file of touches ({error})") from None
+        raise CalibrationError(f"{path}: is no CSV file of {what} ({error})") from None
     header = [name.strip() for name in rows[0]] if rows else []
-    if not {"t", "dimple"} <= set(header):
-        raise CalibrationError(f"{path}: its first line names {header!r:.60}; want t,dimple")
-    t: list[float] = []
-    dimple: list[str] = []
+    if not set(names) <= set(header):
+        listed = ",".join(names)
+        raise CalibrationError(f"{path}: its first line names {header!r:.60}; want {listed}")
+    found = []
     for number, row in enumerate(rows[1:], 2):
-        if not row:
-            continue
         fields = dict(zip(header, row, strict=False))
         try:
-            t.append(float(fields["t"]))
-            dimple.append(fields["dimple"].strip())
+            values = tuple(fields[name].strip() for name in names) if row else ()
+            [float(value) for value in values[:numbers]]
         except (KeyError, ValueError):
             raise CalibrationError(
-                f"{path}, line {number}: {','.join(row)!r:.60}; want a time [s] and a dimple"
+                f"{path}, line {number}: {','.join(row)!r:.60}; want {want}"
             ) from None
-    return Touches(tuple(t), tuple(dimple), str(path))
+        found += [values] if row else []
+    return found
 
 
 def resting(recording: Recording, touches: Touches) -> list[slice]:
@@ -240,9 +255,15 @@ def with_estimated_errors(rows: TipRows, prior: TipPrior) -> TipRows:
     By 1 to 8, judged by the points that fit with the errors enlarged fourfold.
     """
     grown = [replace(rows, joint_sd=factor * rows.joint_sd) for factor in _FACTORS]
-    kept = ~fit_tip(grown[len(_FACTORS) // 2], prior).left_out
-    likely = [fit_tip(one.rows(kept), prior, gate=np.inf).evidence for one in grown]
+    first = fit_tip(grown[len(_FACTORS) // 2], prior)
+    likely = [likelihood(one, prior, first) for one in grown]
     return grown[int(np.argmax(likely))]
+
+
+def likelihood(rows: TipRows, prior: TipPrior, first: TipFit) -> float:
+    """Logarithm of the restricted likelihood of the points that a `first` fit has not left out."""
+    kept = rows.rows(~first.left_out)
+    return fit_tip(kept, prior, gate=np.inf, start=first.state).evidence
 
 
 def zero_prior(pose: BlockPose, offset_sd: Array) -> TipPrior:
@@ -250,9 +271,7 @@ def zero_prior(pose: BlockPose, offset_sd: Array) -> TipPrior:
     n = len(offset_sd)
     start = TipState(np.zeros(n), pose.rotation, pose.translation, scale=pose.scale)
     prior = TipPrior.of(start, [*offset_sd, *[1.0] * 6, 0.0, 0.0, 0.0, pose.scale_sd])
-    precision = prior.precision.copy()
-    precision[n : n + 6, n : n + 6] = np.linalg.inv(pose.covariance)
-    return replace(prior, precision=precision)
+    return prior.with_pose(np.asarray(np.linalg.inv(pose.covariance)))
 
 
 def touched_zero(

@@ -20,7 +20,6 @@ from truejoint.calibration.tip_rows import (
     TipRows,
     TipState,
     align,
-    cross_matrix,
 )
 from truejoint.calibration.tracked_motion import PLAYS, TrackedMotion, at_stamps, polynomial
 from truejoint.errors import CalibrationError
@@ -96,20 +95,10 @@ def _base(registration: Registration, tip: Array, seen: Array) -> tuple[Array, A
 
     Where nothing is stated, that which lays the points `seen` (n, 3) onto the `tip` (n, 3) [m].
     """
-    base, precision = np.eye(4), np.zeros((6, 6))
-    touched = registration.touched
-    if len(touched) and registration.base is not None:
-        raise CalibrationError(
-            "registration: it states the base's pose and touched points; leave one of them out"
-        )
-    if registration.base is not None:
-        base[:] = np.linalg.inv(registration.base)
-        return base, np.diag(registration.base_sd**-2.0)
-    ours, theirs = (touched[:, 0], touched[:, 1]) if len(touched) else (tip, seen)
-    base[:3, :3], base[:3, 3] = align(ours, theirs)
-    if len(touched):
-        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
-        precision = np.einsum("mia,mib->ab", rows, rows) / registration.touched_sd**2
+    base, precision = registration.known_base()
+    if base is None:
+        base = np.eye(4)
+        base[:3, :3], base[:3, 3] = align(tip, seen)
     return base, precision
 
 

@@ -116,7 +116,7 @@ def tracked_truth(
     """
     registration = registration or Registration()
     robot, source = recording.robot, track.source
-    chain, link = _carrier(robot, registration.link)
+    chain, link = carrier(robot, registration.link)
     names = tuple(joints) or robot.positioning[:3]
     robot.index(names)
     if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
@@ -184,8 +184,11 @@ def _described(joined: Recording, registered: Registered, track: Track) -> Recor
     return replace(joined, provenance=replace(joined.provenance, notes=text, dropped=dropped))
 
 
-def _carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
-    """Kinematics of what carries the marker, and the joint that moves it."""
+def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
+    """Kinematics of what carries a marker, and the joint that moves it; the tool without a `link`.
+
+    Raises CalibrationError where kinematics are not known, or are not those of a chain.
+    """
     kinematics = robot.kinematics
     if kinematics is None:
         raise CalibrationError(

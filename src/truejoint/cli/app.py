@@ -54,10 +54,10 @@ def main() -> None:
 
 def _run(stopped: _Stop) -> int:
     """Exit code of the command."""
-    from truejoint.cli.commands import app  # noqa: PLC0415  # once Ctrl-C is looked after
+    from truejoint.cli.commands import built  # noqa: PLC0415  # once Ctrl-C is looked after
 
     stopped.interrupts()
-    code = app(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False)
+    code = built()(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False)
     sys.stdout.flush()  # a full disk shall be told here, not by the interpreter
     return int(code or 0)
 

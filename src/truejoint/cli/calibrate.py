@@ -21,8 +21,8 @@ from truejoint.cli.console import (
     say,
 )
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes_files
-from truejoint.cli.rezero import calibrate_touched
+from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes
+from truejoint.cli.touched import Seen, calibrate_touched
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT, OWN
 from truejoint.units import display_unit
@@ -34,7 +34,7 @@ _CROSS: Final = "cross"  # in place of recordings for an interval
 _NONE: Final = "none"  # in place of redundant columns
 
 
-@takes_files
+@takes(files=Files, seen=Seen)
 def calibrate(
     recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
@@ -109,7 +109,8 @@ def calibrate(
             help="Calibration of another day, tool or arm of the robot, by linear, poly2, "
             "poly2_ridge or rich_play, to be changed as far as a minute of recording says, or, "
             "whatever it is by, its zero as far as a few seconds do: estimator, features, joints "
-            "and target are its own.",
+            "and target are its own. With --touches or --points: an older model of this arm by any "
+            "estimator, or a folder of three or more of other arms.",
         ),
     ] = None,
     reference: Annotated[
@@ -137,16 +138,6 @@ def calibrate(
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0,
-    touches: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="Touches of a block (docs/touch.md), in place of truth in the recording.",
-        ),
-    ] = None,
-    plate: Annotated[
-        Path | None, typer.Option(help="With --touches: plate file of the block.")
-    ] = None,
     accept: Accept = None,
     part: options.Part = None,
     split: options.Split = None,
@@ -155,21 +146,25 @@ def calibrate(
     as_json: options.Json = False,
     *,
     files: Files,
+    seen: Seen,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_target(output, force)
-    if touches is not None or plate is not None:
-        chosen = (
+    if seen.is_given:
+        beside = (
             estimator, settings, features, joints, target, redundant, fit_rate_hz, test, interval,
-            accept, part, split, interval_rezero_s, prior, reference, zero != "shared",
-            seed,
+            accept, part, split, interval_rezero_s, reference, zero != "shared", seed,
         )  # fmt: skip
-        calibrate_touched(recordings, touches, plate, output, files, any(chosen), force, as_json)
+        if any(beside):
+            raise CalibrationError("--touches says what is fitted and how; leave out other options")
+        calibrate_touched(recordings, seen, prior, output, files, force=force, as_json=as_json)
         return
     accepted = check_names(accept)
     is_cross = interval == [_CROSS]
     dataset = only_dataset(recordings)
-    own = (estimator, settings, features, joints, target, redundant, zero != "shared", is_cross)
+    own = (
+        estimator, settings, features, joints, target, redundant, zero != "shared", is_cross, seed,
+    )  # fmt: skip
     unfitted = start(estimator, settings or [], dataset, features)
     changed = checked_prior(prior, reference, own)
     if dataset is not None:
@@ -200,15 +195,7 @@ def calibrate(
     )
     went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
     fitted = fitted.with_metadata(accepted=went_on)
-    if unseen:
-        with progress(f"Making an interval of {len(unseen)} recordings"):
-            fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=interval_rezero_s)
-    if testing:
-        judged = truejoint.evaluate(fitted, testing)
-        fitted = fitted.with_metadata(held_out=judged.to_dict()["scores"])
-        if judged.domain is not None and judged.domain.inside < 1.0:
-            flags = ", ".join(judged.domain.flags)
-            say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
+    fitted = with_accuracy(fitted, unseen, testing, interval_rezero_s)
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
@@ -233,7 +220,7 @@ def checked_prior(
     if any(own):
         raise CalibrationError(
             "--prior: estimator, features, joints, target and zero are the prior's, and it "
-            "takes no --interval cross; leave these options out"
+            "takes no --interval cross and no --seed; leave these options out"
         )
     return truejoint.read_calibration(prior)
 
@@ -275,6 +262,25 @@ def fit(
             "not know what they do"
         )
     return fitted.with_metadata(command=command_line())
+
+
+def with_accuracy(
+    fitted: truejoint.Calibration,
+    unseen: Sequence[truejoint.Recording],
+    testing: Sequence[truejoint.Recording],
+    rezero: float,
+) -> truejoint.Calibration:
+    """State an interval by `unseen` recordings, and the accuracy on those to judge on, if any."""
+    if unseen:
+        with progress(f"Making an interval of {len(unseen)} recordings"):
+            fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=rezero)
+    if not testing:
+        return fitted
+    judged = truejoint.evaluate(fitted, testing)
+    if judged.domain is not None and judged.domain.inside < 1.0:
+        flags = ", ".join(judged.domain.flags)
+        say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
+    return fitted.with_metadata(held_out=judged.to_dict()["scores"])
 
 
 def choice(

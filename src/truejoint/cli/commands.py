@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from functools import cache
+from typing import Annotated, Any
 
 import typer
+from typer.main import get_command
 
 import truejoint
 from truejoint.cli import (
@@ -108,3 +110,9 @@ def root(
 ) -> None:
     """Tell where a cable-driven joint really is."""
     del show_version, debug  # what asks for them has already answered
+
+
+@cache
+def built() -> Any:
+    """Command that parses a line and does what it says; building it takes a tenth of a second."""
+    return get_command(app)

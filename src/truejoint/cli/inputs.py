@@ -177,39 +177,49 @@ class Files:
             raise RecordingError(
                 f"--split {name!r} is for one public data set by name; use --part for files"
             )
-        sets, evaluation = truejoint.recordings.datasets, truejoint.evaluation
-        split = sets.get_dataset(dataset).split(name)
-        side = "the held-out" if held_out else "the training"
+        from truejoint.evaluation.splits import split_sides  # noqa: PLC0415  # needs NumPy
+
+        sets = truejoint.recordings.datasets
+        about = sets.get_dataset(dataset)
+        sides = about.split(name)
+        which = "the held-out" if held_out else "the training"
 
         def read() -> list[truejoint.Recording]:
-            with progress(f"Reading {side} recordings of {dataset}, split {name}") as done:
-                recordings = self._state(sets.read_dataset(dataset, split.files, progress=done))
-            if split.test:
-                named = zip(sets.get_dataset(dataset).match(split.files), recordings, strict=True)
-                return [r for named_so, r in named if split.holds_out(named_so.name) == held_out]
-            pairs = [
-                evaluation.split_by_time(whole, 1 - split.test_fraction) for whole in recordings
-            ]
-            return [test if held_out else train for train, test in pairs]
+            with progress(f"Reading {which} recordings of {dataset}, split {name}") as done:
+                whole = sets.read_dataset(dataset, sides.files, progress=done)
+            return self._state(split_sides(whole, about, sides)[held_out])
 
         return read
 
 
-def takes_files(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options that `Files` has; it takes them together as `files`."""
-    own = inspect.signature(command, eval_str=True).parameters
-    said = inspect.signature(Files, eval_str=True).parameters
+def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options that are the fields of dataclasses; it takes each by its name."""
 
-    @wraps(command)
-    def run(**given: Any) -> None:
-        files = Files(**{name: given.pop(name) for name in said})
-        command(**given, files=files)
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = inspect.signature(command, eval_str=True).parameters
+        of = {name: inspect.signature(kind, eval_str=True).parameters
+              for name, kind in groups.items()}  # fmt: skip
 
-    taken = [p for name, p in own.items() if name != "files"] + list(said.values())
-    parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in taken]
-    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-    run.__annotations__ = {p.name: p.annotation for p in parameters}
-    return run
+        @wraps(command)
+        def run(**given: Any) -> None:
+            made = {
+                name: groups[name](**{field: given.pop(field) for field in fields})
+                for name, fields in of.items()
+            }
+            command(**given, **made)
+
+        taken = [p for name, p in own.items() if name not in groups]
+        taken += [p for fields in of.values() for p in fields.values()]
+        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in taken]
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        return run
+
+    return decorate
+
+
+takes_files = takes(files=Files)
+"""Give a command the options that `Files` has; it takes them together as `files`."""
 
 
 def _is_plain_folder(path: Path) -> bool:

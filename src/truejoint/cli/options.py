@@ -31,6 +31,9 @@ NearS = Annotated[
 ]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same seed, same result.")]
 
+TouchSd = Annotated[
+    float, typer.Option(min=1e-3, help="How far off its dimple a tip rests, per axis [mm].")
+]
 Model = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
 ]

@@ -12,25 +12,35 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 import typer
 
 import truejoint
-from truejoint.cli import options
+from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, print_table, say
+from truejoint.cli.show import is_model
+from truejoint.cli.touched import known_calibrations
 from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.files import check_target, write_atomically
 from truejoint.units import shown
 
 if TYPE_CHECKING:
     from truejoint.calibration import BlockPose, Touches
-    from truejoint.calibration.touch_guide import Guide, Stop
+    from truejoint.calibration.touch_guide import Guide, Purpose, Stop
     from truejoint.recordings import Recorder
 
     Seat = Callable[[Stop], float]
 
-_BLOCK, _ZERO = 30, 6  # touches that find a block, and that re-zero a model by it
+_MANY, _FEW = 30, 6  # touches that calibrate or find a block, and that re-zero a model by it
 _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
 
 
 def touch(
-    model: options.Model,
+    arm: Annotated[
+        str,
+        typer.Argument(
+            metavar="MODEL|ROBOT",
+            help="Model file of the arm; of an arm without one, the name of its robot or a robot "
+            "file.",
+            autocompletion=complete.robots,
+        ),
+    ],
     output: Annotated[
         Path | None,
         typer.Option(
@@ -41,11 +51,24 @@ def touch(
         ),
     ] = None,
     plate: Annotated[
-        Path | None, typer.Option(help="Plate file: touches that find where the block stands.")
+        Path | None,
+        typer.Option(
+            help="Plate file: touches that find where the block stands or, without a model, "
+            "calibrate the arm."
+        ),
     ] = None,
     bolted: Annotated[
         Path | None, typer.Option(help="Pose of a bolted block: touches that re-zero the model.")
     ] = None,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL|DIR",
+            help="Without a model: an older one of this arm, or a folder of three or more of other "
+            "arms, by which touches are judged.",
+        ),
+    ] = None,
+    side: options.Arm = "",
     touches: Annotated[
         int | None,
         typer.Option(min=3, max=200, help="How many at most; default: 30 and, with --bolted, 6."),
@@ -72,18 +95,13 @@ def touch(
     From the fourth touch on each is compared with what the others say, and one that does not fit is
     asked for once more.
     """
-    from truejoint.calibration.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
-    from truejoint.calibration.touch_guide import Guide, design_pose  # noqa: PLC0415
+    from truejoint.calibration.touch_guide import Guide  # noqa: PLC0415  # NumPy
 
-    if (plate is None) == (bolted is None):
-        raise CommandRefused("touch takes --plate, to find a block, or --bolted, to re-zero by one")
-    calibration = truejoint.read_calibration(model)
-    robot = truejoint.get_robot(calibration.robot, calibration.arm)
-    pose = (
-        design_pose(read_plate(plate), robot) if plate is not None else read_pose(bolted or Path())
-    )
-    most = touches or (_BLOCK if plate is not None else _ZERO)
-    guide = Guide(calibration, robot, pose, most, finds_block=plate is not None, seed=seed)
+    is_robot = Path(arm).suffix in {"", ".toml"} and not is_model(Path(arm))
+    model = None if is_robot else Path(arm)
+    robot, pose, purpose = _purpose(arm, model, side, plate, bolted, prior)
+    most = touches or (_FEW if bolted is not None else _MANY)
+    guide = Guide(purpose, robot, pose, most, seed=seed)
     if output is None:
         _print_plan(guide)
         return
@@ -91,7 +109,7 @@ def touch(
         raise CommandRefused(f"{output}: touches are written as .csv; name it so")
     for path in (output, output.with_suffix(".parquet")):
         check_target(path, overwrite=force)
-    opened = _by_hand(robot, namespace, ros) if by_hand else _simulated(model, pose, twin, seed)
+    opened = _by_hand(robot, namespace, ros) if by_hand else _simulated(pose, twin, seed)
     with (
         opened as (device, seat),
         truejoint.recordings.Recorder(
@@ -101,9 +119,56 @@ def touch(
     ):  # fmt: skip
         made = follow_guide(guide, recorder, seat, output, until_mm / 1e3, goes_on=by_hand)
     out.print(f"{output}: {len(made)} touches of {pose.plate.name}")
-    following = "bolt" if plate is not None else "rezero"
-    option = f"--plate {plate}" if plate is not None else f"--bolted {bolted}"
-    say(f"next: truejoint {following} {model} --touches {output} {option} -o ...")
+    say(f"next: truejoint {_following(arm, model, plate, bolted, prior, output)} -o ...")
+
+
+def _purpose(
+    arm: str, model: Path | None, side: str, plate: Path | None, bolted: Path | None,
+    prior: Path | None,
+) -> tuple[truejoint.robots.Robot, BlockPose, Purpose]:  # fmt: skip
+    """Robot, where its block stands, and what touches are for; refuse what does not go together."""
+    from truejoint.calibration.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
+    from truejoint.calibration.touch_guide import (  # noqa: PLC0415
+        FindingBlock,
+        Learning,
+        Rezeroing,
+        design_pose,
+    )
+
+    if model is None:
+        if plate is None or bolted is not None:
+            raise CommandRefused(
+                f"touch of {arm}, without a model, takes --plate, and calibrates; to re-zero or to "
+                "find a block give the model file"
+            )
+        robot, block = truejoint.get_robot(arm, side), read_plate(plate)
+        known = [] if prior is None else known_calibrations(prior)
+        return robot, design_pose(block, robot), Learning(robot, block, known)
+    if (plate is None) == (bolted is None):
+        raise CommandRefused("touch takes --plate, to find a block, or --bolted, to re-zero by one")
+    if prior is not None or side:
+        raise CommandRefused("--prior and --arm are of an arm without a model; leave them out")
+    calibration = truejoint.read_calibration(model)
+    robot = truejoint.get_robot(calibration.robot, calibration.arm)
+    if bolted is not None:
+        pose = read_pose(bolted)
+        return robot, pose, Rezeroing(calibration, pose)
+    pose = design_pose(read_plate(plate or Path()), robot)
+    return robot, pose, FindingBlock(calibration, pose)
+
+
+def _following(
+    arm: str, model: Path | None, plate: Path | None, bolted: Path | None, prior: Path | None,
+    output: Path,
+) -> str:  # fmt: skip
+    """Command that takes what was touched."""
+    if bolted is not None:
+        return f"rezero {arm} --touches {output} --bolted {bolted}"
+    if model is not None:
+        return f"bolt {arm} --touches {output} --plate {plate}"
+    known = "" if prior is None else f" --prior {prior}"
+    recording = output.with_suffix(".parquet")
+    return f"calibrate {recording} --touches {output} --plate {plate}{known}"
 
 
 def follow_guide(
@@ -159,14 +224,13 @@ def _print_plan(guide: Guide) -> None:
 
 
 @contextmanager
-def _simulated(
-    model: Path, pose: BlockPose, twin: str, seed: int
-) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
+def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm of a twin, homed, and a hand that steers it to a block at `pose`."""
+    from truejoint.calibration.sessions import check_robot  # noqa: PLC0415  # NumPy
     from truejoint.motion.touching import SimulatedHand  # noqa: PLC0415
 
     with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:
-        truejoint.read_calibration(model).check_robot(device.robot)
+        check_robot((pose.robot, pose.arm), device.robot)
         say(f"Homing {device.robot.title}, simulated ...")
         device.enable()
         device.home()

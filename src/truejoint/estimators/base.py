@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
 from truejoint.models.family import EstimatorData, Family, Params, evaluate
+from truejoint.threads import one_thread
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -98,7 +98,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         self.check_shape(inputs.shape[1], self.n_outputs_)
         # One thread: blocks of a few thousand rows are too small to share. Two threads on two busy
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
-        with threadpool_limits(1):
+        with one_thread():
             times = self.time_steps(dt, len(inputs))
             self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
         return self

@@ -162,13 +162,10 @@ class NeuralNetwork(JointRegressor):
         self.loss_curve_: list[float] = []
         for epoch in range(epochs):
             order = rng.permutation(len(X))
-            X_epoch, y_epoch = X[order], y[order]
             losses = []
             for start in range(0, len(X), self.batch_size_):
-                rows = slice(start, start + self.batch_size_)
-                losses.append(
-                    loss_and_gradient(layers, X_epoch[rows], y_epoch[rows], decay, gradient, more)
-                )
+                rows = order[start : start + self.batch_size_]
+                losses.append(loss_and_gradient(layers, X[rows], y[rows], decay, gradient, more))
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
             check_loss(self.loss_curve_, epochs, rate)
@@ -318,12 +315,12 @@ def forward(layers: Layers, X: Floats) -> list[Floats]:
     activations = [X]
     last = len(layers.weights) - 1
     for layer, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
-        units = activations[-1] @ weight
-        units += bias
+        # The logistic function by way of tanh of half, which numpy computes ten times faster than
+        # scipy's expit; halving the weights costs less than halving what they give.
+        half = 0.5 if layer < last else 1.0
+        units = activations[-1] @ (half * weight)
+        units += half * bias
         if layer < last:
-            # The logistic function by way of tanh, which numpy computes ten times faster than
-            # scipy's expit.
-            units *= 0.5
             np.tanh(units, out=units)
             units *= 0.5
             units += 0.5

@@ -158,9 +158,21 @@ def recommended_sides(dataset: Dataset, split: HeldOut) -> tuple[list[Recording]
     >>> kuka = DATASETS["kuka_kr300_dual_encoder"]
     >>> training, testing = recommended_sides(kuka, kuka.split())  # doctest: +SKIP
     """
-    recordings = read_dataset(dataset.name, split.files)
+    return split_sides(read_dataset(dataset.name, split.files), dataset, split)
+
+
+def split_sides(
+    recordings: Sequence[Recording], dataset: Dataset, split: HeldOut
+) -> tuple[list[Recording], list[Recording]]:
+    """Training and held-out side of all recordings of a data set's split, in its order.
+
+    Examples
+    --------
+    >>> kuka = DATASETS["kuka_kr300_dual_encoder"]
+    >>> training, testing = split_sides(recordings, kuka, kuka.split())  # doctest: +SKIP
+    """
     if split.test:
-        out = [split.holds_out(recording.provenance.session) for recording in recordings]
+        out = [split.holds_out(found.name) for found in dataset.match(split.files)]
         pairs = list(zip(recordings, out, strict=True))
         return [r for r, held in pairs if not held], [r for r, held in pairs if held]
     parts = [split_by_time(recording, 1.0 - split.test_fraction) for recording in recordings]

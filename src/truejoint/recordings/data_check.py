@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
@@ -17,6 +16,7 @@ from truejoint.recordings.checks.finding import ORDER, Defect, Finding, Level, o
 from truejoint.recordings.checks.positions import judge_positions
 from truejoint.recordings.recording import Recording, as_recordings
 from truejoint.summary import Summarised, json_values
+from truejoint.threads import one_thread
 
 if TYPE_CHECKING:  # what it is called on says the rest
     from truejoint.calibration import Calibration
@@ -124,7 +124,7 @@ def check_data(
         for recording in recordings
         for defect in judge_columns(recording, joints, signals, needs_truth=needs_truth)
     ]
-    with threadpool_limits(1):  # many small regressions, which two threads make slower
+    with one_thread():  # many small regressions, which two threads make slower
         positions = list(judge_positions(recordings, joints, _broken(columns)))
     findings = [
         *one_line_each(columns, recordings),

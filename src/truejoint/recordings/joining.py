@@ -10,7 +10,6 @@ from typing import Final
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.signal import argrelmax
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
@@ -18,6 +17,7 @@ from truejoint.recordings.checks.delay import estimate_delay
 from truejoint.recordings.checks.explained import OTHER_PLAYS, PLAYS, SLOW, explain
 from truejoint.recordings.recording import Recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
+from truejoint.threads import one_thread
 
 _MAX_GRID: Final = 1 << 19  # points of the longer stream, when clocks are compared at first
 _LEAST_OVERLAP: Final = 0.5  # share of the shorter stream
@@ -161,7 +161,9 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
     Plays and efforts tell friction from a delay where a motion of one speed, as a zig-zag is, does
     not. It counts where `found` is unsure, and this one is surer and no further off than may be.
     By how much it differs with plays of other half-widths is part of its deviation: of strokes that
-    are all alike a wrong width and a delay explain the same.
+    are all alike a wrong width and a delay explain the same. So is half its way from `found`: rows
+    at a turn tell most, and what is far off at the first offset weighs little. Where it does not
+    count, how far off it is adds to the deviation of `found`.
     """
     if found.sd < _UNSURE:
         return found
@@ -169,7 +171,7 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
     joined = joined.with_truth(found.joints)
     if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
         return found
-    with threadpool_limits(1, user_api="blas"):
+    with one_thread():
         delay, other = (
             estimate_delay(
                 [[joined]] * len(found.joints),
@@ -179,9 +181,10 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
         )
     uncertainty = math.hypot(delay.uncertainty, other.seconds - delay.seconds)
     if not (uncertainty < found.sd and abs(delay.seconds) < _SURE * found.sd):
-        return found
+        apart = max(abs(delay.seconds), abs(other.seconds))
+        return replace(found, sd=math.hypot(found.sd, apart))
     steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
-    sd = math.hypot(uncertainty, *(step / math.sqrt(12.0) for step in steps))
+    sd = math.hypot(uncertainty, delay.seconds / 2, *(step / math.sqrt(12.0) for step in steps))
     return replace(found, seconds=found.seconds - delay.seconds, sd=min(sd, found.sd))
 
 
@@ -205,9 +208,7 @@ def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -
     measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
     found = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
     coarse = _coarse_offset(state.t, measured, truth.t, found, ", ".join(joints), near, _each_joint)
-    with threadpool_limits(
-        1, user_api="blas"
-    ):  # many small regressions, of which each would wait for its threads
+    with one_thread():  # many small regressions, of which each would wait for its threads
         seconds, sd = _fine_offset(state.t, measured, truth.t, found, coarse)
     steps = [float(np.median(np.diff(stamps))) for stamps in (state.t, truth.t)]
     return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)

@@ -248,15 +248,20 @@ def _parquet(source: Path) -> tuple[list[str], list[Array]]:
 
 
 def _read_bags(sources: Sequence[Path], topic: str) -> Track:
-    source = sources[0]
+    source = ", ".join(path.name for path in sources)
     topics = bag_topics(sources)
     kinds = {name: kind for name, (kind, count) in topics.items() if kind in _FIELDS and count}
+    if not kinds:
+        raise RecordingError(
+            f"{source}: no topic has points or poses; give the bag that has the tracker's too"
+        )
     found = [topic] if topic else [name for name in kinds if crtk_name(name) not in _OWN]
     if len(found) != 1 or found[0] not in kinds:
         listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))
         what = f"no points or poses on {topic!r}." if topic else "which topic is the tracker's?"
         raise RecordingError(
-            f"{source}: {what} Name one; of points or poses there are {listed or 'none'}"
+            f"{source}: {what} Name it (--tracker, of track --topic); of points or poses there are "
+            f"{listed}"
         )
     point, turn = _FIELDS[kinds[found[0]]]
     fields = [f"{point}.{axis}" for axis in "xyz"]
@@ -267,7 +272,7 @@ def _read_bags(sources: Sequence[Path], topic: str) -> Track:
         stamps / 1e9,
         np.column_stack(columns[:3]),
         np.column_stack(columns[3:]) if turn else None,
-        f"{source.name}: {found[0]}",
+        f"{source}: {found[0]}",
     )
 
 

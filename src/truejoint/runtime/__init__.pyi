@@ -1,9 +1,9 @@
 from .check import CalibrationCheck as CalibrationCheck
 from .check import check_calibration as check_calibration
+from .compensator import CompensatedMotion as CompensatedMotion
 from .compensator import Compensator as Compensator
-from .compensator import TrackedMotion as TrackedMotion
+from .compensator import compensated_motion as compensated_motion
 from .compensator import loop_margin as loop_margin
-from .compensator import track as track
 from .corrector import CorrectionTrace as CorrectionTrace
 from .corrector import Corrector as Corrector
 from .monitor import Alarm as Alarm

@@ -386,8 +386,8 @@ def check_rate(rate: float, lag: float, gain: float) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class TrackedMotion:
-    """What `track` did, a row for each step of the compensator.
+class CompensatedMotion:
+    """What `compensated_motion` did, a row for each step of the compensator.
 
     Attributes
     ----------
@@ -400,7 +400,7 @@ class TrackedMotion:
 
     Examples
     --------
-    >>> TrackedMotion(np.zeros(1), *np.zeros((3, 1, 1)), np.zeros(1, int)).status
+    >>> CompensatedMotion(np.zeros(1), *np.zeros((3, 1, 1)), np.zeros(1, int)).status
     array([0])
     """
 
@@ -411,7 +411,7 @@ class TrackedMotion:
     status: Integers
 
 
-def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotion:
+def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> CompensatedMotion:
     """Put an arm's joints where they are wanted, row by row through a compensator; blocks.
 
     Joints that the calibration does not correct hold still. What the arm measures reaches its
@@ -438,13 +438,13 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
     >>> arm.enable()
     >>> arm.home()
     >>> compensator = Compensator(Corrector(model), arm.robot)  # doctest: +SKIP
-    >>> track(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
+    >>> compensated_motion(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """
     rows = np.atleast_2d(np.asarray(wanted, dtype=np.float64))
     full = np.tile(arm.setpoint_js().position, (len(rows), 1))
     full[:, arm.robot.index(compensator.corrector.joints)] = rows
-    checked_rows(arm.robot, full, "track")
+    checked_rows(arm.robot, full, "compensated_motion")
     told: list[tuple[float, Array, Array, Array, int]] = []
 
     def tell(t: float, goal: Array) -> None:
@@ -452,5 +452,5 @@ def track(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> TrackedMotio
         told.append((t, goal, compensator.setpoint.copy(), corrected, int(compensator.status)))
 
     pieces = compensator.setpoints(arm, [full], tell)
-    arm.stream(pieces, len(rows) / SERVO_RATE, "track").wait()
-    return TrackedMotion(*(np.array(part) for part in zip(*told, strict=True)))
+    arm.stream(pieces, len(rows) / SERVO_RATE, "compensated_motion").wait()
+    return CompensatedMotion(*(np.array(part) for part in zip(*told, strict=True)))

@@ -20,7 +20,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import write_atomically
@@ -28,6 +27,7 @@ from truejoint.studies.catalogue import get_study
 from truejoint.studies.cluster import on_cluster
 from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
 from truejoint.summary import json_values
+from truejoint.threads import one_thread
 
 Outcome = tuple[Part, PartResult | TruejointError]
 
@@ -186,7 +186,7 @@ def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
 def compute(part: Part) -> Outcome:
     """Compute a part with one thread, wherever it is; an error of the caller's is an outcome."""
     try:
-        with threadpool_limits(1):
+        with one_thread():
             return part, part.compute(**part.arguments)
     except TruejointError as error:
         return part, error

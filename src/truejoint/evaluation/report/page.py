@@ -8,7 +8,7 @@ import json
 import platform
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Final
@@ -174,12 +174,17 @@ def _asset(name: str) -> str:
 
 def render_page(template: str, *, package: str = __package__, **values: Any) -> str:
     """Fill a template of the ``assets`` of `package`, which extends our ``base.html.j2``."""
+    return _environment(package).get_template(template).render(**values, versions=versions())
+
+
+@cache
+def _environment(package: str) -> jinja2.Environment:
+    """Templates of the ``assets`` of `package` and of ours, each compiled once."""
     loaders = [jinja2.PackageLoader(name, "assets") for name in (package, __package__)]
-    environment = jinja2.Environment(
+    return jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         loader=jinja2.ChoiceLoader(loaders),
     )  # fmt: skip
-    return environment.get_template(template).render(**values, versions=versions())
 
 
 def script_json(value: Any) -> str:

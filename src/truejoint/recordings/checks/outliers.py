@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from threadpoolctl import threadpool_limits  # type: ignore[import-untyped]
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.recordings.checks.explained import SLOW, Explained, explain
 from truejoint.recordings.recording import Recording
 from truejoint.recordings.signals import gaps
+from truejoint.threads import one_thread
 
 _STEP: Final = 5.0  # spreads of the residual
 _STEP_OF_SLOW: Final = 8.0  # where rows are far apart, honest ones step too
@@ -73,7 +73,7 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
 def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:
     """Rows (n,) of each recording whose truth minus measured of `joint` is grossly off."""
     enough = [r for r in recordings if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
-    with threadpool_limits(1):  # of a few thousand rows
+    with one_thread():  # of a few thousand rows
         explained = explain(enough, joint) if enough else None
     masks = []
     for recording in recordings:

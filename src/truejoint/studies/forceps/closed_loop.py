@@ -17,7 +17,7 @@ from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
-from truejoint.runtime import Compensator, Corrector, Status, track
+from truejoint.runtime import Compensator, Corrector, Status, compensated_motion
 from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.forceps.load import SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
@@ -150,7 +150,7 @@ def follow_jaw(
             believed=KNOWN,
         )
         compensator.gain *= margin
-        status = track(arm, compensator, wanted[:, None]).status
+        status = compensated_motion(arm, compensator, wanted[:, None]).status
     reference, exact = (np.concatenate(found)[1:] for found in (heard.reference, heard.exact))
     return reference, exact, status
 

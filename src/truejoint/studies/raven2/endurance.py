@@ -32,8 +32,11 @@ _OFFSET: Final = 300_000  # of the arms' seeds, so that no other study has the s
 _METHODS: Final = (*s.MODELS, "offset")
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
 _EXAMPLE: Final = 60.0  # [s] of the first hour that are drawn, as in figure 7
-_DRAWN: Final = {"truth": "k", "raw": "0.6", "dnn": "tab:blue", "linear": "tab:green"}
-"""What is drawn of them, and its colour; the last two fitted to the longest training."""
+_DRAWN: Final = {
+    "truth": ("0.8", "-", 5.0), "raw": ("k", ":", 0.9), "dnn": ("tab:blue", "-", 0.9),
+    "linear": ("tab:green", "--", 0.9),
+}  # fmt: skip
+"""What is drawn of them, and how; the last two fitted to the longest training."""
 
 Hours = Sequence[Mapping[str, s.Errors]]
 """Errors by combination of sparsities, for each hour."""
@@ -201,10 +204,10 @@ def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Fi
         panels = []
         for work, example in examples.items():
             curves = [
-                Curve(example["t"], s.SCALES[joint] * example[name][:, joint], name, colour)
-                for name, colour in _DRAWN.items()
+                Curve(example["t"], s.SCALES[joint] * example[name][:, joint], name, *look)
+                for name, look in _DRAWN.items()
             ]
-            panels.append(Panel(curves, "[s]", label, "" if joint else work))
+            panels.append(Panel(curves, "time [s]", label, "" if joint else work))
         rows.append(panels)
     caption = (
         "The first minute of the first hour's test: the true joints, those that the robot reports, "

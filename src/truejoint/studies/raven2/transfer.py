@@ -38,6 +38,7 @@ _HEAVIER: Final = 0.1  # [kg] of another tool
 _STIFFER: Final = 1.5  # friction of another tool
 _SAME: Final = 1.1  # of the error of a whole calibration, up to which the accuracy is the same
 _MOST: Final = 0.8  # share of the sessions that shall be as accurate
+_DRAWN: Final = 3.0  # of the error of a whole calibration, beyond which none is drawn
 
 _REFERENCE: Final = "prior, reference"
 _WAYS: Final = {_REFERENCE: "tab:blue", "prior": "tab:green", "anew": "tab:orange"}
@@ -154,7 +155,9 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             curves = []
             for way, colour in _WAYS.items():
                 shares = [relative(part.arrays[way], part.numbers["own"]) for part in parts]
-                curves.append(Curve(_SECONDS, np.median(shares, axis=0), way, colour, "-o"))
+                middle = np.median(shares, axis=0)
+                near = np.where(middle <= _DRAWN, middle, np.nan)
+                curves.append(Curve(_SECONDS, near, way, colour, "-o"))
             curves.append(Curve(_SECONDS, np.full(len(_SECONDS), _SAME), "", "0.5", ":"))
             name = f"{title}, {change}"
             line.append(Panel(curves, "motion [s]", "RMSE / own calibration", name, log="xy"))
@@ -172,7 +175,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     caption = (
         "Medians over the sessions. Blue: the first calibration as the prior, beside its own "
         "recording; green: without that; orange: without a prior. Dotted: "
-        f"{_SAME:g}, what counts as the same."
+        f"{_SAME:g}, what counts as the same. Above {_DRAWN:g} nothing is drawn."
     )
     asked, height = "What is a calibration worth after a change?", 1.2 + 2.4 * len(panels)
     figure = Figure(asked, panels, caption, height=height, legend=True)

@@ -14,7 +14,7 @@ from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
-from truejoint.runtime import Compensator, Corrector, Status, track
+from truejoint.runtime import Compensator, Corrector, Status, compensated_motion
 from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.twin import Twin, hold
 from truejoint.simulation.wrist.parameters import WristParameters
@@ -176,7 +176,7 @@ def follow(
             corrector, arm.robot, rate=rate, lag=lag(plant), gain=gain, time_constant=_QUICK,
             integral_time=math.inf, believed=_BELIEVED,
         )  # fmt: skip
-        track(arm, compensator, wanted)
+        compensated_motion(arm, compensator, wanted)
     exact = np.concatenate(heard)[-len(wanted) :]
     return np.asarray((exact - wanted)[round(_SETTLED / SETPOINT_DT) :])
 
