@@ -5,6 +5,7 @@ import json
 import pytest
 
 from truejoint.cli import study as command
+from truejoint.errors import StudyError
 from truejoint.studies import STUDIES
 
 
@@ -15,6 +16,20 @@ def test_without_a_name_the_studies_are_listed(call):
         assert study.name in result.out
         assert all(f"--set {option.name}=" in result.out for option in study.options)
     assert list(json.loads(call("study", "--json").out)) == list(STUDIES)
+
+
+def test_a_word_names_one_study_or_those_of_the_forceps():
+    names = [study.name for study in command._named("forceps")]
+    assert names == [name for name in STUDIES if name.startswith("forceps-")]
+    assert [study.name for study in command._named("state-of-the-art")] == ["state-of-the-art"]
+    with pytest.raises(StudyError, match="no study called 'state'"):
+        command._named("state")
+
+
+def test_options_are_of_one_study(call):
+    result = call("study", "forceps", "--set", "specimen=B")
+    assert result.code == 2
+    assert "--set is of one study; name it in place of 'forceps'" in result.err
 
 
 def test_a_study_prints_json_and_leaves_files(call, tmp_path):

@@ -153,8 +153,7 @@ def test_the_loop_tells_the_load(pair):
     assert (trace.status[under] == Status.OK).all()
     states = calibration.model.states(columns(run, calibration.model), steps(run))
     assert np.allclose(trace.beside["load"][:, 0], states.load, rtol=1e-6, atol=1e-9)
-    for stated, deviation in (
-        (trace.beside["load"][:, 1], states.load_deviation),
-        (trace.half_width[:, 0], states.angle_deviation),
-    ):
-        assert np.allclose(stated, 1.6448536 * deviation, rtol=1e-6, atol=1e-9)
+    half_width = 1.6448536 * states.load_deviation
+    assert np.allclose(trace.beside["load"][:, 1], half_width, rtol=1e-6, atol=1e-9)
+    half_width = 1.6448536 * states.angle_deviation
+    assert np.allclose(trace.half_width[under, 0], half_width[under], rtol=1e-6, atol=1e-9)

@@ -31,7 +31,7 @@ def study(
     name: Annotated[
         str | None,
         typer.Argument(
-            help="Which study, or all; they are listed without one.",
+            help="Which study, forceps for those of the forceps, or all; listed without one.",
             autocompletion=lambda: [*STUDIES, ALL],
         ),
     ] = None,
@@ -73,19 +73,19 @@ def study(
     if name is None:
         _list(as_json=as_json)
         return
-    options = _parsed(chosen or [])
-    if name == ALL and options:
-        raise StudyError("--set is of one study; name it in place of 'all'")
+    options, studies, several = _parsed(chosen or []), _named(name), name not in STUDIES
+    if several and options:
+        raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
     where = _where(jobs, cluster)
     from truejoint.studies import overview  # noqa: PLC0415  # a list needs no arithmetic
 
     made, failed = {}, []
-    for study in STUDIES.values() if name == ALL else (get_study(name),):
+    for study in studies:
         try:
             settings = study.settings(preset, seed, options)
             made[study.name] = _made(study, settings, folder / study.name, where, force=force)
         except TruejointError as error:
-            if name != ALL:
+            if not several:
                 raise
             failed.append(study.name)
             say(f"{study.name}: {error}")
@@ -95,10 +95,18 @@ def study(
                 _show(made[study.name])
     if as_json:
         plain = {key: result.to_dict() for key, result in made.items()}
-        result_json(plain if name == ALL else plain[name])
+        result_json(plain if several else plain[name])
     say(f"All studies on one page: {folder / overview.NAME}")
     if failed:
         raise StudyError(f"not done: {', '.join(failed)}; what is wrong with each stands above")
+
+
+def _named(name: str) -> list[Study]:
+    """Give the study of that name, all of them, or those whose names begin with it."""
+    if name == ALL:
+        return list(STUDIES.values())
+    family = [study for study in STUDIES.values() if study.name.startswith(f"{name}-")]
+    return family if len(family) > 1 else [get_study(name)]
 
 
 def _where(jobs: int | None, cluster: str | None) -> dict[str, Any]:

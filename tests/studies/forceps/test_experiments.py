@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.errors import StudyError, TruejointError
+from truejoint.errors import CommandRefused, StudyError, TruejointError
 from truejoint.recordings import Recording, read_recording
-from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import population, specimen
-from truejoint.studies import run_study, write_study
+from truejoint.studies import get_study, run_study, write_study
+from truejoint.studies.forceps import closed_loop
 from truejoint.studies.forceps.load import errors_in_grams
 from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS
@@ -228,6 +229,26 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
     assert drawn(result, tmp_path)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
+
+
+def test_a_loop_that_refuses_is_not_within(monkeypatch):
+    """A weight that slackens the cable: no set-point takes the jaw where it is wanted."""
+
+    def refuses(*_arguments, **_how):
+        raise CommandRefused("no set-point reaches it")
+
+    monkeypatch.setattr(closed_loop, "follow_jaw", refuses)
+    none = closed_loop.tracked(specimen(), None, np.zeros(2), SwingingLoad(0.1))
+    assert none == {"rms": None, "exact_rms": None, "corrected": None}
+    good = {"rms": np.radians(0.05)}
+    every = [{"none": {"open": good}, "steady": {"open": found}} for found in (good, none)]
+    settings = get_study("forceps-closed-loop").settings()
+    table = closed_loop._spread(settings, every, ["open"])
+    assert [row[1:] for row in table.rows] == [
+        ("0.050", "0.050", "0.050", "100 %"),
+        ("0.050", "0.050", "0.050", "50 %"),
+    ]
+    assert "1; not within" in table.notes[1]
 
 
 def test_a_sweep_says_what_a_designer_must_pay(tmp_path):

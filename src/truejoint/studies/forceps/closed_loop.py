@@ -13,6 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -163,6 +164,23 @@ def errors(wanted: Array, followed: tuple[Array, Array, Integers]) -> dict[str, 
     return {"rms": rms[0], "exact_rms": rms[1], "corrected": corrected}
 
 
+def tracked(
+    plant: ForcepsParameters,
+    model: Calibration | None,
+    wanted: Array,
+    load: SwingingLoad,
+    **how: Any,
+) -> dict[str, Any]:
+    """Errors of a specimen that follows angles `wanted` (n,) [rad], as `follow_jaw` takes it.
+
+    All None where no set-point takes the jaw there, and the loop says so.
+    """
+    try:
+        return {**errors(wanted, follow_jaw(plant, model, wanted, load, **how))}
+    except CommandRefused:
+        return dict.fromkeys(("rms", "exact_rms", "corrected"))
+
+
 def wanted_angles(seconds: float) -> Array:
     """Jaw angles of (28) (n,) [rad] at 1 kHz, up to `seconds` [s]."""
     return verification_trajectory().positions[: round(seconds / SETPOINT_DT) + 1, 0]
@@ -208,10 +226,7 @@ def track_specimen(
     how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * number + 1}
     loads = {"none": SwingingLoad(0.0), "steady": SwingingLoad(mass, opens=bool(number % 2))}
     found: dict[str, Any] = {
-        name: {
-            key: errors(wanted, follow_jaw(plant, model, wanted, load, **how))
-            for key, model in models.items()
-        }
+        name: {key: tracked(plant, model, wanted, load, **how) for key, model in models.items()}
         for name, load in loads.items()
     }
     return PartResult(found)
@@ -272,17 +287,19 @@ def _pair(found: Mapping[str, float]) -> str:
 
 
 def _rms(every: Sequence[Mapping[str, Any]], load: str, method: str) -> Array:
-    return np.array([one[load][method]["rms"] for one in every])
+    """RMS errors (n,) [rad], NaN where the loop refused."""
+    return np.array([one[load][method]["rms"] for one in every], dtype=np.float64)
 
 
 def _spread(
     settings: Settings, every: Sequence[Mapping[str, Any]], methods: Sequence[str]
 ) -> Table:
-    rows = []
+    rows, refused = [], 0
     for load, title in (("none", "none"), ("steady", f"{settings['mass_g']:g} g")):
         for key in methods:
             rms = _rms(every, load, key)
-            quantiles = [degrees_text(float(np.quantile(rms, q))) for q in (0.5, 0.95, 1.0)]
+            refused += int(np.isnan(rms).sum())
+            quantiles = [degrees_text(float(np.nanquantile(rms, q))) for q in (0.5, 0.95, 1.0)]
             within = float(np.mean(rms <= math.radians(BARS[load])))
             rows.append((f"{title}: {_title(key)}", *quantiles, f"{100 * within:.0f} %"))
     notes = (
@@ -290,6 +307,7 @@ def _spread(
         f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {len(every)} specimens of seed "
         f"{settings.seed}, prior {settings['prior']}; the last column counts those within "
         f"{BARS['none']:g} deg without a load and {BARS['steady']:g} deg with one.",
+        f"Refused, since no set-point takes the jaw where it is wanted: {refused}; not within.",
     )
     header = ("load: loop", "median", "95 %", "worst", "within")
     return Table("Tracking over the population", header, tuple(rows), notes)
@@ -332,10 +350,10 @@ def _figure(
     for key in methods:
         rms = [results[f"{first + i}-{key}"].numbers["rms"] for i in range(len(swings))]
         swinging.append(Curve(swings, np.degrees(rms), _title(key), colours[key], "o-"))
-        error, below = np.degrees(_rms(every, "steady", key)), np.arange(1, len(every) + 1)
-        spread.append(
-            Curve(np.sort(error), below / len(every), _title(key), colours[key], width=1.2)
-        )
+        rms_there = _rms(every, "steady", key)
+        error = np.sort(np.degrees(rms_there[np.isfinite(rms_there)]))
+        below = np.arange(1, len(error) + 1) / len(every)
+        spread.append(Curve(error, below, _title(key), colours[key], width=1.2))
     panels = (
         (panel(0), panel(1)),
         (
