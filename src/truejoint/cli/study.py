@@ -102,7 +102,9 @@ def study(
 
 
 def _named(name: str) -> list[Study]:
-    """Give the study of that name, all of them, or those whose names begin with it."""
+    """Give the study of that name, else all of them, or those whose names begin with it."""
+    if name in STUDIES:
+        return [STUDIES[name]]
     if name == ALL:
         return list(STUDIES.values())
     family = [study for study in STUDIES.values() if study.name.startswith(f"{name}-")]
