@@ -106,7 +106,7 @@ def _named(name: str) -> list[Study]:
     if name == ALL:
         return list(STUDIES.values())
     family = [study for study in STUDIES.values() if study.name.startswith(f"{name}-")]
-    return family if len(family) > 1 else [get_study(name)]
+    return family if name not in STUDIES and len(family) > 1 else [get_study(name)]
 
 
 def _where(jobs: int | None, cluster: str | None) -> dict[str, Any]:
