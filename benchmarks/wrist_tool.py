@@ -167,7 +167,7 @@ def identified() -> None:
         # The zero of a file strays from that of its posture, and the posture from the protractor.
         spreads.append(np.degrees(spread[0]) / math.sqrt(len(own)))
         files += strokes
-        gains += [*-own[:, 1]]
+        gains.append(-middle[1])
         print(
             f"| {pitch:+.0f} | {-middle[1]:.3f} +- {spread[1]:.3f} | "
             f"{np.degrees(middle[2]):.1f} | {offsets[-1]:.1f} +- {np.degrees(spread[0]):.1f} | "
@@ -181,7 +181,9 @@ def identified() -> None:
     away = angles - angles.mean()
     deviation = math.sqrt(float(np.sum(away**2 * variance))) / float(np.sum(away**2))
     whole = stroke(files)
-    print(f"\njaw per disc {np.mean(gains):.3f} +- {np.std(gains) / math.sqrt(len(gains)):.3f}, "
+    # Postures differ by more than their files do: each counts as one draw.
+    gain_deviation = np.std(gains, ddof=1) / math.sqrt(len(gains))
+    print(f"\njaw per disc {np.mean(gains):.3f} +- {gain_deviation:.3f}, "
           f"published {per_disc:.3f}", end="; ")  # fmt: skip
     print(f"jaw per pitch {slope:.3f} +- {deviation:.3f}, published {per_pitch:.3f}", end="; ")
     print(f"mu phi of all files {whole.exponent:.3f} +- {exponent_deviation(files):.3f}")

@@ -125,7 +125,10 @@ def hold(position: Array, duration: float) -> Array:
 def noted(
     owner: object, names: Sequence[str], streams: Sequence[np.random.Generator]
 ) -> Callable[[], None]:
-    """Note attributes, arrays in them copied, and where random streams stand: for `Twin.saved`."""
+    """Note attributes, arrays in them copied, and where random streams stand: for `Twin.saved`.
+
+    What is returned goes back once: from then on what was noted is the owner's.
+    """
     values = {name: _copied(getattr(owner, name)) for name in names}
     states = [stream.bit_generator.state for stream in streams]
 

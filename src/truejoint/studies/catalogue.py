@@ -236,7 +236,7 @@ _REAL: Final = (
 _FORCEPS: Final = (
     _study(
         "unloaded", "How exactly is a jaw known without a load?",
-        "yan2020, Table 2, figures 6 and 7", _SPECIMEN, _UNLOADED,
+        "yan2020, Table 2, figures 6 and 7", _SPECIMEN, _UNLOADED, version=2,
     ),
     _study(
         "loaded", "What do 30 to 250 g on the jaw do to it?",
@@ -257,6 +257,7 @@ _FORCEPS: Final = (
         Option("prior", "lugre", _PRIOR),
         Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
         _UNLOADED,
+        version=2,
     ),
     _study(
         "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
@@ -280,6 +281,7 @@ _FORCEPS: Final = (
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
         "", _SPECIMEN, _COUNT, _DRAWN,
         Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
+        version=2,
     ),
     _study(
         "closed-loop", "How closely does the jaw follow, with an estimate in the loop?",
@@ -318,6 +320,12 @@ _FORCEPS: Final = (
     ),
 )  # fmt: skip
 
+_FAMILY: Final = Option(
+    "family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"
+)
+_FREE: Final = Option("free_s", 240.0, "calibration without load [s]", small=60.0)
+_UNDER_LOADS: Final = Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0)
+
 _WRIST: Final = Study(
     "wrist",
     "How exactly are pitch and jaws of an instrument known, free and under load?",
@@ -325,10 +333,10 @@ _WRIST: Final = Study(
     "truejoint.studies.wrist.accuracy",
     (
         Option("count", 24, "virtual instruments; more of them begin with the fewer", small=3),
-        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
+        _FAMILY,
         Option("instrument", "420172", "model number or name of a tool, as of robot wrist"),
-        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
-        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        _FREE,
+        _UNDER_LOADS,
         Option("test_s", 60.0, "each test [s]", small=15.0),
         Option(
             "methods",
@@ -344,6 +352,7 @@ _WRIST: Final = Study(
             "rows of the table, as in studies/wrist/accuracy.py",
         ),
     ),
+    version=2,
 )
 
 _WRIST_LOOP: Final = Study(
@@ -353,11 +362,11 @@ _WRIST_LOOP: Final = Study(
     "truejoint.studies.wrist.closed_loop",
     (
         Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
-        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
-        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
-        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        _FAMILY,
+        _FREE,
+        _UNDER_LOADS,
         Option("seconds", 30.0, "of steps that are tracked [s]", small=10.0),
-        Option("rate_hz", 200.0, "of the loop"),
+        Option("rate_hz", 200.0, "of the loop [Hz]"),
         Option("gain", 0.3, "share of the remaining error that a step adds"),
     ),
 )
@@ -369,9 +378,9 @@ _WRIST_CHANGES: Final = Study(
     "truejoint.studies.wrist.changes",
     (
         Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
-        Option("family", "mixed", "cable_only, endowrist, measured, or mixed: all by turns"),
-        Option("free_s", 240.0, "calibration without load [s]", small=60.0),
-        Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0),
+        _FAMILY,
+        _FREE,
+        _UNDER_LOADS,
         Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
     ),
 )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from truejoint.errors import StudyError
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist import changes
@@ -33,6 +34,12 @@ def test_closing_the_jaws_takes_off_what_engaging_moved(result):
     moved = errors[changes.ENGAGED]["opening"] - errors[changes.NOTHING]["opening"]
     assert np.degrees(abs(moved)) > 0.15
     assert abs(moved - part.numbers["zero"]) < 0.5 * abs(moved)
+
+
+def test_a_test_too_short_to_settle_is_refused():
+    study = get_study("wrist-changes")
+    with pytest.raises(StudyError, match="test_s=2; it must be above 2"):
+        study.parts(study.settings(options={"test_s": "2"}))
 
 
 def test_its_tables_and_figure_can_be_drawn(result):

@@ -89,6 +89,21 @@ def test_deviations_of_least_squares_hold_what_rows_have_in_common():
     assert physical._robust(jacobian, common, blocks)[0] == pytest.approx(0.05, rel=0.15)
 
 
+def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
+    rng = np.random.default_rng(4)
+    true, noise = np.zeros((1000, 3)), 1e-3 * rng.normal(size=(1000, 3))
+    signals = physical.Signals(true, true, true, noise, true, 5e-3)
+    one, load = np.full((1000, 3), 1e-3), 0.01 * rng.normal(size=(1000, 3))
+
+    class Exact:
+        def estimate(self, _signals):
+            return physical.Estimate(true, one, load, one, np.zeros((1000, r.STATES)))
+
+    structure = physical._structure(Exact(), [signals])
+    assert structure.shape == (2, 2, 3)
+    assert (structure.sum(axis=1) > 0.0).all()
+
+
 def test_a_calibration_without_a_load_is_not_asked_for_loads():
     twin = WristTwin(seed=1)
     free = record_wrist(twin, np.zeros((400, 3)))

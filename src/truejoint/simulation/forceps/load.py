@@ -98,7 +98,8 @@ class LoadTest:
         """Force at the tip (n,) [N] at times `t` (n,) [s], positive where it opens the jaw.
 
         The hand lets go smoothly, wobbling by a fifth of the weight between 1 and 6 Hz, drawn from
-        `seed`; the line never pushes. The weight's inertia is left out: it hangs still in phase IV.
+        `seed`; the line never pushes. The weight's inertia is left out: in phase IV it hangs still,
+        or goes slowly.
         """
         share = np.clip((t - self.loaded_from) / max(self.loaded_to - self.loaded_from, 1e-3), 0, 1)
         released = share * share * (3.0 - 2.0 * share)

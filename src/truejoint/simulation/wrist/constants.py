@@ -143,7 +143,7 @@ def plant_constants(
         contact=np.zeros(2) if met is None else np.array([met.stiffness, met.damping]),
         n_motors=n_motors,
         motor_step=_motor_step(p, dt),
-        motor_lag=2.0 * p.motor.damping_ratio / (2.0 * math.pi * p.motor.bandwidth),
+        motor_lag=p.motor.lag,
         coulomb=p.motor.coulomb,
         motor_viscous=p.motor.viscous,
         motor_presliding=p.motor.presliding,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, NamedTuple
@@ -56,6 +57,11 @@ class Motor(NamedTuple):
     coulomb: Annotated[float, Bounds(0.0, 1.0)]
     viscous: Annotated[float, Bounds(0.0, 1.0)]
     presliding: Annotated[float, Bounds(1e-5, 0.1)]
+
+    @property
+    def lag(self) -> float:
+        """Time by which a motor follows a set-point that moves evenly [s]."""
+        return self.damping_ratio / (math.pi * self.bandwidth)
 
 
 class Sensors(NamedTuple):

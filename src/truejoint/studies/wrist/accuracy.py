@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final
@@ -36,7 +36,8 @@ from truejoint.studies.wrist.reduced import LOAD, PIN
 
 _RAW: Final = "coupling"
 _FILTER: Final = "filter"
-_SETTLED: Final = 2.0  # [s] after which a history that began with the recording counts
+SETTLED: Final = 2.0
+"""Time after which a history that began with the recording counts [s]."""
 
 
 @dataclass(frozen=True)
@@ -97,21 +98,28 @@ _DRAWN: Final = ("play_motor", "linear_effort", _FILTER, "play_effort", "play_fi
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
     check_names("method", settings["methods"], tuple(METHODS))
-    check_counts(settings, "free_s", "loaded_s")
-    if not settings["test_s"] > _SETTLED:
-        raise StudyError(f"test_s={settings['test_s']:g}; it must be above {_SETTLED:g}")
+    check_times(settings)
     get_robot("wrist", settings["instrument"])  # refused here if there is none
-    family, count = settings["family"], settings["count"]
-    drawn = population(count, settings.seed, family)
-    asked = ("methods", "instrument", "free_s", "loaded_s", "test_s")
-    common = {name: settings[name] for name in asked}
+    return specimens(settings, judge, "methods", "instrument", "free_s", "loaded_s", "test_s")
+
+
+def check_times(settings: Settings) -> None:
+    """Raise StudyError unless something is calibrated on, and a test lasts beyond `SETTLED`."""
+    check_counts(settings, "free_s", "loaded_s")
+    if not settings["test_s"] > SETTLED:
+        raise StudyError(f"test_s={settings['test_s']:g}; it must be above {SETTLED:g}")
+
+
+def specimens(settings: Settings, judge: Callable[..., PartResult], *names: str) -> list[Part]:
+    """One part a virtual instrument: `judge` of it, its family, its number, and options `names`."""
+    family, common = settings["family"], {name: settings[name] for name in names}
     return [
         Part(
             f"specimen-{n:05d}",
             judge,
             {"specimen": p.to_dict(), "family": family_of(n, family), "number": n, **common},
         )
-        for n, p in enumerate(drawn)
+        for n, p in enumerate(population(settings["count"], settings.seed, family))
     ]
 
 
@@ -146,7 +154,7 @@ def judge(
         found = estimates(METHODS[key], free, under_load, tests, physical)
         numbers["errors"][key] = {}
         for name, test in tests.items():
-            rows = test.t - test.t[0] > _SETTLED
+            rows = test.t - test.t[0] > SETTLED
             angle, load = found[name]
             off = (angle - test.columns("truth_exact", JOINTS))[rows]
             numbers["errors"][key][name] = rms(off)
@@ -156,7 +164,7 @@ def judge(
                 own = zip(LOADS, rms(load[rows] - truth), rms(truth), strict=True)
                 numbers["loads"].setdefault(key, {})[name] = {n: (a, b) for n, a, b in own}
     for name, test in tests.items():
-        rows = test.t - test.t[0] > _SETTLED
+        rows = test.t - test.t[0] > SETTLED
         arrays[f"{name}/t"] = test.t[rows][::4] - test.t[0]
     grip = tests["loaded"].column("truth_load/grip")
     numbers["grip_rms"] = float(np.sqrt(np.mean(grip**2)))
@@ -169,7 +177,7 @@ def estimates(
     under_load: Recording,
     tests: Mapping[str, Recording],
     physical: Physical | None,
-) -> dict[str, tuple[Array, Array | None]]:
+) -> Mapping[str, tuple[Array, Array | None]]:
     """Joints (n, 3) [rad], and loads (n, 3) [Nm] where it tells them, of a method in each test."""
     if method.estimator is None and physical is not None and method.with_load:
         known = {name: physical.estimate(Signals.of(test)) for name, test in tests.items()}
@@ -192,7 +200,7 @@ def fitted(
     tests: Mapping[str, Recording],
     method: Method,
     physical: Physical | None,
-) -> dict[str, tuple[Array, Array | None]]:
+) -> dict[str, tuple[Array, Array]]:
     """Joints (n, 3) [rad] and loads (n, 3) [Nm] in each test, by a method that learns both."""
     features = FeatureSet.parse(method.features)
     gap = default_gap_limit(training)
@@ -212,7 +220,7 @@ def fitted(
     dt = np.concatenate([time_steps(r.t, gap) for r in training])
     X, y = (np.vstack([of(r) for r in training]) for of in (inputs, targets))
     model = clone(method.estimator).fit(X, y, dt=dt)
-    found: dict[str, tuple[Array, Array | None]] = {}
+    found = {}
     for name, test in tests.items():
         known = model.predict(inputs(test), time_steps(test.t, gap))
         n = len(JOINTS)
@@ -326,7 +334,7 @@ def _figure(numbers: Sequence[Mapping[str, Any]], settings: Settings) -> Figure:
 def _errors(result: PartResult) -> Figure:
     """Errors over the first half minute of the loaded test."""
     t = result.arrays["loaded/t"]
-    shown = t < _SETTLED + 30.0
+    shown = t < SETTLED + 30.0
     panels = []
     for j, joint in enumerate(JOINTS):
         curves = [

@@ -14,13 +14,19 @@ from truejoint.recordings import Recording
 from truejoint.recordings.wrist import record_wrist
 from truejoint.simulation.twin import glide, hold
 from truejoint.simulation.wrist.parameters import WristParameters
-from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
-from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts
+from truejoint.studies.study import Part, PartResult, Settings, Summary
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.accuracy import METHODS, fitted, rms
+from truejoint.studies.wrist.accuracy import (
+    METHODS,
+    SETTLED,
+    check_times,
+    fitted,
+    rms,
+    specimens,
+)
 from truejoint.studies.wrist.physical import JOINTS, LOADS
 
 NOTHING: Final = "nothing"
@@ -42,27 +48,12 @@ _CHECK: Final = 30.0  # [s] of free motion that tells
 _SEEN: Final = 0.75  # share of the free calibration that efforts are learnt from
 _OPEN: Final = 0.2  # [rad] from which jaws close on each other,
 _PRESSED: Final = -0.15  # to this
-_SETTLED: Final = 2.0  # [s]
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    check_counts(settings, "free_s", "loaded_s", "test_s")
-    drawn = population(settings["count"], settings.seed, settings["family"])
-    how = {name: settings[name] for name in ("free_s", "loaded_s", "test_s")}
-    return [
-        Part(
-            f"specimen-{n:05d}",
-            judge,
-            {
-                "specimen": plant.to_dict(),
-                "family": family_of(n, settings["family"]),
-                "number": n,
-                **how,
-            },
-        )
-        for n, plant in enumerate(drawn)
-    ]
+    check_times(settings)
+    return specimens(settings, judge, "free_s", "loaded_s", "test_s")
 
 
 def judge(
@@ -100,13 +91,12 @@ def judge(
     errors = {}
     for name in CHANGES:
         test = tests[name]
-        rows = test.t - test.t[0] > _SETTLED
+        rows = test.t - test.t[0] > SETTLED
         angle, load = known[name]
         off = (angle - test.columns("truth_exact", JOINTS))[rows]
-        grip = np.zeros(1) if load is None else (load - test.columns("truth_load", LOADS))[rows, 0]
         errors[name] = {
             "angle": rms(off),
-            "grip": float(np.sqrt(np.mean(grip**2))),
+            "grip": rms((load - test.columns("truth_load", LOADS))[rows])[0],
             "opening": float(np.mean(off[:, 2] - off[:, 1])),
             "strange": strange[name],
         }
@@ -161,22 +151,23 @@ def strangeness(free: Recording, checks: Mapping[str, Recording]) -> dict[str, f
     model = clone(METHODS["play_motor"].estimator).fit(X[seen], efforts[seen], dt=dt[seen])
     usual = size(free, last)
     return {
-        name: float(np.abs(size(run, _SETTLED) / usual - 1.0).max()) for name, run in checks.items()
+        name: float(np.abs(size(run, SETTLED) / usual - 1.0).max()) for name, run in checks.items()
     }
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Medians over the specimens by change, and what a closing of the jaws leaves."""
     numbers = [result.numbers for result in results.values()]
-    rows = []
+    rows, middle = [], []
     for name in CHANGES:
         own = [n["errors"][name] for n in numbers]
         angle = np.degrees([one["angle"] for one in own])
+        middle.append(np.median(angle, axis=0))
         grip, strange = (np.array([one[key] for one in own]) for key in ("grip", "strange"))
         rows.append(
             (
                 name,
-                " ".join(f"{value:.2f}" for value in np.median(angle, axis=0)),
+                " ".join(f"{value:.2f}" for value in middle[-1]),
                 f"{angle.max():.2f}",
                 f"{1e3 * np.median(grip):.1f}",
                 f"{100 * np.median(strange):.1f} %",
@@ -212,8 +203,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     )
     place = np.arange(len(CHANGES))
     curves = [
-        Curve([float(row[1].split()[j]) for row in rows], place, joint, f"C{j}", "o")
-        for j, joint in enumerate(JOINTS)
+        Curve(np.array(middle)[:, j], place, joint, f"C{j}", "o") for j, joint in enumerate(JOINTS)
     ]
     panel = Panel(curves, "median RMS error under loads [deg]", rows=list(CHANGES))
     figure = Figure("Changed after the calibration", ((panel,),), notes[0], height=3.6, legend=True)

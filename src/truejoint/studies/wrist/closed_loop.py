@@ -19,13 +19,12 @@ from truejoint.runtime import Compensator, Corrector, Status, compensated_motion
 from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.twin import Twin, hold
 from truejoint.simulation.wrist.parameters import WristParameters
-from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.accuracy import METHODS, rms
+from truejoint.studies.wrist.accuracy import METHODS, rms, specimens
 from truejoint.studies.wrist.physical import JOINTS
 
 OPEN: Final = "open"
@@ -47,13 +46,7 @@ _SETTLED: Final = 2.0  # [s] at the first pose, which are not judged
 
 
 class PerfectSensor(Corrector):
-    """A corrector that is told by an arm on a twin where the joints are.
-
-    Examples
-    --------
-    >>> PerfectSensor.__name__
-    'PerfectSensor'
-    """
+    """A corrector that is told by an arm on a twin where the joints are."""
 
     def __init__(self, model: Calibration, arm: Arm) -> None:
         super().__init__(model)
@@ -78,28 +71,11 @@ def parts(settings: Settings) -> Sequence[Part]:
     check_counts(settings, "free_s", "loaded_s", "seconds", "rate_hz")
     if abs(math.remainder(1.0 / SETPOINT_DT, settings["rate_hz"])) > 1e-6:
         raise StudyError(f"rate_hz={settings['rate_hz']:g}; it must divide the arm's 1 kHz")
-    drawn = population(settings["count"], settings.seed, settings["family"])
-    how = {name: settings[name] for name in ("free_s", "loaded_s", "seconds", "rate_hz", "gain")}
-    for plant in drawn:
-        check_rate(settings["rate_hz"], lag(plant), settings["gain"])
-    return [
-        Part(
-            f"specimen-{n:05d}",
-            judge,
-            {
-                "specimen": plant.to_dict(),
-                "family": family_of(n, settings["family"]),
-                "number": n,
-                **how,
-            },
-        )
-        for n, plant in enumerate(drawn)
-    ]
-
-
-def lag(plant: WristParameters) -> float:
-    """Time by which a motor follows a set-point that moves evenly [s]."""
-    return plant.motor.damping_ratio / (math.pi * plant.motor.bandwidth)
+    found = specimens(settings, judge, "free_s", "loaded_s", "seconds", "rate_hz", "gain")
+    for part in found:
+        plant = WristParameters.from_dict(part.arguments["specimen"])
+        check_rate(settings["rate_hz"], plant.motor.lag, settings["gain"])
+    return found
 
 
 def judge(
@@ -176,7 +152,7 @@ def follow(
         corrector = PerfectSensor(used, arm) if key == PERFECT else Corrector(used)
         corrector.set_homing(True)
         compensator = Compensator(
-            corrector, arm.robot, rate=rate, lag=lag(plant), gain=gain, time_constant=_QUICK,
+            corrector, arm.robot, rate=rate, lag=plant.motor.lag, gain=gain, time_constant=_QUICK,
             integral_time=math.inf, believed=_BELIEVED,
         )  # fmt: skip
         compensated_motion(arm, compensator, wanted)
