@@ -22,7 +22,7 @@ _UNSAFE: Final = re.compile(
     r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
 )
 
-# A file or pipe has no width of its own; tables are not to be folded there.
+# A file or pipe has no width of its own; neither tables nor lines are to be folded there.
 _LOG_WIDTH = 132
 
 
@@ -81,8 +81,9 @@ class _Console:
         terminal = (sys.stderr if self._stderr else sys.stdout).isatty()
         width = None if terminal else _LOG_WIDTH
         return SafeConsole(
-            stderr=self._stderr, width=width, markup=False, emoji=False, highlight=False
-        )
+            stderr=self._stderr, width=width, soft_wrap=not terminal,
+            markup=False, emoji=False, highlight=False,
+        )  # fmt: skip
 
 
 out, err = cast("Console", _Console(stderr=False)), cast("Console", _Console(stderr=True))

@@ -102,11 +102,11 @@ def study(
 
 
 def _named(name: str) -> list[Study]:
-    """Give the study of that name, all of them, or a family by what its names begin with."""
+    """Give the study of that name, else all of them, or those whose names begin with it."""
+    if name in STUDIES:
+        return [STUDIES[name]]
     if name == ALL:
         return list(STUDIES.values())
-    if name in STUDIES:  # `wrist` is one, though others begin with it
-        return [STUDIES[name]]
     family = [study for study in STUDIES.values() if study.name.startswith(f"{name}-")]
     return family if len(family) > 1 else [get_study(name)]
 
