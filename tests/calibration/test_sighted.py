@@ -28,7 +28,7 @@ BASE[:3, 3] = [0.2, -0.1, 1.5]
     [
         ("", "want t,x_mm,y_mm,z_mm"),
         ("t,x,y,z\n1,2,3,4\n", "want t,x_mm,y_mm,z_mm"),
-        ("t,x_mm,y_mm,z_mm\n", "no touches|no shots"),
+        ("t,x_mm,y_mm,z_mm\n", "no shots; write a line for each"),
         ("t,x_mm,y_mm,z_mm\n1,2,3\n", "line 2"),
         ("t,x_mm,y_mm,z_mm\n1,2,far,4\n", "line 2"),
         ("t,x_mm,y_mm,z_mm\n1,2,nan,4\n", "three numbers for each time"),
@@ -62,6 +62,8 @@ def test_points_of_a_tracker_that_is_registered_are_in_the_base():
     assert shot(seen, Registration(), ROBOT, 1e-4).pose is None
     carried = shot(seen, Registration(link="roll"), ROBOT, 1e-4)
     assert (carried.marker_sd > 0.0).all()
+    with pytest.raises(CalibrationError, match="5 different shots; to calibrate it takes 12"):
+        calibrate_by_points(session()[0], seen)
     with pytest.raises(CalibrationError, match="leave them out with single shots"):
         shot(seen, Registration(stops={"elbow": (0.0, 0.0, 1e-3)}), ROBOT, 1e-4)
 

@@ -133,7 +133,7 @@ def test_wrong_touches_are_named_and_do_little_harm():
 @pytest.mark.parametrize(
     ("how", "said"),
     [
-        ({"m": 8}, "touch 12 or more"),
+        ({"m": 8}, "8 different dimples; to calibrate it takes 12 or more"),
         ({"flat": True}, "in one plane"),
         ({"one_sided": True}, "elbow comes from one side"),
     ],

@@ -13,6 +13,7 @@ from truejoint import Calibration
 from truejoint.calibration import calibrate_by_touch
 from truejoint.calibration.touch_terms import (
     AGAIN,
+    ALIKE,
     WIDE,
     Terms,
     check_known,
@@ -67,9 +68,24 @@ def test_arms_that_agree_do_not_hold_a_zero_that_homing_moves(touched_model):
     model, recording = fitted(), session(30, 5)[0]
     alike = learned_priors(TERMS, [model] * 3, recording)[0]
     assert alike.sd[TERMS.zeros] == pytest.approx(AGAIN["zero"])
+    kinds = np.array(TERMS.kinds)
+    for kind in ("slope", "square", "play"):
+        assert alike.sd[kinds == kind] == pytest.approx(ALIKE * AGAIN[kind])
     unsure = learned_priors(TERMS, [touched_model[0]] * 3, recording)[0]
     stated = np.array(touched_model[0].metadata["touch"]["zero_sd"]) / TERMS.scale
     assert unsure.sd[TERMS.zeros] == pytest.approx(np.hypot(AGAIN["zero"], stated))
+    silent = touched_model[0].with_metadata(touch={"zero_sd": "small"})
+    with pytest.raises(CalibrationError, match="does not say how surely it knows its zeros"):
+        learned_priors(TERMS, [silent] * 3, recording)
+
+
+@pytest.mark.parametrize("copies", [3, 4])  # whose mean is theirs to a bit, and exactly
+def test_copies_of_one_calibration_neither_break_the_fit_nor_hide_its_error(copies):
+    recording, touches, plate, _ = session(30, 2, noise=2e-4)
+    model, report = calibrate_by_touch(recording, touches, plate, known=[fitted()] * copies)
+    assert len(model.metadata["touch"]["prior"]) == copies
+    assert (np.linalg.norm(report.left_out, axis=1) > 1e-6).all()
+    assert np.sqrt((report.left_out**2).sum(axis=1).mean()) > 2e-4
 
 
 def test_without_calibrations_little_is_expected():

@@ -139,13 +139,13 @@ def test_touches_that_cannot_be_are_refused(model, pose, first):
     few = touched(2, plate=first.plate)
     with pytest.raises(CalibrationError, match="2 different dimples"):
         touched_zero(model, few.recording, few.touches, pose)
-    with pytest.raises(CalibrationError, match="touch 6 or more"):
+    with pytest.raises(CalibrationError, match="takes 6 or more"):
         find_block(model, few.recording, few.touches, first.plate)
     strange = replace(first.touches, dimple=("99", *first.touches.dimple[1:]))
     with pytest.raises(CalibrationError, match="has no dimple '99'"):
         touched_zero(model, first.recording, strange, pose)
     late = replace(first.touches, t=tuple(t + 100.0 for t in first.touches.t))
-    with pytest.raises(CalibrationError, match="is it the recording of these touches"):
+    with pytest.raises(CalibrationError, match="is it their recording"):
         touched_zero(model, first.recording, late, pose)
     early = replace(first.touches, t=tuple(t + 0.3 for t in first.touches.t[:-1]),
                     dimple=first.touches.dimple[:-1])  # fmt: skip
@@ -163,7 +163,7 @@ def test_touches_that_cannot_be_are_refused(model, pose, first):
     [
         ("", "want t,dimple"),
         ("time,number\n1,2\n", "want t,dimple"),
-        ("t,dimple\n", "no touches"),
+        ("t,dimple\n", "no dimples"),
         ("t,dimple\none,2\n", "line 2"),
         ("t,dimple\n1.0\n", "line 2"),
         ("t,dimple\n2.0,3\n1.0,4\n", "must go up"),

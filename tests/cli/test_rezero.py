@@ -189,7 +189,14 @@ def test_a_model_is_made_of_touches_alone(call, rests, tmp_path):
     assert re.search(r"the tip is within [\d.]+ mm ± [\d.]+ mm \(RMS\) in the block", made.out)
     assert "zero of shoulder: not seen" in made.out
     assert "not seen" in call("show", tmp_path / "m.safetensors").out
-    assert "zero of shoulder: not seen" in (tmp_path / "touches.html").read_text()
+    page = (tmp_path / "touches.html").read_text()
+    assert "zero of shoulder: not seen" in page
+    assert "--touch-report" in page  # the command that makes it
+    again = [*arguments[:3], tmp_path / "again.safetensors", *how]
+    refused = call(*again, "--touch-report", tmp_path / "touches.html")
+    assert refused.code == 2
+    assert "exists already" in refused.err
+    assert not (tmp_path / "again.safetensors").exists()
     (tmp_path / "empty").mkdir()
     for wrong, said in (
         (how[:2], "--touches and --plate belong together"),

@@ -58,7 +58,7 @@ class Shots:
     @property
     def rests(self) -> Touches:
         """The same as touches, numbered from 1 on."""
-        return Touches(self.t, tuple(str(k + 1) for k in range(len(self.t))), self.source)
+        return Touches(self.t, tuple(str(k + 1) for k in range(len(self.t))), self.source, "shot")
 
 
 def read_shots(path: Path) -> Shots:

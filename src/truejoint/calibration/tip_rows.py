@@ -317,7 +317,7 @@ def fit_tip(
 
     After the robust fit, points further off than `gate` standard deviations from what all others
     say are left out, the worst first, and the rest is fitted again. `TipFit.weight` says which.
-    The fit begins at `start`, by default where the prior expects it.
+    The fit begins at `start`, by default where the prior expects it; what is held is the prior's.
 
     Raises
     ------
@@ -329,7 +329,9 @@ def fit_tip(
     if len(prior.free) != len(prior.state) or rows.basis.shape[2] != len(prior.state.coefficients):
         raise CalibrationError("the prior is not one of the terms of these rows")
     kept = np.ones(len(rows), dtype=np.bool_)
-    state = prior.state if start is None else start
+    state = prior.state
+    if start is not None:
+        state = state.moved(np.where(prior.free, start.minus(state), 0.0))
     while True:
         found = _fitted(rows, prior, state, kept)
         far = np.where(kept, found.distance, 0.0)

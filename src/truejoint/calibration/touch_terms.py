@@ -28,6 +28,8 @@ AGAIN: Final = {"zero": 1.0, "slope": 0.1, "square": 0.05, "play": 0.05}
 """By how much the terms of one arm differ from one calibration of it to the next, in `SPREAD`."""
 LEFT: Final = 0.03
 """What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
+ALIKE: Final = 0.1
+"""Of `AGAIN`, within which a few arms that are alike do not hold any term."""
 FEWEST_ARMS: Final = 3
 """Calibrations of other arms that tell how much arms differ."""
 _SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)  # of `WIDE`, of squares and plays
@@ -166,8 +168,10 @@ def learned_priors(
 
     Of other arms the mean, and the deviation from it that each kind of term has, over all joints
     and arms. Of this arm its own coefficients, and by how much they differ from day to day. Zeros
-    are never expected within less than a homing moves them: three arms are no measure of that. The
-    later ones expect less. Raises CalibrationError as `Terms.of_calibration`.
+    are never expected within less than a homing moves them: three arms are no measure of that. Nor
+    do arms that are alike, or copies of one, hold the other terms. The later ones expect less.
+    Raises CalibrationError as `Terms.of_calibration`, or if a calibration by touches does not say
+    how surely it knows its zeros.
     """
     rows = np.array([terms.of_calibration(one, recording) for one in known])
     if len(rows) == 1:
@@ -176,14 +180,28 @@ def learned_priors(
         mean, kinds = rows.mean(axis=0), np.array(terms.kinds)
         # Of a further arm against the mean of these.
         square = ((rows - mean) ** 2).sum(axis=0) / (len(rows) - 1) * (1.0 + 1.0 / len(rows))
-        by_kind = {kind: float(np.sqrt(square[kinds == kind].mean())) for kind in WIDE}
-        by_kind["zero"] = max(by_kind["zero"], AGAIN["zero"])
+        least = {kind: sd if kind == "zero" else ALIKE * sd for kind, sd in AGAIN.items()}
+        by_kind = {k: max(float(np.sqrt(square[kinds == k].mean())), least[k]) for k in WIDE}
     sd = terms.sds(by_kind)
-    # Those that touches have made do not know their zeros themselves.
-    unsure = [one.metadata["touch"]["zero_sd"] for one in known if "touch" in one.metadata]
-    more = np.square(unsure / terms.scale).sum(axis=0) / len(known) if unsure else 0.0
-    sd[terms.zeros] = np.sqrt(sd[terms.zeros] ** 2 + more)
+    unsure = np.array([_zero_sd(one, len(terms.joints)) for one in known]) / terms.scale
+    sd[terms.zeros] = np.sqrt(sd[terms.zeros] ** 2 + np.square(unsure).mean(axis=0))
     return [TermsPrior(mean, factor * sd) for factor in _GROWN]
+
+
+def _zero_sd(calibration: Calibration, count: int) -> Array:
+    """Deviation (count,) of its zeros [rad or m], which one that touches made does not know."""
+    if "touch" not in calibration.metadata:
+        return np.zeros(count)
+    try:
+        sd = np.array(calibration.metadata["touch"]["zero_sd"], dtype=np.float64)
+    except (KeyError, TypeError, ValueError):
+        sd = np.empty(0)
+    if sd.shape != (count,) or not (sd >= 0.0).all():
+        raise CalibrationError(
+            f"the prior {calibration.title} was made by touches and does not say how surely it "
+            "knows its zeros; make it again"
+        )
+    return sd
 
 
 def check_known(known: Sequence[Calibration], robot: Robot) -> None:

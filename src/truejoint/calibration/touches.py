@@ -53,6 +53,8 @@ class Touches:
         Its number on the block.
     source : str
         File that says so.
+    kind : str
+        What is counted, for a person: ``dimple``, or ``shot`` of a tracker.
 
     Raises
     ------
@@ -68,15 +70,23 @@ class Touches:
     t: tuple[float, ...]
     dimple: tuple[str, ...]
     source: str = "touches"
+    kind: str = "dimple"
 
     def __post_init__(self) -> None:
         if not self.t or len(self.t) != len(self.dimple):
-            raise CalibrationError(f"{self.source}: no touches; write a line for each")
+            raise CalibrationError(f"{self.source}: no {self.kind}s; write a line for each")
         if not (np.isfinite(self.t).all() and (np.diff(self.t) > 0.0).all()):
-            raise CalibrationError(f"{self.source}: the times of touches must go up")
+            raise CalibrationError(f"{self.source}: the times must go up")
 
     def __len__(self) -> int:
         return len(self.t)
+
+    @property
+    def doubt(self) -> str:
+        """What may be wrong with one that does not fit, for a person."""
+        if self.kind == "dimple":
+            return "badly seated, or another number?"
+        return "moved meanwhile, or another marker?"
 
 
 def read_touches(path: Path) -> Touches:
@@ -142,17 +152,17 @@ def resting(recording: Recording, touches: Touches) -> list[slice]:
         first, last = np.searchsorted(stamps, [t - REST, t], side="right")
         if last - first < 2:
             raise CalibrationError(
-                f"{touches.source}: touch of dimple {dimple} at {t:g} s, but "
+                f"{touches.source}: {touches.kind} {dimple} is of {t:g} s, but "
                 f"{source_of(recording)} runs from {stamps[0]:.1f} to {stamps[-1]:.1f} s with "
-                f"{last - first} rows there; is it the recording of these touches?"
+                f"{last - first} rows there; is it their recording?"
             )
         span = np.ptp(measured[first:last], axis=0)
         if (span > slack).any():
             k = int(np.argmax(span / slack))
             way = shown(float(span[k]), recording.robot.joint(joints[k]).unit)
             raise CalibrationError(
-                f"{touches.source}: {joints[k]} moves by {way} while dimple {dimple} is touched at "
-                f"{t:g} s; rest for {REST:g} s before the stamp"
+                f"{touches.source}: {joints[k]} moves by {way} while {touches.kind} {dimple} is "
+                f"taken, at {t:g} s; rest for {REST:g} s before the stamp"
             )
         found.append(slice(int(first), int(last)))
     return found
@@ -388,12 +398,12 @@ def check_pose(calibration: Calibration, pose: BlockPose) -> None:
 
 
 def check_count(touches: Touches, fewest: int, what: str) -> None:
-    """Refuse touches of fewer than so many dimples; `what` they are for, in the message."""
+    """Refuse touches of fewer dimples, or fewer shots; `what` they are for, in the message."""
     different = len(set(touches.dimple))
     if different < fewest:
         raise CalibrationError(
-            f"{touches.source}: {different} different dimples touched; to {what} touch {fewest} or "
-            "more"
+            f"{touches.source}: {different} different {touches.kind}s; to {what} it takes {fewest} "
+            "or more"
         )
 
 

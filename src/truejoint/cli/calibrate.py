@@ -156,7 +156,7 @@ def calibrate(
             accept, part, split, interval_rezero_s, reference, zero != "shared", seed,
         )  # fmt: skip
         if any(beside):
-            raise CalibrationError("--touches says what is fitted and how; leave out other options")
+            raise CalibrationError("touches or shots say what is fitted; leave out other options")
         calibrate_touched(recordings, seen, prior, output, files, force=force, as_json=as_json)
         return
     accepted = check_names(accept)

@@ -141,5 +141,4 @@ def say_left_out(found: TipFit, made: Touches, what: str = "touches") -> None:
     out.print(f"{len(made)} {what}, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
     for i in found.left_out.nonzero()[0]:
         off = with_unit(float((found.residual[i] ** 2).sum() ** 0.5), "m")
-        say(f"left out: dimple {made.dimple[i]} at {made.t[i]:.1f} s, {off} off: badly seated, or "
-            "another number?")  # fmt: skip
+        say(f"left out: {made.kind} {made.dimple[i]} at {made.t[i]:.1f} s, {off} off: {made.doubt}")

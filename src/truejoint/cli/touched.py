@@ -15,6 +15,7 @@ from truejoint.cli.inputs import Files
 from truejoint.cli.rezero import say_left_out
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
+from truejoint.files import check_target
 from truejoint.units import with_unit
 
 if TYPE_CHECKING:
@@ -62,8 +63,8 @@ class Seen:
         """Whether any of it was said."""
         return any(value is not None for value in vars(self).values())
 
-    def check(self, recordings: Sequence[str]) -> None:
-        """Refuse what does not go together, before anything is read."""
+    def check(self, recordings: Sequence[str], *, force: bool) -> None:
+        """Refuse what does not go together or is there already, before anything is read."""
         if (self.touches is None) == (self.points is None) or len(recordings) != 1:
             raise CalibrationError(
                 "give --touches and --plate, or --points, and the one recording of these rests"
@@ -75,7 +76,7 @@ class Seen:
         if self.touch_report is not None:
             from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # NumPy
 
-            check_name(self.touch_report)
+            check_target(check_name(self.touch_report), overwrite=force)
 
 
 def calibrate_touched(
@@ -91,16 +92,17 @@ def calibrate_touched(
     """Calibrate by what was touched or shot, and say what that did not tell."""
     from truejoint.evaluation.report.touches import write_touch_report  # noqa: PLC0415  # NumPy
 
-    seen.check(recordings)
+    seen.check(recordings, force=force)
     known = [] if prior is None else known_calibrations(prior)
     fit = _fitting(seen, known)
     whole = files.one(recordings[0])
     with progress("Fitting joints and frame"):
         fitted, report = fit(whole)
-    fitted = fitted.with_metadata(command=command_line())
+    command = command_line()
+    fitted = fitted.with_metadata(command=command)
     truejoint.write_calibration(fitted, output, overwrite=force)
     if seen.touch_report is not None:
-        write_touch_report(fitted, report, seen.touch_report, overwrite=force)
+        write_touch_report(fitted, report, seen.touch_report, command=command, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata})
         return

@@ -101,7 +101,7 @@ def _rows(report: TouchReport) -> Iterator[Row]:
     """Tell of each touch, the rejected and the worst first."""
     size = np.linalg.norm(report.left_out, axis=1)
     for i in np.lexsort((-size, ~report.fit.left_out)):
-        said = "rejected: badly seated, or another number?" if report.fit.left_out[i] else ""
+        said = f"rejected: {report.rests.doubt}" if report.fit.left_out[i] else ""
         cells = [f"{1e3 * np.linalg.norm(report.before[i]):.2f}", f"{1e3 * size[i]:.2f}"]
         stamp = f"{report.rests.t[i]:.1f}"
         yield Row(report.rests.dimple[i], [said, stamp, *cells])
