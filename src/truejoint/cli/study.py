@@ -105,6 +105,8 @@ def _named(name: str) -> list[Study]:
     """Give the study of that name, all of them, or those whose names begin with it."""
     if name == ALL:
         return list(STUDIES.values())
+    if name in STUDIES:  # which other names may begin with, too
+        return [STUDIES[name]]
     family = [study for study in STUDIES.values() if study.name.startswith(f"{name}-")]
     return family if len(family) > 1 else [get_study(name)]
 
