@@ -273,7 +273,7 @@ def _judged(motion: TrackedMotion, track: Track, known: Known, fit: TrackFit) ->
     stray = inside & (np.linalg.norm(off, axis=1) >= GATE * noise)
     frame, _ = rows.moves(state)
     on_link = (frame[:, :3, :3].transpose(0, 2, 1) @ off[:, :, None])[:, :, 0]
-    stretches, within = _stretches(stamps, stray, on_link, noise)
+    stretches, within = _stretches(stamps, inside, stray, on_link, noise)
     fits = inside & ~stray & ~within
     jumps = _jumps(stamps[fits], on_link[fits], noise)
     return _Judged(rows.rows(fits), fits, int((stray & ~within).sum()), stretches, jumps)
@@ -303,10 +303,11 @@ def _stamped(fit: TrackFit) -> TipState:
 
 
 def _stretches(
-    t: Array, stray: Mask, shift: Array, noise: float
+    t: Array, inside: Mask, stray: Mask, shift: Array, noise: float
 ) -> tuple[tuple[Stretch, ...], Mask]:
     """Stretches of the time `t` (n,) [s] in which most readings stray, and what is in them (n,).
 
+    Of those readings the ones `inside` (n,) the recording count.
     Where all of a stretch are off by the same `shift` (n, 3) [m] on the marker's link, another
     marker is seen; and so it is between two of them that are off alike, even where a fit that bends
     to them finds nothing odd.
@@ -324,7 +325,7 @@ def _stretches(
     for one in found:
         begin, end = one.rows[0], one.rows[-1]
         within[begin : end + 1] = True
-        many = int(end + 1 - begin)
+        many = int(inside[begin : end + 1].sum())
         told.append(Stretch(float(t[begin]), float(t[end]), many, one.distance, alike=one.is_alike))
     return tuple(told), within
 
