@@ -219,6 +219,14 @@ def test_a_stretch_that_is_here_and_there_is_no_marker() -> None:
     assert stretch.readings == pytest.approx(100, abs=3)
 
 
+def test_turns_of_the_cables_are_no_other_marker_to_a_tracker_without_noise() -> None:
+    robot, whole = motion()
+    track = seen(whole, replace(CLEAN, noise=0.0))
+    tracked, found = tracked_truth(robot, track, stated(), offset=0.0)
+    assert (found.strays, found.stretches) == (0, ())
+    assert (np.abs(truth_error(tracked, whole).mean(axis=0)) < 4 * found.pose_deviation).all()
+
+
 def test_markers_confused_for_long_are_refused_with_when() -> None:
     robot, whole = motion()
     # At a third the fit lies between both, and leaves nothing out.

@@ -65,6 +65,11 @@ def test_the_doctor_says_a_line_for_each_verdict(call: Call, session: Path, bag:
         (("extract", "none.bag"), "no such file"),
         (("extract", "none.bag", "--robot", "raven2"), "no --out"),
         (("extract", "none.bag", "--offset-s", "0"), "no --out"),
+        (("extract", "none.bag", "--near-s", "0"), "no --out"),
+        (
+            ("extract", "none.bag", "-o", "a.parquet", "--near-s", "1", "--offset-s", "1"),
+            "give one of the two",
+        ),
         (("extract", "{csv}", "-o", "a.parquet"), "is no bag"),
         (
             ("doctor", "{parquet}", "--truth", "/x"),

@@ -46,6 +46,9 @@ def test_topics_are_collected_beside(call, motion, tmp_path):
     assert again["streams"]["measured_js"]["rows"] == len(topics["measured_js"])
     assert again["streams"]["measured_js"]["rate_hz"] == pytest.approx(100.0, rel=1e-3)
     assert again["streams"]["state"]["bytes"] > 0
+    seldom = call("collect", motion, *arguments[:-1], "measured_js=0.001", "--json")
+    once = json.loads(seldom.out)["recordings"][0]["streams"]["measured_js"]
+    assert (once["rows"], once["rate_hz"]) == (1, None)
     folder = call("calibrate", tmp_path, "-e", "linear", "-o", tmp_path / "m.st")
     assert "jaw.topics.arrows: left out: holds the topics of another recording" in folder.err
     assert folder.code == 0, folder.err
@@ -180,6 +183,10 @@ def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, m
         (("--robot", "forceps", "--topic", "measured_js"), "write NAME=HZ"),
         (("--robot", "forceps", "--topic", "measured_j=9"), "did you mean 'measured_js'?"),
         (("--robot", "forceps", "--topic", "measured_js=0"), "rate 0.0 Hz; give one above 0 Hz"),
+        (
+            ("--robot", "forceps", "--topic", "measured_js=9", "--topic", "measured_js=8"),
+            "measured_js was given before",
+        ),
         (("--robot", "forceps", "--topic", "measured_cp=9"), "kinematics of forceps are not known"),
     ],
 )

@@ -225,3 +225,41 @@ def test_who_watches_hears_of_every_state(lagging_arm):
     assert [(now.state, now.is_busy) for now in heard] == [
         ("ENABLED", True), ("ENABLED", False), ("PAUSED", False),
     ]  # fmt: skip
+
+
+def test_who_watches_hears_of_no_single_set_points(lagging_arm):
+    heard = []
+    lagging_arm.watch(heard.append)
+    for _ in range(5):
+        lagging_arm.servo_jr(np.full(7, 1e-5))
+    assert heard == []
+
+
+def test_a_robot_that_falls_silent_is_told_to_nobody(lagging_arm, lagging_backend, monkeypatch):
+    heard, told = [], lagging_backend.operating_state
+    lagging_arm.watch(heard.append)
+
+    def silent():
+        if heard:  # from when the motion has begun
+            raise CommandRefused("silent")
+        return told()
+
+    monkeypatch.setattr(lagging_backend, "operating_state", silent)
+    with pytest.raises(CommandRefused, match="silent"):
+        lagging_arm.move_jr(np.full(7, 1e-3)).wait()
+    monkeypatch.undo()
+    assert [now.is_busy for now in heard] == [True]
+    assert not lagging_arm.operating_state().is_busy
+
+
+def test_who_watches_hears_of_a_command_that_fails(lagging_arm, lagging_backend, monkeypatch):
+    heard = []
+    lagging_arm.watch(heard.append)
+
+    def fails(command, timeout):
+        raise CommandRefused("not done")
+
+    monkeypatch.setattr(lagging_backend, "state_command", fails)
+    with pytest.raises(CommandRefused, match="not done"):
+        lagging_arm.home()
+    assert len(heard) == 1

@@ -44,6 +44,7 @@ from truejoint.robots.robot import Kinematics
 _UNSEEN: Final = 0.3  # share of what a zero may be that is left open: the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point
 _MOST_STRAYS: Final = 1 / 3
+_FINEST: Final = 1e-4  # m, noise below which what no correction follows would pass for strays
 _MOST_NOISE: Final = 0.1  # share of the tool's way
 _RUN: Final = 11  # readings, of which six stray where a stretch does
 _ALIKE: Final = 0.1  # of their distance by which readings of another marker may differ
@@ -265,7 +266,7 @@ class _Judged:
 
 def _judged(motion: TrackedMotion, track: Track, known: Known, fit: TrackFit) -> _Judged:
     """Tell readings that fit from strays, and from stretches of time in which most are off."""
-    stamps, noise = track.t + fit.offset, float(fit.noise[0])
+    stamps, noise = track.t + fit.offset, max(float(fit.noise[0]), _FINEST)
     rows = motion.rows(stamps, brought(known, track)[0])
     state = _stamped(fit)
     off = -rows.residual(state) @ state.rotation.T  # in the base's axes
@@ -273,7 +274,7 @@ def _judged(motion: TrackedMotion, track: Track, known: Known, fit: TrackFit) ->
     stray = inside & (np.linalg.norm(off, axis=1) >= GATE * noise)
     frame, _ = rows.moves(state)
     on_link = (frame[:, :3, :3].transpose(0, 2, 1) @ off[:, :, None])[:, :, 0]
-    stretches, within = _stretches(stamps, stray, on_link, noise)
+    stretches, within = _stretches(stamps, inside, stray, on_link, noise)
     fits = inside & ~stray & ~within
     jumps = _jumps(stamps[fits], on_link[fits], noise)
     return _Judged(rows.rows(fits), fits, int((stray & ~within).sum()), stretches, jumps)
@@ -286,7 +287,7 @@ def _jumps(t: Array, shift: Array, noise: float) -> Array:
     than one is from the next, except where the tracker goes from one marker to the other.
     """
     step = np.linalg.norm(np.diff(shift, axis=0), axis=1)
-    single = float(np.median(step)) / (NORM_MEDIAN * math.sqrt(2.0))
+    single = max(float(np.median(step)) / (NORM_MEDIAN * math.sqrt(2.0)), _FINEST)
     if noise < _SMOOTH * single or len(t) <= _RUN:
         return np.empty(0)
     level = medfilt(shift, (_RUN, 1))
@@ -303,10 +304,11 @@ def _stamped(fit: TrackFit) -> TipState:
 
 
 def _stretches(
-    t: Array, stray: Mask, shift: Array, noise: float
+    t: Array, inside: Mask, stray: Mask, shift: Array, noise: float
 ) -> tuple[tuple[Stretch, ...], Mask]:
     """Stretches of the time `t` (n,) [s] in which most readings stray, and what is in them (n,).
 
+    Of those readings the ones `inside` (n,) the recording count.
     Where all of a stretch are off by the same `shift` (n, 3) [m] on the marker's link, another
     marker is seen; and so it is between two of them that are off alike, even where a fit that bends
     to them finds nothing odd.
@@ -324,7 +326,7 @@ def _stretches(
     for one in found:
         begin, end = one.rows[0], one.rows[-1]
         within[begin : end + 1] = True
-        many = int(end + 1 - begin)
+        many = int(inside[begin : end + 1].sum())
         told.append(Stretch(float(t[begin]), float(t[end]), many, one.distance, alike=one.is_alike))
     return tuple(told), within
 

@@ -11,7 +11,7 @@ import typer
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
-from truejoint.cli.inputs import Files, say_dropped, takes_files
+from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
 from truejoint.cli.track import Registration, show, with_tracked_truth
 from truejoint.errors import RecordingError
 from truejoint.files import check_target
@@ -66,6 +66,7 @@ def extract(
             autocompletion=lambda: [*truejoint.crtk.messages.RAVEN_FIELDS],
         ),
     ] = None,
+    near_s: options.NearS = None,
     offset_s: Annotated[
         float | None,
         typer.Option(help="What to add to the stamps of the truth [s]; default: see docs/bags.md."),
@@ -81,13 +82,14 @@ def extract(
     """Make a recording of the bags of a session, or list their topics."""
     if output is None:
         of_recording = (
-            profile, state, truth, tracker, registration, truth_columns, quantity, offset_s,
-            robot, arm, homing_id, load_grams, session, force or None,
+            profile, state, truth, tracker, registration, truth_columns, quantity, near_s,
+            offset_s, robot, arm, homing_id, load_grams, session, force or None,
         )  # fmt: skip
         if any(option not in (None, "", []) for option in of_recording):
             raise RecordingError("no --out, so the topics are listed, which takes --json alone")
         _list_topics(bags, as_json=as_json)
         return
+    check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
     by_file, tracked = bool(truth) and Path(truth).exists(), bool(tracker or registration)
     if truth_columns is not None and not by_file:
@@ -105,14 +107,17 @@ def extract(
             truth=None if by_file or tracked else truth,
             quantities=(*truejoint.crtk.messages.USUAL_QUANTITIES, *(quantity or ())),
             offset=offset_s,
+            near=near_s,
         )
     registered = None
     if seen is not None:
-        recording, registered = with_tracked_truth(recording, seen, registration, offset=offset_s)
+        recording, registered = with_tracked_truth(
+            recording, seen, registration, offset=offset_s, near=near_s
+        )
     elif by_file:
         machine = recording.robot
         stream = truejoint.recordings.read_truth(truth, machine.name, machine.arm, truth_columns)
-        recording, _ = truejoint.recordings.join_truth(recording, stream, offset_s)
+        recording, _ = truejoint.recordings.join_truth(recording, stream, offset_s, near=near_s)
     stated: dict[str, Any] = {"homing_id": homing_id, "session": session}
     stated["load"] = None if load_grams is None else load_grams / 1000.0
     known = {key: value for key, value in stated.items() if value is not None}

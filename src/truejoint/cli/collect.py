@@ -244,7 +244,11 @@ def _row(
         "tracking": report.to_dict(),
         "dropped": dict(recording.provenance.dropped),
         "streams": {
-            name: {"rows": stream.rows, "rate_hz": stream.rate, "bytes": stream.size}
+            name: {
+                "rows": stream.rows,
+                "rate_hz": None if math.isnan(stream.rate) else stream.rate,
+                "bytes": stream.size,
+            }
             for name, stream in streams.items()
         },
     }
@@ -269,6 +273,8 @@ def _parse_topics(texts: list[str]) -> dict[str, float]:
     rates = {}
     for text in texts:
         name, _, number = text.partition("=")
+        if name in rates:
+            raise RecordingError(f"--topic {text!r:.60}: {name} was given before; give it once")
         try:
             rates[name] = float(number)
         except ValueError:

@@ -25,7 +25,7 @@ from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import GRAIN, checked_rows, checked_vector
+from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT, checked_rows, checked_vector
 from truejoint.robots.robot import Kinematics
 
 MAX_AGE: Final = 0.1
@@ -142,14 +142,16 @@ class Arm:
         if not (stops and self._ask(motion, command)):
             next_state(self.operating_state(), command)
         known: StateCommand = command  # type: ignore[assignment]  # next_state knows it
-        if stops:
-            self._stop(motion, known, limit)
-        else:
-            self._sent = None
-            self._backend.state_command(known, limit)
-        if command == "unhome":
-            self._latest = None
-        self._tell_watchers()
+        try:
+            if stops:
+                self._stop(motion, known, limit)
+            else:
+                self._sent = None
+                self._backend.state_command(known, limit)
+            if command == "unhome":
+                self._latest = None
+        finally:
+            self._tell_watchers()
 
     def enable(self, timeout: float | None = None) -> None:
         """Switch the motors on."""
@@ -372,8 +374,9 @@ class Arm:
     def watch(self, callback: Callable[[OperatingState], None]) -> None:
         """Call `callback` with the operating state whenever this controller has changed it.
 
-        By a state command, or as a motion begins and ends, in the thread that does it: the callback
-        must neither block nor raise.
+        By a state command, once it has been carried out or has failed, or as a motion of more than
+        one set-point begins and ends, in the thread that does it: the callback must neither block
+        nor raise.
         """
         self._watchers.append(callback)
 
@@ -385,7 +388,8 @@ class Arm:
     def _tell_watchers(self) -> None:
         if not self._watchers:
             return
-        with self._telling:  # else an older state could be told after a newer one
+        # In turn, else an older state could be told after a newer one; of a silent robot's nothing.
+        with self._telling, suppress(TruejointError):
             now = self.operating_state()
             for callback in tuple(self._watchers):
                 callback(now)
@@ -469,7 +473,8 @@ class Arm:
             check_ready(self.operating_state(), command)
             self._asked = ""
             self._motion = motion = Motion(command, duration, self._stop)
-        self._tell_watchers()
+        if duration > SETPOINT_DT:  # who streams single set-points has no time to lose
+            self._tell_watchers()
         return motion
 
     def _run(self, motion: Motion, pieces: Iterator[Array], *, waits: bool = True) -> None:
@@ -505,7 +510,8 @@ class Arm:
             with self._lock:
                 self._motion, self._driver = None, 0
             motion.ended(error)
-            self._tell_watchers()
+            if motion.duration > SETPOINT_DT or error is not None:
+                self._tell_watchers()
 
     def _send(self, motion: Motion, rows: Array) -> None:
         """Send set-points, in pieces as long as subscribers want blocks, until asked to stop."""

@@ -80,7 +80,7 @@ class Grasper:
         return step
 
     def _jaws_at(self, opening: float) -> Array:
-        now = self.arm.setpoint_js().position
+        now = self.arm.setpoint_js(np.inf).position  # however long it has stood
         return np.asarray(now + self._shared(opening - float(now[self._jaws].sum())))
 
     def _state(self, joints: JointState) -> JointState:

@@ -70,7 +70,8 @@ class _Pictures(abc.ABC):
             try:
                 self._frame()
             except Exception as error:  # noqa: BLE001  # whatever it is, the arm goes on
-                self._failed(error)
+                if not self._closed.is_set():  # which a picture that was long under way has missed
+                    self._failed(error)
                 return
             due = max(due + 1.0 / FRAME_RATE, time.monotonic())
 

@@ -65,6 +65,7 @@ class PageProcess:
             # -P: no file in the folder that a person works in is taken for a module
             [sys.executable, "-P", "-m", __name__],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1,
+            process_group=0,  # Ctrl-C is for who starts it, also while it begins
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         )  # fmt: skip
         self.pid: Final = self._process.pid

@@ -95,7 +95,7 @@ class SimulatedHand:
         robot, columns = self.arm.robot, self._columns
         seat = self.rotation @ point + self.translation
         seat = seat + self.seat_sd * self._rng.standard_normal(3)
-        goal = joints_at(robot, seat, self.arm.setpoint_js().position)
+        goal = joints_at(robot, seat, self.arm.setpoint_js(np.inf).position)
         away = np.zeros(len(goal))
         away[columns] = side * AWAY * self._speed()
         self._go(goal - self._lost() + away, self._haste())

@@ -185,7 +185,7 @@ def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOf
         return replace(found, sd=math.hypot(found.sd, apart))
     steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
     sd = math.hypot(uncertainty, delay.seconds / 2, *(step / math.sqrt(12.0) for step in steps))
-    return replace(found, seconds=found.seconds - delay.seconds, sd=min(sd, found.sd))
+    return replace(found, seconds=found.seconds - delay.seconds, sd=sd)
 
 
 def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:

@@ -146,7 +146,7 @@ class LiveLink:
         origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
         homed = [self._heard[wiring.homed]] if wiring.homed else []
         lots = (lot for one in (*heard, *homed) for lot in one.lots())
-        return assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, None, _PLACE)
+        return assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
 
 
 class Heard:

@@ -103,9 +103,9 @@ class Recorder:
         Parquet file to write when the block is left; where it was written is in `written`.
     topics : mapping of str to float, optional
         CRTK topics (`truejoint.crtk.topics.TOPICS`) to keep as well, with a `path`, each at most so
-        often [Hz] and with its own stamps; ``operating_state`` also whenever it changes. They stand
-        beside state and truth in the stream, which is then kept as ``<name>.topics.arrows``
-        (`read_recorded_topics`).
+        often [Hz] and with its own stamps; ``operating_state`` at most twice a second, and whenever
+        the arm tells of a change (`Arm.watch`). They stand beside state and truth in the stream,
+        which is then kept as ``<name>.topics.arrows`` (`read_recorded_topics`).
     overwrite : bool
         Whether files at `path` and beside it may be replaced by a whole recording.
     homing_id : str, optional
@@ -159,11 +159,12 @@ class Recorder:
 
     def __enter__(self) -> Self:
         self._clear()
+        if OPERATING_STATE in self.topics:  # refused by a silent arm before anything is opened
+            self._states.append(self.arm.operating_state())
         self._stream = None if self.path is None else self._open(Path(self.path))
         self.arm.subscribe(self._from_arm, every=_PIECE)
         if OPERATING_STATE in self.topics:
             self.arm.watch(self._keep_state)
-            self._keep_state(self.arm.operating_state())
         if self.truth is not None:
             self.truth.subscribe(self._receive)
         return self
@@ -183,8 +184,9 @@ class Recorder:
             self._stopped = f"stopped by {kind.__name__}" + (f": {error}" if str(error) else "")
         if self._stream is not None and self.path is not None:
             with uninterrupted():
+                with self._lock:  # a last change of the state may come in another thread
+                    self._stream.close()
                 self._write(Path(self.path))
-                self._stream.close()
                 if self.rows < 2:
                     self._stream.path.unlink()
 
@@ -242,7 +244,6 @@ class Recorder:
         stream = self._stream
         if stream is None or self.rows < 2:
             return
-        stream.close()
         try:
             write_parquet(self.recording(str(path)), path, overwrite=self.overwrite and not stopped)
         except RecordingError as error:

@@ -223,8 +223,8 @@ def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame
     """CRTK topics that a recorder kept, a table each: stamps ``t`` [s] and fields, at its own rate.
 
     Fields are those of `truejoint.crtk.topics.topic_columns`; ``operating_state`` has the state's
-    name, and whether the arm was homed and busy, after every change. Stamps are on the arm's clock,
-    those of the recording beside it count from its ``provenance.start``.
+    name, and whether the arm was homed and busy. Stamps are on the arm's clock, those of the
+    recording beside it count from its ``provenance.start``.
 
     Raises
     ------

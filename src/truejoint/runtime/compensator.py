@@ -442,7 +442,7 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     (2,)
     """
     rows = np.atleast_2d(np.asarray(wanted, dtype=np.float64))
-    full = np.tile(arm.setpoint_js().position, (len(rows), 1))
+    full = np.tile(arm.setpoint_js(math.inf).position, (len(rows), 1))
     full[:, arm.robot.index(compensator.corrector.joints)] = rows
     checked_rows(arm.robot, full, "compensated_motion")
     told: list[tuple[float, Array, Array, Array, int]] = []

@@ -267,6 +267,7 @@ def test_a_truth_on_another_clock_is_brought_back_by_the_motion(bag, tmp_path):
     offset = float(found.provenance.notes.rpartition("; ")[2].partition(" s")[0])
     assert offset == pytest.approx(-1000.0, abs=0.02)
     assert np.isfinite(found.column("truth/elbow")).mean() > 0.95
+    assert read_bag(parts, near=-1000.0).provenance.notes == found.provenance.notes
     stated = read_bag(parts, offset=-1000.0)
     np.testing.assert_allclose(
         stated.column("truth/elbow")[5:-5], robot.column("truth/elbow")[5:-5], atol=1e-6

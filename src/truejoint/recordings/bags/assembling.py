@@ -41,8 +41,9 @@ def assemble(
     quantities: Collection[str],
     origin: Provenance,
     lost: Mapping[str, int],
-    offset: float | None,
     place: str,
+    offset: float | None = None,
+    near: float | None = None,
 ) -> Recording:
     """Make the recording of an arm of the messages of its topics, in whatever lots they come.
 
@@ -58,10 +59,10 @@ def assemble(
         What is known of where they come from.
     lost : mapping of str to int
         What could not be read, by reason; counted while `lots` are drawn.
-    offset : float, optional
-        As `read_bag` takes it.
     place : str
         Where they come from, for messages.
+    offset, near : float, optional
+        As `read_bag` takes them.
 
     Raises
     ------
@@ -93,7 +94,7 @@ def assemble(
         recording = replace(
             recording, provenance=replace(provenance, dropped={**dropped, **counts})
         )
-        recording = _with_truth(recording, truth, offset)
+        recording = _with_truth(recording, truth, offset, near)
     return replace(recording, provenance=replace(recording.provenance, start=base / _SECOND))
 
 
@@ -125,13 +126,15 @@ def _series_of(
     return series
 
 
-def _with_truth(recording: Recording, truth: Stream, offset: float | None) -> Recording:
+def _with_truth(
+    recording: Recording, truth: Stream, offset: float | None, near: float | None
+) -> Recording:
     """Join the truth by stamps, or by motion where they have too little in common."""
     notes = recording.provenance.notes
-    if offset is None and cover_same_time(recording.t, truth.t):
+    if offset is None and near is None and cover_same_time(recording.t, truth.t):
         joined, _ = join_truth(recording, truth, 0.0)
         return replace(joined, provenance=replace(joined.provenance, notes=notes))
-    return join_truth(recording, truth, offset)[0]
+    return join_truth(recording, truth, offset, near=near)[0]
 
 
 def _stream(series: Series, base: int, name: str, dropped: dict[str, int]) -> Stream:

@@ -61,6 +61,7 @@ def read_bag(
     truth: str | None = "",
     quantities: Collection[str] = USUAL_QUANTITIES,
     offset: float | None = None,
+    near: float | None = None,
 ) -> Recording:
     """Read the recording of an arm from one bag or from all those of a session.
 
@@ -81,6 +82,8 @@ def read_bag(
     offset : float, optional
         To be added to the stamps of the truth [s]; by default none where both streams cover the
         same time, and what the motion that both saw says where they do not.
+    near : float, optional
+        About how large it is [s], where the motion shall say it but repeats itself.
 
     Returns
     -------
@@ -107,7 +110,7 @@ def read_bag(
     topics = bag_topics(paths)
     machine = robot_of(paths[0], topics, robot, arm)
     wiring = find_wiring(paths[0], topics, machine, profile, state, truth)
-    return _read(paths, machine, wiring, topics, quantities, offset)
+    return _read(paths, machine, wiring, topics, quantities, offset, near)
 
 
 def read_other_arm(
@@ -131,7 +134,7 @@ def read_other_arm(
     other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
     # Without the truth, which is not of this arm: no motion of it would tell a clock's offset.
     wiring = find_wiring(paths[0], topics, other, truth=None)
-    return _read(paths, other, wiring, topics, ("measured",), None)
+    return _read(paths, other, wiring, topics, ("measured",))
 
 
 def read_topic(
@@ -211,7 +214,8 @@ def _read(
     wiring: Wiring,
     topics: Topics,
     quantities: Collection[str],
-    offset: float | None,
+    offset: float | None = None,
+    near: float | None = None,
 ) -> Recording:
     """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
@@ -224,7 +228,8 @@ def _read(
         session=paths[0].name.partition(".")[0],
     )
     lots = lots_of(paths, wanted, lost)
-    return assemble(lots, robot, wiring, quantities, origin, lost, offset, str(paths[0]))
+    place = str(paths[0])
+    return assemble(lots, robot, wiring, quantities, origin, lost, place, offset, near)
 
 
 def _hash(paths: Sequence[Path]) -> str:
