@@ -5,13 +5,15 @@
 Splits are those of `benchmarks.automatic_choice`, recommended and harder; nothing is set for a data
 set but the rate of the rows that are fitted to. Prints, for each split and estimator, the RMSE of
 each joint in degrees or millimetres, the same after the zero of each recording was taken from its
-first two seconds (KUKA: one), and the processor time of the fit; or why there is none, as of a
-filter for another robot. `filter_then_trees` is rich plays and trees on what `ukf_elastic` leaves.
+first two seconds (KUKA: one), and the processor time of the fit; or a dash, as of a filter for
+another robot, and why on standard error. `filter_then_trees` is rich plays with trees on what
+`ukf_elastic` leaves.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from fnmatch import fnmatch
 
@@ -43,7 +45,8 @@ def main() -> None:
             try:
                 model = calibrate(training, UNNAMED.get(name, name), fit_rate=rate)
             except CalibrationError as reason:
-                print(f"| {split.title} | {name} | - | - | {reason} |", flush=True)
+                print(f"{split.title}, {name}: {reason}", file=sys.stderr)
+                print(f"| {split.title} | {name} | - | - | - |", flush=True)
                 continue
             took = time.process_time() - began
             scales = [
