@@ -126,6 +126,10 @@ def test_a_reference_is_of_the_prior_and_may_have_a_zero_of_its_own():
     model = calibrate(first, "linear", features=FEATURES, zero="recording")
     brief, test = motion(5, 6.0, zero=0.5), motion(6, 60.0, zero=0.5)
     assert error(adapted(model, brief, reference=first), test) < 1e-3
+    seen = ["motion 5", "motion 0", "motion 1"]
+    for reference, sources in ((first, seen), ([first[0], motion(2)], [*seen, "motion 2"])):
+        sessions = adapted(model, brief, reference=reference).metadata["sessions"]
+        assert [session["source"] for session in sessions] == sources
     foreign = motion(3)
     foreign = replace(foreign, provenance=replace(foreign.provenance, robot="raven2"))
     with pytest.raises(CalibrationError, match="raven2"):

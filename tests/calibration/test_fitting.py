@@ -58,6 +58,9 @@ def test_networks_of_other_seeds_are_those_that_calibrate_makes(build):
         assert not np.array_equal(again.correct(test), first.correct(test))
         assert again.metadata["settings"] == other.metadata["settings"]
         assert again.baseline_models.keys() == other.baseline_models.keys()
+    zeros = calibrate(training, "linear", zero="recording")
+    with pytest.raises(CalibrationError, match="`calibrate` each seed by itself"):
+        reseeded(zeros, training, [4])
 
 
 def test_gross_outliers_of_the_truth_are_left_out_and_counted(build):

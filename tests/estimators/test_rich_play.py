@@ -182,11 +182,15 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
         ({"plays": (1.1,)}, "plays is .*; it must be 1 to 32 half-widths"),
         ({"time_constants": ()}, "time_constants is .*; it must be 1 to 8 times"),
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
+        ({"pairs": ((0, 2),)}, "pairs .*; it must be of features 0 to 1"),
+        ({"pairs": 3}, "pairs is 3; it must be up to 32 pairs"),
     ],
 )
 def test_a_wrong_parameter_is_refused(how, said):
-    with pytest.raises(CalibrationError, match=said):
-        RichPlay(**how).fit(*slack())
+    fitted = RichPlay().fit(*slack(n=600))
+    for model in (RichPlay(**how), fitted.set_params(**how)):
+        with pytest.raises(CalibrationError, match=said):
+            model.fit(*slack(n=600))
 
 
 def test_too_few_rows_are_refused():

@@ -14,6 +14,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.fitting import origin
 from truejoint.calibration.selection import common_robot
+from truejoint.calibration.sessions import session_of, trained_on
 from truejoint.calibration.training_rows import (
     RowRules,
     TrainingRows,
@@ -21,7 +22,7 @@ from truejoint.calibration.training_rows import (
     stride_of,
 )
 from truejoint.errors import CalibrationError
-from truejoint.estimators.adapting import LEAST_ROWS
+from truejoint.estimators.adapting import check_rows
 from truejoint.models.features import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
@@ -96,10 +97,7 @@ def adapted(
     own = replace(theirs, arm=robot.arm)
     parts = _rows(own, recordings, stride_of(fit_rate, sample_dt(recordings)))
     known = np.concatenate([part.known for part in parts])
-    if known.sum() < LEAST_ROWS:
-        raise CalibrationError(
-            f"{known.sum()} rows with truth; a prior is changed by {LEAST_ROWS} or more"
-        )
+    check_rows(int(known.sum()))
     before = _rows(theirs, reference, 1) if reference else []
     each = bool(prior.rezero_models)
     always = _always_left(theirs, before, parts, is_each_zeroed=each)
@@ -116,7 +114,8 @@ def adapted(
         upper = np.maximum(domain.error_upper, error.max(axis=0))
         domain = replace(domain, error_lower=lower, error_upper=upper)
     facts = origin(parts)
-    facts["sessions"] += own.metadata.get("sessions", [])  # so that neither is judged on
+    facts["sessions"] += own.metadata.get("sessions", [])  # so that none is judged on
+    facts["sessions"] += [session_of(one) for one in reference if not trained_on(facts, one)]
     told = {name: own.metadata.get(name) for name in _KEPT} | {
         "robot": prior.title,
         "penalties": [p if math.isfinite(p) else None for p in penalties],

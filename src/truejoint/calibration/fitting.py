@@ -220,15 +220,31 @@ def calibrate(
 
 def reseeded(
     fitted: Calibration,
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     seeds: Iterable[int],
     *,
     fit_rate: float | None = None,
 ) -> list[Calibration]:
     """Calibrations that differ from a fitted one by the estimator's seed alone.
 
-    As `calibrate` makes them of the same `recordings` and `fit_rate`, with one zero, but what they
-    share is worked out once; the baseline of the efforts, which they do not share, is left out.
+    As `calibrate` makes them, but what they share is worked out once. Interval and baseline of the
+    efforts, which they do not share, are left out.
+
+    Parameters
+    ----------
+    fitted : Calibration
+        With one zero for all recordings.
+    recordings : Recording or sequence of Recording
+        Those that it was fitted to.
+    seeds : iterable of int
+        One for each calibration that is wanted.
+    fit_rate : float, optional
+        As it was fitted at [Hz].
+
+    Raises
+    ------
+    CalibrationError
+        If each recording or homing has a zero of its own, or as `calibrate`.
 
     Examples
     --------
@@ -236,6 +252,10 @@ def reseeded(
     >>> len(reseeded(first, training, [1, 2]))
     2
     """
+    if fitted.rezero_models:
+        raise CalibrationError(
+            "the calibration has zeros of recordings or homings; `calibrate` each seed by itself"
+        )
     recordings = as_recordings(recordings)
     stride = stride_of(fit_rate, fitted.metadata["sample_dt"])
     rules = RowRules(fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
@@ -245,6 +265,7 @@ def reseeded(
         replace(
             fitted,
             model=_fit_model(model, parts, fitted.target, lambda _fraction: None),
+            interval=None,
             effort_baseline=None,
         ).with_metadata(settings=" ".join(repr(model).split()))
         for model in models

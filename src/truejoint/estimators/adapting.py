@@ -14,8 +14,7 @@ PENALTIES: Final = (*(10.0**p for p in range(-4, 3)), math.inf)
 """Tried on the squared changes of coefficients, beside the mean squared error; the last changes the
 intercept alone."""
 _BLOCKS: Final = 5  # of the rows, on end, left out in turn
-LEAST_ROWS: Final = 50
-"""Of a recording by which a model is changed."""
+_LEAST_ROWS: Final = 50
 
 
 def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
@@ -36,10 +35,7 @@ def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
     CalibrationError
         If there are fewer than 50 rows.
     """
-    if len(terms) < LEAST_ROWS:
-        raise CalibrationError(
-            f"{len(terms)} rows with truth; a prior is changed by {LEAST_ROWS} or more"
-        )
+    check_rows(len(terms))
     rows = np.arange(len(terms))
     blocks = np.array_split(rows, _BLOCKS)
     errors = np.zeros((len(PENALTIES), left.shape[1]))
@@ -53,6 +49,12 @@ def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
         np.array([every[at][part][..., j] for j, at in enumerate(best)]) for part in (0, 1)
     )
     return slopes.T, offset, np.array(PENALTIES)[best]
+
+
+def check_rows(n: int) -> None:
+    """Raise CalibrationError if `n` rows with truth are too few to change a model by."""
+    if n < _LEAST_ROWS:
+        raise CalibrationError(f"{n} rows with truth; a prior is changed by {_LEAST_ROWS} or more")
 
 
 def _ridges(terms: Array, left: Array) -> list[tuple[Array, Array]]:

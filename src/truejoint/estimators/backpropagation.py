@@ -76,10 +76,7 @@ def convolution_gradient(
     X, y, history = batch
     n, units = weights["layer_bias"].shape
     now, past = (weights[name].reshape(n, units, units) for name in ("now_weights", "past_weights"))
-    goes_on = [
-        (history[2**i :] == history[: -(2**i)]).astype(X.dtype) if 2**i < len(X) else X[:0, :, :1]
-        for i in range(n)
-    ]
+    goes_on = [(history[2**i :] == history[: -(2**i)]).astype(X.dtype) for i in range(n)]
     given = X @ weights["input_weights"] + weights["input_bias"]
     kept = []
     for i, (own, other, bias) in enumerate(zip(now, past, weights["layer_bias"], strict=True)):

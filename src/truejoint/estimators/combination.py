@@ -86,12 +86,12 @@ class Combination(JointRegressor):
         unfitted = self._unfitted()
         for member in unfitted:
             member.check_params()
-        own = {one.name: one.family.inputs(one.model_params()) for one in unfitted
-               if one.family.inputs}  # fmt: skip
-        if len(set(own.values())) > 1:
+        own = [(one.name, one.family.inputs(one.model_params())) for one in unfitted
+               if one.family.inputs]  # fmt: skip
+        if len({inputs for _, inputs in own}) > 1:
             raise CalibrationError(
-                f"{' and '.join(own)} take features of their own, not the same, and cannot be "
-                "combined; fit each alone"
+                f"{' and '.join(name for name, _ in own)} take features of their own, not the "
+                "same, and cannot be combined; fit each alone"
             )
         if self.weights is not None:
             weights = np.asarray(self.weights, dtype=np.float64)

@@ -45,8 +45,8 @@ class Ridge(TermsRegressor):
     """Ridge regression on features and products of them, its penalties cross-validated.
 
     For each output by itself, a penalty and how much more products are penalised are those of the
-    least mean square on five parts of the rows that are left out in turn: blocks on end, or, of
-    fewer than five histories, a block of each.
+    least mean square on five parts of the rows that are left out in turn: blocks on end, or, where
+    `dt` tells of fewer than five histories, a block of each.
 
     Parameters
     ----------
@@ -276,13 +276,13 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
-        super().check_params()
+        self.family.check_params({**self.model_params(), "pairs": self._asked()})
 
     def model_params(self) -> Params:
         """Parameters of the family: its own, and the model's once there is one."""
         names = ("learner", "plays", "time_constants", "growing")
         own = {name: getattr(self, name) for name in names} | {
-            "pairs": vars(self).get("pairs_", self.pairs or ())
+            "pairs": vars(self).get("pairs_", self._asked())
         }
         return {**own, "members": vars(self).get("members_", _UNFITTED)}
 
@@ -294,7 +294,12 @@ class RichPlay(JointRegressor):
         return made
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
-        """Take any number of either."""
+        """Take any number of either; raise CalibrationError for pairs of features not there."""
+        play_bank.check_pairs(self._asked(), n_features)
+
+    def _asked(self) -> tuple[tuple[int, int], ...]:
+        """Give the pairs that are asked for; none where features have no names."""
+        return () if self.pairs is None else self.pairs
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         known = np.flatnonzero(self._known(y))
@@ -304,7 +309,7 @@ class RichPlay(JointRegressor):
         varies = ~constant_columns(X[known])
         inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
         arrays = {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
-        self.pairs_ = self.pairs or ()
+        self.pairs_ = self._asked()
         params = self.model_params()
         seen = play_bank.expand_rows(params, arrays, X, dt, kept)
         crossed = play_bank.n_constant(params, X.shape[1])

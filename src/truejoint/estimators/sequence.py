@@ -181,11 +181,11 @@ class RecurrentNetwork(SequenceNetwork):
         ) -> tuple[float, dict[str, Floats]]:
             rows = starts + np.arange(int(self.window))[:, None]
             history = steps[2][:, 0]
-            fresh = (starts > 0) & (history[starts] == history[starts - 1])
+            goes_on = (starts > 0) & (history[starts] == history[starts - 1])
             loss, found, states[rows] = recurrent_gradient(
                 weights,
                 [values[rows] for values in steps],
-                states[starts] * fresh[:, None].astype(np.float32),
+                states[starts] * goes_on[:, None].astype(np.float32),
                 decay,
             )
             return loss, found

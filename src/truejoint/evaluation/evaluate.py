@@ -93,7 +93,8 @@ def evaluate(
     rezero : float
         When above 0, the first `rezero` seconds of truth of every recording set the zero of every
         model and baseline, and are not judged: the accuracy of motions that begin so. Where a
-        calibration has a fit for that, it is the one that is judged. The raw position stays.
+        calibration has a fit for that, it is the one that is judged. The raw position stays as
+        it comes; a calibration that is the raw position goes by ``raw, re-zeroed`` then.
     check : DataCheck, optional
         Of these recordings, where it was made already; a check that failed is a doubt.
 

@@ -9,7 +9,7 @@ whose widths go up, or down, with another.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -159,6 +159,14 @@ def n_constant(params: Params, n_features: int) -> int:
     return n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
 
 
+def check_pairs(pairs: Sequence[Sequence[int]], n_features: int) -> None:
+    """Raise CalibrationError for a pair of which a feature is not there."""
+    if any(place >= n_features for pair in pairs for place in pair):
+        raise CalibrationError(
+            f"play_bank has pairs {pairs}; it must be of features 0 to {n_features - 1}"
+        )
+
+
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     ((data, _),) = members(params, {})
     family, k = find_family(data.family), n_seen(params, n_features)
@@ -168,10 +176,7 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
             f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
             "features"
         )
-    if any(place >= n_features for pair in params["pairs"] for place in pair):
-        raise CalibrationError(
-            f"play_bank has pairs {params['pairs']}; it must be of features 0 to {n_features - 1}"
-        )
+    check_pairs(params["pairs"], n_features)
     own = family.shapes(data.params, k, n_outputs)
     return {
         "centre": (n_features,),

@@ -165,6 +165,7 @@ _RAVEN: Final = (
             ),
             _LONGEST, Option("hours", 6, "of unloaded work", small=2), _SESSIONS,
         ),
+        version=2,
     ),
     Study(
         "timing", "How long do fitting and inferring take?",
@@ -230,6 +231,7 @@ _REAL: Final = (
             Option("features", "suited", "of linear, poly2, dnn: suited to the data, or plain"),
             Option("networks", 3, "seeds of the network", small=1),
         ),
+        version=2,
     ),
 )  # fmt: skip
 
