@@ -14,11 +14,10 @@ help: ## Show what can be made
 demo: $(VENV)/.installed ## Calibrate a simulated RAVEN-II from homing to report, in $(DEMO)/
 	$(BIN)/truejoint demo --out $(DEMO) --force
 
-# A process for each core and one for when tests wait; one thread in each: more would wait as well.
-WORKERS ?= $(shell expr $$(nproc) + 1)
+# A process for each core, and one thread in each: more would wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 test: $(VENV)/.installed-dev ## Run the test suite
-	$(ONE_THREAD) $(BIN)/python -m pytest -n $(WORKERS) --dist loadfile
+	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.installed-dev ## Check style, types and which package imports which
 	$(BIN)/ruff check .
