@@ -16,7 +16,7 @@ from tests.calibration.test_touch_calibration import without_truth
 from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
 
 import truejoint
-from truejoint.calibration import read_plate, write_plate
+from truejoint.calibration import Touches, read_plate, write_plate
 from truejoint.calibration.touch_guide import FindingBlock, Guide, design_pose
 from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
@@ -168,6 +168,24 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
     assert ("rest for 0.3 s" if is_early else "do not fit") in capsys.readouterr().err
 
 
+def test_a_run_is_not_ended_before_there_are_enough(tmp_path):
+    made: list[str] = []
+
+    def take(stop, t, recording) -> SimpleNamespace:
+        made.append(stop.dimple)
+        return SimpleNamespace(count=len(made), off=None, tip_sd=1e-4)
+
+    guide = SimpleNamespace(
+        next_stop=lambda: SimpleNamespace(dimple=str(len(made))),
+        take=take,
+        touches=lambda: Touches(tuple(map(float, range(len(made)))), tuple(made)),
+    )
+    recorder = SimpleNamespace(recording=lambda: None)
+    seat = Mock(return_value=0.0)
+    follow_guide(guide, recorder, seat, tmp_path / "touches.csv", 1e-3, fewest=6)
+    assert len(made) == 6
+
+
 @pytest.fixture(scope="module")
 def rests(tmp_path_factory) -> Path:
     """Touches of an arm of which nothing is known, as t.csv, and as shots of a tracker."""
@@ -246,11 +264,12 @@ def test_shots_of_a_tracker_make_a_model(call, rests, tmp_path):
 
 def test_touches_of_an_arm_without_a_model_are_planned(call, folder):
     plate = ["--plate", folder / "plate.toml"]
-    result = call("touch", "raven2", *plate, "--touches", "8")
+    result = call("touch", "raven2", *plate, "--touches", "12")
     assert result.code == 0, result.err
     lines = [line for line in result.out.splitlines() if "rising" in line or "falling" in line]
-    assert len({line.split("│")[2] for line in lines}) == 8
+    assert len({line.split("│")[2] for line in lines}) == 12
     for wrong, said in (
+        (["raven2", *plate, "--touches", "8"], "--touches 8: it takes 12 at least; give so many"),
         (["raven2"], "without a model, takes --plate"),
         (["raven2", "--bolted", folder / "plate.toml"], "without a model, takes --plate"),
         (["raven3", *plate], "raven3"),

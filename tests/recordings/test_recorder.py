@@ -349,3 +349,13 @@ def test_topics_need_a_place_of_their_own(arm: Any, tmp_path: Path) -> None:
         arm.state(np.arange(600) * 1e-3)
         with pytest.raises(RecordingError, match="holds no topic"):
             read_recorded_topics(tmp_path / "no.unfinished.arrows")
+
+
+def test_topics_of_a_recording_that_is_replaced_go_with_it(arm: Any, tmp_path: Path) -> None:
+    path = tmp_path / "run.parquet"
+    with Recorder(arm, path=path, topics={"measured_js": 100.0}):
+        arm.state(np.arange(600) * 1e-3)
+    assert (tmp_path / "run.topics.arrows").exists()
+    with Recorder(arm, path=path, overwrite=True):
+        arm.state(np.arange(600) * 1e-3)
+    assert list(tmp_path.iterdir()) == [path]

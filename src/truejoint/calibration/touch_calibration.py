@@ -40,14 +40,18 @@ from truejoint.models.features import default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.units import with_unit
 
-FEWEST: Final = 12
-"""Touches that calibrate an arm of which nothing is known; half as many with a prior."""
+_CALIBRATING: Final = 12  # touches of an arm of which nothing is known; half as many with a prior
 _FOLDS: Final = 6
 _FLAT: Final = 0.05  # of the touches' extent, below which they lie in a plane
 _SIDED: Final = 0.15  # of the touches that come from either side of each joint
 _SEEN: Final = 0.5  # of what was expected, above which a deviation says that it was not seen
 _SIZED: Final = 0.8  # the same of the size of a print
 _WORTH: Final = 5e-5  # of the tip, above which what a print's size leaves open is told [m]
+
+
+def fewest_touches(known: Sequence[Calibration]) -> int:
+    """How many different touches it takes at least to calibrate an arm with such priors."""
+    return _CALIBRATING // 2 if known else _CALIBRATING
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +161,7 @@ def calibrate_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, FEWEST // 2 if known else FEWEST, "calibrate")
+    check_count(touches, fewest_touches(known), "calibrate")
     return _calibrated(recording, touched(touches, plate, recording.robot, touch_sd), known)
 
 
@@ -181,7 +185,7 @@ def calibrate_by_points(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(shots.rests, FEWEST // 2 if known else FEWEST, "calibrate")
+    check_count(shots.rests, fewest_touches(known), "calibrate")
     seen = shot(shots, registration or Registration(), recording.robot, shot_sd)
     return _calibrated(recording, seen, known)
 

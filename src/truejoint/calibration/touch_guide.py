@@ -12,11 +12,12 @@ from truejoint.array_types import Array
 from truejoint.calibration.plate import TOUCH_SD, BlockPose, Plate
 from truejoint.calibration.sighted import touched
 from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, fit_tip
-from truejoint.calibration.touch_calibration import features_of, fit_terms
+from truejoint.calibration.touch_calibration import features_of, fewest_touches, fit_terms
 from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
 from truejoint.calibration.touch_terms import LEFT, WIDTHS, Terms, check_known, wide_priors
 from truejoint.calibration.touches import (
     FEWEST,
+    FEWEST_OF_BLOCK,
     Touches,
     check_pose,
     fit_block,
@@ -103,6 +104,10 @@ def design_pose(plate: Plate, robot: Robot) -> BlockPose:
 class Purpose(Protocol):
     """What touches are made for: what they are to tell, and what those so far do."""
 
+    @property
+    def fewest(self) -> int:
+        """How many it takes at least."""
+
     def unknowns(self, joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
         """Rows of dimples that could be touched, and what is known before.
 
@@ -126,6 +131,11 @@ class Rezeroing:
 
     def __post_init__(self) -> None:
         check_pose(self.calibration, self.pose)
+
+    @property
+    def fewest(self) -> int:
+        """How many it takes at least."""
+        return FEWEST
 
     def unknowns(self, joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
         """Take an offset of each joint."""
@@ -162,6 +172,11 @@ class Rezeroing:
 class FindingBlock(Rezeroing):
     """Touches that find where a block stands, which is meant to stand at `pose`."""
 
+    @property
+    def fewest(self) -> int:
+        """How many it takes at least."""
+        return FEWEST_OF_BLOCK
+
     def fit(self, recording: Recording, touches: Touches) -> TipFit:
         """Fit pose and size."""
         plate = self.pose.plate
@@ -191,6 +206,11 @@ class Learning:
 
     def __post_init__(self) -> None:
         check_known(self.known, self.robot)
+
+    @property
+    def fewest(self) -> int:
+        """How many it takes at least."""
+        return fewest_touches(self.known)
 
     def unknowns(self, joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
         """Take all terms; no play has been gone through yet."""

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 REST: Final = 0.3
 """Time before a touch's stamp over which positions are averaged [s]."""
 FEWEST: Final = 3
-"""Touches that re-zero a calibration; the block's pose takes twice as many."""
+"""Touches that re-zero a calibration."""
+FEWEST_OF_BLOCK: Final = 2 * FEWEST
+"""Touches that find a block's pose."""
 _SLACK: Final = 5e-4
 """How far positions may stray within `REST` of a touch [rad, and a tenth of it in m]."""
 _MISFIT: Final = 3.0
@@ -229,7 +231,7 @@ def find_block(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, 2 * FEWEST, "find a block's pose")
+    check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
     rows = tip_rows(calibration, recording, touches, plate, touch_sd=touch_sd, offsets=False)
     found, rows = fit_block(rows, plate)
     _check_misfit(found, touches)

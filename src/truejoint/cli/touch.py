@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -101,6 +102,8 @@ def touch(
     model = None if is_robot else Path(arm)
     robot, pose, purpose = _purpose(arm, model, side, plate, bolted, prior)
     most = touches or (_FEW if bolted is not None else _MANY)
+    if most < purpose.fewest:
+        raise CommandRefused(f"--touches {most}: it takes {purpose.fewest} at least; give so many")
     guide = Guide(purpose, robot, pose, most, seed=seed)
     if output is None:
         _print_plan(guide)
@@ -117,7 +120,9 @@ def touch(
             command=command_line(),
         ) as recorder,
     ):  # fmt: skip
-        made = follow_guide(guide, recorder, seat, output, until_mm / 1e3, goes_on=by_hand)
+        made = follow_guide(
+            guide, recorder, seat, output, until_mm / 1e3, fewest=purpose.fewest, goes_on=by_hand
+        )
     out.print(f"{output}: {len(made)} touches of {pose.plate.name}")
     say(f"next: truejoint {_following(arm, model, plate, bolted, prior, output)} -o ...")
 
@@ -163,19 +168,23 @@ def _following(
 ) -> str:  # fmt: skip
     """Command that takes what was touched."""
     if bolted is not None:
-        return f"rezero {arm} --touches {output} --bolted {bolted}"
-    if model is not None:
-        return f"bolt {arm} --touches {output} --plate {plate}"
-    known = "" if prior is None else f" --prior {prior}"
-    recording = output.with_suffix(".parquet")
-    return f"calibrate {recording} --touches {output} --plate {plate}{known}"
+        words = ["rezero", arm, "--touches", output, "--bolted", bolted]
+    elif model is not None:
+        words = ["bolt", arm, "--touches", output, "--plate", plate]
+    else:
+        known = [] if prior is None else ["--prior", prior]
+        recording = output.with_suffix(".parquet")
+        words = ["calibrate", recording, "--touches", output, "--plate", plate, *known]
+    return shlex.join(str(word) for word in words)
 
 
 def follow_guide(
     guide: Guide, recorder: Recorder, seat: Seat, output: Path, until: float, *,
-    goes_on: bool = False,
+    fewest: int = 0, goes_on: bool = False,
 ) -> Touches:  # fmt: skip
     """Touch what a guide says until all is touched, or the tip is stated to be within `until` [m].
+
+    Not before `fewest` are made.
 
     `seat` seats the tip and gives the time at which that is done. Each touch is written at once.
     Where a touch is refused that is said and, if the run `goes_on`, the stop comes again: a person
@@ -201,7 +210,7 @@ def follow_guide(
         if verdict.tip_sd is not None:
             near = shown(verdict.tip_sd, "m")
             say(f"  {verdict.count} touches: tip within {near} (one deviation)")
-            if verdict.tip_sd <= until:
+            if verdict.tip_sd <= until and verdict.count >= fewest:
                 break
     return guide.touches()
 

@@ -250,10 +250,12 @@ class Recorder:
             self.written = stream.path
             raise RecordingError(f"{error}; the recording is in {stream.path}") from None
         self.written = path
+        beside = topics_beside(path)
         if not self.topics:
             stream.path.unlink()
+            if self.overwrite:  # those of what was recorded here before would be taken for its own
+                beside.unlink(missing_ok=True)
             return
-        beside = topics_beside(path)
         try:
             move(stream.path, beside, overwrite=self.overwrite and not stopped)
         except FileExistsError:
