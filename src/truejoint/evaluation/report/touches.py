@@ -110,6 +110,7 @@ def _rows(report: TouchReport) -> Iterator[Row]:
 def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
     """Errors over the block before and after, on the scale of each."""
     errors = (("before", report.before), ("after, by fits without it", report.left_out))
+    rejected = " Crosses were rejected." if report.fit.left_out.any() else ""
     for a, b, where in _VIEWS:
         panels: list[Panel] = []
         for (title, error), domain in zip(errors, plot.columns(2, 0.2), strict=True):
@@ -117,10 +118,10 @@ def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
             y = {"title": f"{'xyz'[b]} [mm]", "scaleanchor": "x" if not panels else "x2"}
             panels.append((x, y, _arrows(report.point, error, (a, b), report.fit.left_out)))
         caption = (
-            f"Each dot is a touch, seen {where}; its colour is how far off the tip was [mm], the "
-            "line from it in which direction, drawn out for each panel. Before: as measured, the "
-            f"{frame} laid over all as well as it can be. After: by fits that did not see the "
-            "touch, its own seat included. Crosses were rejected."
+            f"Each dot is a {report.rests.kind}, seen {where}; its colour is how far off the tip "
+            "was [mm], the line from it in which direction, drawn out for each panel. Before: as "
+            f"measured, the {frame} laid over all as well as it can be. After: by fits that did "
+            "not see it, its own error included." + rejected
         )
         key = f"map-{'xyz'[a]}{'xyz'[b]}"
         yield Figure(key, f"Errors of the tip, {where}", caption, [plot.panels(panels, 380)])
