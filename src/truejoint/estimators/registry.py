@@ -61,7 +61,6 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction": _Line("friction_filter", "FrictionFilter", {}),
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
-    "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
 }
 _TREES: Final = {
     "boosted_trees": _Line(
