@@ -36,8 +36,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     check_counts(settings, "hours", "sessions", "networks")
     check_names("model", settings["models"], ("dnn", WIDE))
-    for text in settings["sets"]:
-        s.combination(text)
+    s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "models", "networks", "hours")}
     return s.part_for_each(settings, fit_both, _OFFSET, common)
 

@@ -23,8 +23,7 @@ Found = Mapping[str, Sequence[s.Errors]]
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     check_counts(settings, "hours", "sessions", "networks")
-    for text in settings["sets"]:
-        s.combination(text)
+    s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "networks", "hours")}
     return s.part_for_each(settings, predict, _OFFSET, common)
 

@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators import NeuralNetwork, get_estimator
+from truejoint.errors import CalibrationError
+from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
 from truejoint.evaluation import part_by_time
 from truejoint.evaluation.digits import decimals_for, fixed
 from truejoint.evaluation.metrics import rmse
@@ -36,15 +37,9 @@ from truejoint.units import display_unit
 
 HWANG: Final = "hwang"
 """Split of the da Vinci arm's set as its authors do it."""
-ESTIMATORS: Final = (
-    "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees", "gru", "lstm", "tcn",
-    "network_forest", "ukf_elastic",
-)  # fmt: skip
-"""Those that take any recording, and the filter for a jaw measured at its driver."""
 FEATURES: Final = ("suited", "plain")
 """Of linear, poly2 and dnn: those of the data set, or measured positions and efforts alone."""
 _DVRK: Final = "dvrk_psm_berkeley"
-_JAWS: Final = ("davinci_grasper_umn",)  # that have what `ukf_elastic` reads
 _SEEN: Final = 0.1
 _WINDOW: Final = 4
 _BASELINES: Final = ("raw", "offset")
@@ -55,15 +50,14 @@ def parts(settings: Settings) -> Sequence[Part]:
     """One a data set, split and estimator."""
     check_counts(settings, "networks")
     check_names("data set", settings["datasets"], tuple(_judged_sets()))
-    check_names("estimator", settings["estimators"], ESTIMATORS)
+    known = [name for name in estimator_names() if name not in _BASELINES]
+    check_names("estimator", settings["estimators"], known)
     check_names("kind of features", (settings["features"],), FEATURES)
     found = []
     for name in settings["datasets"]:
         splits = [split.name for split in DATASETS[name].splits] + [HWANG] * (name == _DVRK)
         for split in splits:
             for estimator in settings["estimators"]:
-                if estimator == "ukf_elastic" and name not in _JAWS:
-                    continue
                 seeds = settings["networks"] if estimator == "dnn" else 1
                 arguments = {
                     "dataset": name,
@@ -83,7 +77,10 @@ def _judged_sets() -> list[str]:
 def judge(
     dataset: str, split: str, estimator: str, seeds: Sequence[int], suited: bool = True
 ) -> PartResult:
-    """Fit an estimator to the training side, and judge it on what was held out."""
+    """Fit an estimator to the training side, and judge it on what was held out.
+
+    One that refuses the recordings, as a filter of another robot does, has its reason as a result.
+    """
     about = DATASETS[dataset]
     if split == HWANG:
         whole = read_dataset(dataset)
@@ -94,12 +91,11 @@ def judge(
     features: Sequence[str] | None = None
     if suited and estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
-    models = [
-        calibrate(
-            training, _unfitted(about, estimator, seed), features=features, fit_rate=about.fit_rate
-        )
-        for seed in seeds
-    ]
+    how = {"features": features, "fit_rate": about.fit_rate}
+    try:
+        models = [calibrate(training, _unfitted(about, estimator, one), **how) for one in seeds]
+    except CalibrationError as error:
+        return PartResult({"dataset": dataset, "estimator": estimator, "refused": str(error)})
     joints = models[0].joints
     found = {estimator: [_left(model, testing) for model in models]}
     if estimator == "linear":
@@ -136,8 +132,11 @@ def _left(model: Calibration, testing: Sequence[Recording]) -> list[float]:
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """RMSE of every estimator by data set, split and joint."""
     groups: dict[tuple[str, str], dict[str, Any]] = {}
-    for part in results.values():
-        numbers = part.numbers
+    refused = {}
+    for numbers in (part.numbers for part in results.values()):
+        if "refused" in numbers:
+            refused[f"{numbers['estimator']} on {numbers['dataset']}"] = numbers["refused"]
+            continue
         key = numbers["dataset"], numbers["split"]
         group = groups.setdefault(key, {**numbers, "rmse": {}})
         group["rmse"] |= numbers["rmse"]
@@ -167,6 +166,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             else "All take measured positions and efforts as they come."
         ),
         f"{HWANG}: both motions together, four samples of all joints, the first tenth held out.",
+        *(f"{what}: {reason}" for what, reason in refused.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
     table = Table("Recordings of real joints", ("held out", *methods), tuple(rows), notes)
