@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import ENOUGH, calibrate, expected_gain
+from truejoint.calibration import ENOUGH, expected_gain
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.digits import fixed
 from truejoint.motion import PROFILES, designed_motion, random_motion
@@ -78,7 +78,7 @@ def learn(
 
     def rmse(recordings: Sequence[Recording]) -> list[float]:
         try:
-            model = calibrate(recordings, estimator, features=features)
+            model = s.model_of(recordings, estimator, features=features)
         except CalibrationError:
             return [float("nan")] * len(s.JOINTS)
         return s.judged({estimator: [model]}, judged)[estimator][0]

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from truejoint.calibration import calibrate
 from truejoint.estimators.network import WideNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import default_unit
@@ -58,7 +57,7 @@ def fit_both(
     for text, own in training.items():
         every = s.fitted(own, networks, seed, features=names)
         if WIDE in models and text == longest:
-            wide = calibrate(own, WideNetwork(), features=names, fit_rate=_FIT_RATE)
+            wide = s.model_of(own, WideNetwork(), features=names, fit_rate=_FIT_RATE)
             every = {**every, WIDE: [wide]}
         timeless = [name for name in names if name not in _CLOCKS]
         found[text] = {

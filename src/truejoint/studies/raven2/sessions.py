@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate, reseeded
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
+from truejoint.estimators import Regressor
 from truejoint.evaluation.metrics import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
@@ -194,6 +195,16 @@ def random_test(arm: Arm, seconds: float, seed: int, rate: float = STATE_RATE) -
     return record(arm, path, rate)
 
 
+def model_of(
+    training: Recording | Sequence[Recording], estimator: str | Regressor, **how: Any
+) -> Calibration:
+    """Calibrate for correcting recordings: what only checks a control loop's sensors is left out.
+
+    `how` is as `calibrate` takes it.
+    """
+    return calibrate(training, estimator, redundant=(), **how)
+
+
 def fitted(
     training: Sequence[Recording], networks: int, seed: int, **how: Any
 ) -> dict[str, list[Calibration]]:
@@ -201,7 +212,7 @@ def fitted(
 
     `how` is as `calibrate` takes it.
     """
-    first = calibrate(training, "dnn" if networks else "linear", random_state=seed, **how)
+    first = model_of(training, "dnn" if networks else "linear", random_state=seed, **how)
     others = {name: [model] for name, model in first.baselines.items()}
     if not networks:
         return others

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, adapted, calibrate
+from truejoint.calibration import Calibration, adapted
 from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.digits import fixed
@@ -79,7 +79,7 @@ def go_over(
     arm, _ = s.homed(raven, seed)
     path = designed_motion(arm.robot, first, _MOTION_SEED + seed)
     reference = s.record(arm, path)
-    prior = calibrate(reference, estimator, features=features)
+    prior = s.model_of(reference, estimator, features=features)
     before = _rmse(prior, s.random_test(arm, test, s.TEST_SEED + seed))
     arm = changed(arm, raven, change, seed)
     recording = s.record(arm, designed_motion(arm.robot, _SECONDS[-1], _MOTION_SEED + seed))
@@ -90,12 +90,12 @@ def go_over(
         made[_REFERENCE].append(_rmse(adapted(prior, brief, reference=reference), judged))
         made["prior"].append(_rmse(adapted(prior, brief), judged))
         try:
-            anew = _rmse(calibrate(brief, estimator, features=features), judged)
+            anew = _rmse(s.model_of(brief, estimator, features=features), judged)
         except CalibrationError:  # too few rows, or a joint has not moved yet
             anew = [float("nan")] * len(s.JOINTS)
         made["anew"].append(anew)
     whole = s.record(arm, designed_motion(arm.robot, first, 2 * _MOTION_SEED + seed))
-    own = _rmse(calibrate(whole, estimator, features=features), judged)
+    own = _rmse(s.model_of(whole, estimator, features=features), judged)
     arrays = {way: np.array(rows) for way, rows in made.items()}
     return PartResult({"before": before, "as it was": _rmse(prior, judged), "own": own}, arrays)
 
