@@ -196,11 +196,11 @@ _PAST: Final = (
         "", "truejoint.studies.raven2.efficiency",
         (
             _RAVENS, _HOMINGS,
-            Option("longest", 8.0, "training by random and designed motion [min]", small=4.0),
+            Option("longest", 5.0, "training by random and designed motion [min]", small=4.0),
             Option("every_s", 15.0, "of training are judged [s]", small=30.0),
             Option("estimator", "linear", "as for truejoint calibrate"),
             _OF_JOINTS,
-            Option("test", 20.0, "random motion that it is judged on [min]", small=5.0),
+            Option("test", 10.0, "random motion that it is judged on [min]", small=5.0),
         ),
     ),
     Study(
@@ -209,10 +209,10 @@ _PAST: Final = (
         (
             _RAVENS, Option("changes", ("homing", "day", "tool", "arm"), "what is new"),
             _HOMINGS,
-            Option("first", 8.0, "designed motion of the first calibration [min]", small=4.0),
+            Option("first", 5.0, "designed motion of the first calibration [min]", small=4.0),
             Option("estimator", "linear", "linear, poly2, poly2_ridge or rich_play"),
             _OF_JOINTS,
-            Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
+            Option("test", 5.0, "random motion that it is judged on [min]", small=4.0),
         ),
         version=2,
     ),

@@ -5,6 +5,7 @@ import pytest
 
 from truejoint import calibrate, evaluate
 from truejoint.errors import RecordingError, StudyError
+from truejoint.evaluation.digits import fixed
 from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings.datasets import DATASETS, locate
 from truejoint.studies import run_study, write_study
@@ -39,7 +40,7 @@ def test_numbers_are_those_of_an_evaluation(tmp_path):
     # A filter of a jaw has not what it reads here, which costs it its numbers alone.
     assert f"ukf_elastic on {KUKA}: " in text
     row = next(line for line in text.splitlines() if "axis1" in line)
-    assert row.endswith(" - |")
+    assert row.endswith(f" {fixed(np.nan, 3)} |")
     assert write_study(result, tmp_path)[-1].suffix == ".png"
 
 
