@@ -304,7 +304,7 @@ _FORCEPS: Final = (
         Option("swings_hz", (0.2, 0.5, 1.0, 2.0), "rates at which it swings [Hz]"),
         Option("rate_hz", 250.0, "of the loop [Hz]"), Option("gain", 1.5, "of the loop"),
         Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
-        _drawn(100, 4),
+        _drawn(40, 4),
         _FRICTIONS,
         version=3,
     ),

@@ -97,11 +97,12 @@ def judge(
     features: Sequence[str] | None = None
     if suited and estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
-    how = {"features": features, "fit_rate": about.fit_rate}
+    unfitted = [_unfitted(about, estimator, seed) for seed in seeds]
+    rate = about.fit_rate
     try:
-        models = [calibrate(training, _unfitted(about, estimator, one), **how) for one in seeds]
-    except CalibrationError as error:
-        return PartResult({"dataset": dataset, "estimator": estimator, "refused": str(error)})
+        models = [calibrate(training, one, features=features, fit_rate=rate) for one in unfitted]
+    except CalibrationError as reason:
+        return PartResult({"dataset": dataset, "estimator": estimator, "refused": str(reason)})
     joints = models[0].joints
     found = {estimator: [_left(model, testing) for model in models]}
     if estimator == "linear":
@@ -148,15 +149,15 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         group["rmse"] |= numbers["rmse"]
     estimators = settings["estimators"]
     methods = [*_BASELINES, *estimators]
-    rows, shares = [], {}
+    rows, shares = [], dict[str, list[float]]()
     for (dataset, split), group in groups.items():
         for k, joint in enumerate(group["joints"]):
             unit, name = display_unit(group["units"][k]), f"{dataset}, {split}: {joint}"
             values = {one: np.array(seeds)[:, k] for one, seeds in group["rmse"].items()}
             cells = (_cell(values.get(method), unit.scale) for method in methods)
             rows.append((f"{name} [{unit.name}]", *cells))
-            whole = np.mean(values.get(_OFFSET, np.nan))
-            shares[name] = [np.mean(values.get(one, np.nan)) / whole for one in estimators]
+            whole = float(np.mean(values.get(_OFFSET, np.nan)))
+            shares[name] = [float(np.mean(values.get(one, np.nan))) / whole for one in estimators]
     notes = (
         "RMSE on whole recordings, or the last part by time, that no fit saw; all features are "
         f"causal. dnn: mean ± standard deviation over {settings['networks']} seeds. "
