@@ -13,12 +13,20 @@ from sklearn.linear_model import Ridge
 from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
 from tests.calibration.test_folds import jaw
+from tests.estimators.test_elastic_joint import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
 from truejoint.calibration.choice import apart, stacking_weights
 from truejoint.errors import CalibrationError
-from truejoint.estimators import NeuralNetwork, PolynomialRegressor, candidates
+from truejoint.estimators import (
+    Combination,
+    ElasticJointFilter,
+    NeuralNetwork,
+    PolynomialRegressor,
+    candidates,
+    get_estimator,
+)
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
@@ -247,8 +255,26 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
     rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "gp"]
-    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich]
+    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich, "ukf_elastic_trees"]
     assert candidates()[2].epochs == 0
+
+
+def test_what_takes_columns_that_recordings_lack_is_passed_by():
+    jaws = get_estimator("ukf_elastic")
+    assert set(told(choose(0.2, [jaws, PolynomialRegressor(2)]))) == {
+        "linear", "offset", "raw", "poly2"
+    }  # fmt: skip
+    with pytest.raises(CalibrationError, match="none of ukf_elastic can be tried"):
+        choose(0.2, [jaws])
+
+
+def test_what_learns_a_filters_residual_is_tried_without_the_filter_too():
+    both = Combination((ElasticJointFilter(elements=1), "poly2_ridge"))
+    recordings = [grasper(seed) for seed in range(3)]
+    model = calibrate(recordings, Automatic([get_estimator("poly2_ridge"), both]), fit_rate=20.0)
+    own = [t for t in model.metadata["choice"]["tried"] if "driver/jaw" in t["features"]]
+    assert [trial["estimator"] for trial in own] == ["linear", "hybrid", "poly2_ridge"]
+    assert {trial["folds"] for trial in own} == {3}
 
 
 def test_a_part_without_which_a_feature_never_changes_is_judged_without_the_feature():

@@ -59,9 +59,11 @@ class Automatic:
     ----------
     candidates : sequence of Regressor
         What is tried; by default what the registry says: offset, linear, quadratic, a network
-        until convergence, boosted trees on the residual of the linear model, and rich plays with
-        and without trees. One that takes features of its own, or only works offline, is taken for
-        all joints or not at all.
+        until convergence, boosted trees on the residual of the linear model, rich plays with and
+        without trees, coupled plays, a Gaussian process, and trees on what a filter of an elastic
+        jaw leaves. One that takes features of its own is tried where the recordings have them, with
+        what learns its residual beside it, and what only works offline is taken for all joints or
+        not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
@@ -213,7 +215,9 @@ class Group:
         else:
             model.fit(self._inputs[seen], self._targets[seen])
             predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
-        trial.is_member = model.family.row is not None and model.family.inputs is None
+        trial.is_member = model.family.row is not None and (
+            model.family.inputs is None or self.target == "position"
+        )
         trial.candidate = model.settled()
         spread = np.zeros(predicted.shape[1])
         if len(self.recordings) < FEW and not isinstance(model, FixedOffset):  # of no signal

@@ -297,7 +297,10 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
-        asked = {"pairs": self._asked(), "coupled": self.positions or () if self.couple else ()}
+        asked = {"pairs": self._asked(), "coupled": ()}
+        if self.couple and self.positions is not None:
+            self._check_count(self.positions)
+            asked["coupled"] = self.positions
         self.family.check_params({**self.model_params(), **asked})
 
     def model_params(self) -> Params:
@@ -333,7 +336,11 @@ class RichPlay(JointRegressor):
         play_bank.check_places("pairs", self._asked(), n_features)
         joined = self._joined(n_features)
         play_bank.check_places("positions", [joined], n_features)
-        if self.couple and not 2 <= len(joined) <= play_bank.MAX_COUPLED:
+        if self.couple:
+            self._check_count(joined)
+
+    def _check_count(self, joined: Sequence[int]) -> None:
+        if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
             raise CalibrationError(
                 f"measured positions among the features: {len(joined)}; {self.name} couples 2 to "
                 f"{play_bank.MAX_COUPLED}: give other features, or do not couple them"
