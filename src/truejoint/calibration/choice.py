@@ -6,13 +6,14 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from scipy.optimize import nnls
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
+from truejoint.calibration.training_rows import TrainingRows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.combination import Combination
@@ -29,6 +30,7 @@ _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
 _JUDGED: Final = 100_000  # that a fold judges, at most
+MOST_ROWS: Final = 200_000  # that models with a history run over, at most, and so many fitted to
 _TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up,
 _WORSE: Final = 0.25  # if it is worse than the best by this share, at least, for each joint
 
@@ -85,12 +87,26 @@ class Automatic:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What one recording gives to a choice."""
+    """What one recording gives to a choice: of its `n` rows those that are `kept`."""
 
-    t: Array  # (n,) [s]
-    dt: Array  # (n,), time since the row before, 0 where a history starts
-    features: Array  # (n, k)
-    targets: Array  # (n, n_joints) [rad or m], NaN where they are not fitted to
+    t: Array  # (n,)
+    kept: Integers  # (m,)
+    dt: Array  # (m,), time since the row before, 0 where a history starts
+    features: Array  # (m, k)
+    targets: Array  # (m, n_joints) [rad or m], NaN where they are not fitted to
+
+    @classmethod
+    def of(cls, part: TrainingRows, target: Target, most: int) -> Self:
+        """At most so many rows, evenly spread, and at most as many of those with a target.
+
+        A history that starts in a row that is left out starts in the next.
+        """
+        t, targets = part.recording.t, part.targets(target)
+        known = np.flatnonzero(np.isfinite(targets).any(axis=1))
+        kept = np.union1d(_spread(np.arange(len(t)), most), _spread(known, most))
+        starts = np.diff(np.cumsum(part.dt == 0.0)[kept], prepend=0) > 0
+        dt = np.where(starts, 0.0, np.diff(t[kept], prepend=t[0]))
+        return cls(t, kept, dt, part.features[kept], targets[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,9 +200,9 @@ class Group:
         hidden, judged = [], []
         for index, rows in enumerate(self.recordings):
             own = [part for part in fold.parts if part.recording == index]
-            hidden.append(hidden_rows(rows.t, own))
-            among = [part.rows(len(rows.t)) for part in own]
-            judged.append(np.any([np.zeros(len(rows.t), dtype=bool), *among], axis=0))
+            hidden.append(hidden_rows(rows.t, own)[rows.kept])
+            among = [part.rows(len(rows.t))[rows.kept] for part in own]
+            judged.append(np.any([np.zeros(len(rows.kept), dtype=bool), *among], axis=0))
         known = np.isfinite(self._targets).all(axis=1)
         seen = np.flatnonzero(known & ~np.concatenate(hidden))
         unseen = np.flatnonzero(known & np.concatenate(judged))

@@ -15,7 +15,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import Automatic, Choice, Group, Rows, choose
+from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import fit_parity_equations
@@ -324,7 +324,7 @@ def _choose(
         rules = RowRules(feature_set, chosen, gap_limit, stride)
         parts = map(rules.rows, recordings, outlying)
         own_target = targets.get(feature_set, target or TARGETS[0])
-        rows = [Rows(p.recording.t, p.dt, p.features, p.targets(own_target)) for p in parts]
+        rows = [Rows.of(part, own_target, MOST_ROWS // len(recordings)) for part in parts]
         known = [one.for_features(feature_set.names) for one in candidates]
         groups.append(Group(feature_set, rows, known, own_target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)

@@ -86,13 +86,18 @@ def identify_coupling(
 
     # About 1, as steps are shares of a parameter and some are 0 where the search starts.
     widest = np.log(np.array(_REACHES) / _FIRST_REACH)
-    ends = [
+    low, high = (
         1.0 + np.repeat([sign, sign * _STIFFNESS, end], [n_pairs, k, k])
         for sign, end in zip((-1.0, 1.0), widest, strict=True)
-    ]
+    )
     start = np.ones(n_pairs + 2 * k)
     found = least_squares(
-        residuals, start, bounds=ends, diff_step=_STEP, x_scale=0.3, max_nfev=_TRIALS
+        residuals,
+        start,
+        bounds=(low, high),
+        diff_step=np.full_like(start, _STEP),
+        x_scale=0.3,
+        max_nfev=_TRIALS,
     )
     return coupling(found.x)
 
