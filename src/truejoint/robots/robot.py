@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array
-from truejoint.errors import RobotError, unknown
+from truejoint.array_types import Array, floats
+from truejoint.errors import RobotError, other_kind, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.robots.joint_encoder import JointEncoder
@@ -55,7 +55,8 @@ class Joint:
     Raises
     ------
     RobotError
-        If its limits are upside down, its home lies outside of them or its speed is not positive.
+        If its kind is unknown, its limits are upside down, its home lies outside of them or its
+        speed is not positive.
 
     Examples
     --------
@@ -71,6 +72,9 @@ class Joint:
     max_speed: float = math.inf
 
     def __post_init__(self) -> None:
+        if self.kind not in _UNITS:
+            kinds = " or ".join(_UNITS)
+            raise RobotError(f"joint {self.name!r}: kind is {self.kind!r:.40}; want {kinds}")
         if not self.lower < self.upper:
             raise RobotError(
                 f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "
@@ -123,7 +127,9 @@ class Transmission:
     gear: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        matrix, shape = self.matrix, self.matrix.shape
+        matrix = floats(self.matrix, "transmission matrix", RobotError)
+        object.__setattr__(self, "matrix", matrix)
+        shape = matrix.shape
         finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
         if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
             raise RobotError(
@@ -192,6 +198,12 @@ class Workspace:
         Speed with which a random motion of the laboratory's profile arrives [rad/s or m/s]; by
         default a fifth of `slowest`.
 
+    Raises
+    ------
+    RobotError
+        If an array is not a finite number for each joint, a range is upside down or a speed is not
+        above 0.
+
     Examples
     --------
     >>> truejoint.get_robot("raven2").workspace.joints
@@ -206,6 +218,23 @@ class Workspace:
     slowest: Array | None = None
     fastest: Array | None = None
     crawl: Array | None = None
+
+    def __post_init__(self) -> None:
+        for key in _WORKSPACE_KEYS:
+            if getattr(self, key) is None:
+                continue
+            values = floats(getattr(self, key), f"workspace: {key}", RobotError)
+            object.__setattr__(self, key, values)
+            if values.shape != (len(self.joints),) or not np.isfinite(values).all():
+                raise RobotError(
+                    f"workspace: {key} is {values.tolist()!s:.60}; want a finite number for "
+                    f"each of {', '.join(self.joints)}"
+                )
+        for joint, lower, upper, speed in zip(
+            self.joints, self.lower, self.upper, self.speed, strict=True
+        ):
+            if not (lower < upper and speed > 0):
+                raise RobotError(f"workspace.{joint}: lower must be below upper, and speed above 0")
 
     @property
     def centre(self) -> Array:
@@ -329,7 +358,7 @@ class Robot(Summarised):
                 f"fit its {n} joints; want one row and one column for each"
             )
         if self.workspace is not None:
-            self._check_workspace(self.workspace)
+            self.check_workspace(self.workspace)
         if self.effort not in get_args(Effort):
             raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
 
@@ -353,7 +382,8 @@ class Robot(Summarised):
                 f"{self.name}: transmission is another than that of its cables; leave it out"
             )
 
-    def _check_workspace(self, space: Workspace) -> None:
+    def check_workspace(self, space: Workspace) -> None:
+        """Raise RobotError where a workspace is of no joint, or beyond the limits of one."""
         rows = zip(space.joints, space.lower, space.upper, space.speed, strict=True)
         for name, lower, upper, speed in rows:
             joint = self.joint(name)
@@ -493,6 +523,13 @@ class Robot(Summarised):
         return [self.joint_names.index(name) for name in names]
 
 
+def as_robot(value: object) -> Robot:
+    """Give back a robot; raises RobotError for anything else, saying how to get one."""
+    if isinstance(value, Robot):
+        return value
+    raise RobotError(other_kind(value, "Robot", "get_robot(name) gives one"))
+
+
 def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """Robot of a TOML file, which may also name its ``arms`` and a URDF for its kinematics.
 
@@ -531,8 +568,6 @@ def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
             raise RobotError(f"{where}: want a table for one of the joints {', '.join(factors)}")
         check_keys(row, _WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
         rows.append({k: _number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
-        if not (rows[-1]["lower"] < rows[-1]["upper"] and rows[-1]["speed"] > 0):
-            raise RobotError(f"{where}: lower must be below upper, and speed above 0")
     shared = [key for key in _WORKSPACE_KEYS if any(key in row for row in rows)]
     for key in shared:
         without = [name for name, row in zip(values, rows, strict=True) if key not in row]
