@@ -360,3 +360,17 @@ def test_the_jaw_follows_and_the_motor_does_not():
 def test_there_is_no_loop_without_a_rate(rate, lag):
     with pytest.raises(CommandRefused, match="give a rate above 0"):
         loop_margin(rate, lag)
+
+
+@pytest.mark.parametrize("sample", ["ab", [0.1, 0.2, 0.3], None])
+def test_no_sample_makes_a_step_raise(sample):
+    unread = Compensator(Told(status=Status.WRONG_SIZE), FORCEPS, lag=LAG)
+    unread.start([0.1])
+    np.testing.assert_array_equal(unread.step(0.0, sample, [0.1]), [0.1])
+    assert unread.status == Status.WRONG_SIZE
+
+
+@pytest.mark.parametrize("wanted", [0.1, [0.1, 0.2], np.zeros((3, 2)), np.zeros((0, 1)), "up"])
+def test_wanted_positions_are_a_row_of_the_correctors_joints_each(wanted):
+    with pytest.raises(CommandRefused, match="compensated_motion: "):
+        compensated_motion(None, SimpleNamespace(corrector=Told()), wanted)

@@ -15,13 +15,13 @@ from typing import Any, Final, NoReturn, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.calibration.sessions import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SERVO_RATE
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows
@@ -40,6 +40,7 @@ SETTLING: Final = 0.1
 backlash would make a loop swing there that is quick enough for reversals."""
 _LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are moved
 _PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
+_UNREAD: Final = Status.WRONG_SIZE | Status.OTHER_THREAD  # of a sample that may be anything
 _INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
 
 
@@ -127,6 +128,9 @@ class Compensator:
         dead_band: float = 0.0,
         believed: Status = Status.OK,
     ) -> None:
+        if not hasattr(corrector, "made_for"):
+            advice = "give Corrector(model)"
+            raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         for name, value in numbers.items():
             if not 0.0 <= value < math.inf:
@@ -207,12 +211,13 @@ class Compensator:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.
 
         The `sample` (n_signals,) of the corrector was taken at `t` [s]; where a wanted position is
-        not finite, the one before goes on. Raises nothing; see `status` and `is_limited`.
+        not finite, the one before goes on. No sample makes it raise; see `status` and `is_limited`.
         """
         self.status = self.corrector.step(t, sample)
         self.memory.numbers[at.STATUS] = self.status
         self._wanted[:] = wanted
-        self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
+        if not self.status & _UNREAD:
+            self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
         np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
         compensate(self.memory.numbers, self.memory.memory)
         return self.setpoint
@@ -429,8 +434,8 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     Raises
     ------
     CommandRefused
-        If the arm is not ready or does not report a signal, a row is not finite, or the
-        compensator's rate does not divide 1 kHz.
+        If the arm is not ready or does not report a signal, a row is not finite or of other joints,
+        or the compensator's rate does not divide 1 kHz.
 
     Examples
     --------
@@ -441,9 +446,17 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     >>> compensated_motion(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """
-    rows = np.atleast_2d(np.asarray(wanted, dtype=np.float64))
+    rows, joints = (
+        floats(wanted, "compensated_motion", CommandRefused),
+        compensator.corrector.joints,
+    )
+    if rows.ndim != 2 or rows.shape[1] != len(joints) or not len(rows):
+        raise CommandRefused(
+            f"compensated_motion: wanted positions of shape {rows.shape}; give a row or more of "
+            f"{', '.join(joints)}"
+        )
     full = np.tile(arm.setpoint_js(math.inf).position, (len(rows), 1))
-    full[:, arm.robot.index(compensator.corrector.joints)] = rows
+    full[:, arm.robot.index(joints)] = rows
     checked_rows(arm.robot, full, "compensated_motion")
     told: list[tuple[float, Array, Array, Array, int]] = []
 
