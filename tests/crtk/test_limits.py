@@ -42,12 +42,12 @@ def test_steps_are_limited_per_millisecond(joint, limit, shown):
     # Limits: branch crtk of uw-biorobotics/raven2.
     rows = np.tile(HOME, (3, 1))
     rows[1:, joint] += limit
-    check_steps(ROBOT, HOME, rows, "servo_jp_stream")
+    check_steps(ROBOT, 1000.0, HOME, rows, "servo_jp_stream")
     rows[1:, joint] += 1e-6
     with pytest.raises(CommandRefused, match=f"in 1 ms at sample 1 of 3, more than {shown}"):
-        check_steps(ROBOT, HOME, rows, "servo_jp_stream")
+        check_steps(ROBOT, 1000.0, HOME, rows, "servo_jp_stream")
 
 
 def test_first_step_counts_from_the_start():
     with pytest.raises(CommandRefused, match="elbow would step"):
-        check_steps(ROBOT, HOME - [0, 0.01, 0, 0, 0, 0, 0], HOME[None], "servo_jp")
+        check_steps(ROBOT, 1000.0, HOME - [0, 0.01, 0, 0, 0, 0, 0], HOME[None], "servo_jp")
