@@ -215,7 +215,7 @@ def test_what_the_robot_does_ends_a_motion(fault, match, state):
         arm.move_jp(arm.robot.home).wait()
 
 
-def test_a_silent_arm_is_noticed_and_a_slip_is_measured():
+def test_a_silent_arm_is_stopped_and_one_whose_encoder_slips():
     silent, slipping = (
         ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
         for fault in (Fault("silence", 13.0), Fault("slip", 13.0, "elbow", 0.05))
@@ -225,6 +225,9 @@ def test_a_silent_arm_is_noticed_and_a_slip_is_measured():
     assert silent.operating_state().state == "PAUSED"
     with pytest.raises(CommandRefused, match="newest state message"):
         silent.measured_js()
-    slipping.move_jr(0.05 * FAR).wait()
+    with pytest.raises(MotionStopped, match=r"elbow jumped by 2\.\d+ deg at t = 13\.00.* slip"):
+        slipping.move_jr(0.5 * FAR).wait()
+    assert slipping.operating_state().state == "PAUSED"
+    assert slipping.time < 13.0 + 0.5 + BRAKING + 0.02
     lag = slipping.measured_js().position - slipping.setpoint_js().position
-    assert lag[1] == pytest.approx(0.05, abs=5e-3)
+    assert lag[1] == pytest.approx(0.05, abs=1e-2)

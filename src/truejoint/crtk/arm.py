@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.crtk import cartesian
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.limits import check_range, check_steps, checked_pace, move_speed
+from truejoint.crtk.limits import check_range, check_steps, checked_pace, jump_of, move_speed
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import Backend, Listener
 from truejoint.crtk.ros.transport import SILENCE
@@ -103,6 +103,7 @@ class Arm:
         self._asked = ""  # to stop it: a state command, or hold
         self._sent: Array | None = None  # last two set-points (2, n_joints) of this controller
         self._goal: Array | None = None
+        self._jump = ""  # of a position that was reported, during the motion
         backend.connect(self._on_block)
         _OPEN.add(self)
 
@@ -209,9 +210,9 @@ class Arm:
     def setpoint_js(self, age: float = MAX_AGE) -> JointState:
         """Latest set-point, its velocity and the effort command; refused as `measured_js`."""
         before, block = self._before, self._valid("setpoint_js", age)
-        last = block if before is None or len(block.t) > 1 else StateBlock.joined([before, block])
-        period = last.t[-1] - last.t[-2:][0]
-        step = last.setpoint[-1:] - last.setpoint[-2:][:1]
+        first = block.rows(slice(-2, -1)) if len(block.t) > 1 else before or block
+        period = block.t[-1] - first.t[-1]
+        step = block.setpoint[-1:] - first.setpoint[-1:]
         velocity = step / period if period > 0.0 else np.zeros_like(step)
         return self._joint_state(block, block.setpoint, velocity)
 
@@ -406,7 +407,13 @@ class Arm:
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
-            self._before, self._latest = self._latest, block
+            before = self._latest
+            if self._motion is not None and before is not None:
+                t = np.append(before.t[-1], block.t)
+                rows = np.vstack([before.measured[-1:], block.measured])
+                rows = rows[:, self._joint_channels]
+                self._jump = self._jump or jump_of(self.robot, self.rate, t, rows)
+            self._before, self._latest = before, block
         broken: BaseException | None = None
         for subscription in tuple(self._subscriptions):
             try:
@@ -481,7 +488,7 @@ class Arm:
         self._check_control(command)
         with self._lock:
             check_ready(self.operating_state(), command)
-            self._asked = ""
+            self._asked = self._jump = ""
             self._motion = motion = Motion(command, duration, self._stop)
         if self._is_stretch(duration):
             self._tell_watchers()
@@ -545,7 +552,9 @@ class Arm:
             motion.elapsed += done / self.rate
 
     def _check_reports(self, motion: Motion, t: float) -> None:
-        """Raise MotionStopped where an arm has not said for `SILENCE` where it is."""
+        """Raise MotionStopped where positions jump, or none came for `SILENCE`."""
+        if self._jump:
+            raise motion.stopped(self._jump, t)
         silent = 0.0 if self._latest is None else t - float(self._latest.t[-1])
         if silent > SILENCE and motion.elapsed > SILENCE:
             raise motion.stopped(f"no state message for {silent:.1f} s; does it report?", t)

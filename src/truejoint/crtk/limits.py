@@ -75,6 +75,25 @@ def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: s
         )
 
 
+def jump_of(robot: Robot, rate: float, t: Array, measured: Array) -> str:
+    """Say which joint's reports jump by twice what it can move; empty where none does.
+
+    `measured` (n, n_joints) [rad or m] are consecutive positions, stamped `t` (n,) [s], at most
+    `rate` of them a second [Hz].
+    """
+    top = np.array([joint.max_speed for joint in robot.joints])
+    step = np.abs(np.diff(measured, axis=0))
+    excess = step > 2.0 * top * np.maximum(np.diff(t), 1.0 / rate)[:, None]
+    if not excess.any():
+        return ""
+    row, column = np.argwhere(excess)[0]
+    joint = robot.joints[column]
+    return (
+        f"{joint.name} jumped by {shown(step[row, column], joint.unit)} at t = {t[row + 1]:.3f} s, "
+        "further than it can move: did its encoder slip? Home the arm"
+    )
+
+
 def move_speed(robot: Robot, speed: ArrayLike | None, command: str) -> Array:
     """Speed caps (n_joints,) of a move, as asked for or the default [rad/s or m/s].
 

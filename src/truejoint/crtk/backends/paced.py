@@ -183,13 +183,16 @@ class PacedBackend(SimulatedBackend):
                 return  # homing lets the time pass itself
             output = self._go_on() if self._state.is_ready else self._stand(self.period)
         self._deliver(output)
+        with self._moved:  # who waits for a set-point finds it reported
+            if self._waiting and self._waiting[0] is self._hold:
+                self._waiting.popleft()
+            self._moved.notify_all()
 
     def _go_on(self) -> TwinOutput:
         """Go to the next set-point, or hold the last one."""
         with self._moved:
             if self._waiting:
-                self._hold = self._waiting.popleft()
-                self._moved.notify_all()
+                self._hold = self._waiting[0]
         return self._run(self._hold[None])
 
     def _passed(self, piece: TwinOutput) -> None:
