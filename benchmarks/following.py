@@ -4,8 +4,8 @@
 
 Simulated arms follow a zig-zag of J2-J3 (sparsity 1/4) and two minutes of random motion at the
 paper's speeds: with the trajectory as their set-points, and with a loop around what they report
-(`truejoint.runtime.motor_loop`). Errors are RMS of where joints are wanted at a moment minus where
-they are reported at that moment, in the worst of the seeds. Then a collection of a random motion,
+(`truejoint.runtime.motor_loop`). Errors are of where joints are wanted at a moment minus where they
+are reported at that moment: RMS, and the largest in brackets, in the worst of the seeds. Then a collection of a random motion,
 recorded, in either way.
 """
 
@@ -34,7 +34,7 @@ def arm_of(seed: int, rate: float) -> Arm:
 
 
 def error(path: Trajectory, seed: int, rate: float, *, looped: bool) -> np.ndarray:
-    """RMS (n_joints,) [rad or m] of what is wanted minus what is reported, by their stamps."""
+    """RMS and largest size (2, n_joints) [rad or m] of what is wanted minus what is reported."""
     arm, blocks = arm_of(seed, rate), []
 
     def keep(block: StateBlock | TruthBlock) -> None:
@@ -49,7 +49,8 @@ def error(path: Trajectory, seed: int, rate: float, *, looped: bool) -> np.ndarr
     law = path.time_law(arm.robot.workspace.speed)
     count = round(np.ceil(nominal_duration(path, arm.robot) * rate - 1e-6))
     wanted = law.at(np.arange(1, count + 1) / rate)
-    return np.sqrt(((wanted - state.measured[-count:, columns]) ** 2).mean(axis=0))
+    missed = wanted - state.measured[-count:, columns]
+    return np.array([np.sqrt((missed**2).mean(axis=0)), np.abs(missed).max(axis=0)])
 
 
 def collected(minutes: float, *, looped: bool) -> str:
@@ -75,7 +76,7 @@ def main() -> None:
         scales = [display_unit(unit).scale for unit in path.units]
         for rate, looped in ((1000.0, False), (500.0, False), (500.0, True)):
             worst = np.max([error(path, s, rate, looped=looped) for s in options.seeds], axis=0)
-            cells = " | ".join(f"{v:.3f}" for v in worst * scales)
+            cells = " | ".join(f"{rms:.3f} ({most:.2f})" for rms, most in (worst * scales).T)
             print(f"| {path.name} | {rate:g} | {'yes' if looped else 'no'} | {cells} |", flush=True)
     print()
     for looped in (False, True):
