@@ -4,9 +4,9 @@
 
 Simulated arms follow a zig-zag of J2-J3 (sparsity 1/4) and two minutes of random motion at the
 paper's speeds: with the trajectory as their set-points, and with a loop around what they report
-(`truejoint.runtime.motor_loop`). Errors are of where joints are wanted at a moment minus where they
-are reported at that moment: RMS, and the largest in brackets, in the worst of the seeds. Then a collection of a random motion,
-recorded, in either way.
+(`truejoint.runtime.motor_loop`). Errors are where joints are wanted at a moment minus where they
+are reported at that moment: RMS, and the largest in brackets, in the worst of the seeds. Then a
+collection of a random motion, recorded, in either way.
 """
 
 from __future__ import annotations
