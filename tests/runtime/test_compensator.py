@@ -199,8 +199,6 @@ def test_the_margin_is_that_of_a_simulated_loop(rate, lag):
 def test_what_cannot_work_is_refused_in_one_line():
     with pytest.raises(CommandRefused, match=r"50 Hz is too slow for a gain of 1.5 .* lags by 19"):
         quick(Told(), rate=50.0)
-    with pytest.raises(CommandRefused, match=r"2000\.0 Hz; give a rate"):
-        Compensator(Told(), FORCEPS, rate=2000.0, lag=LAG)
     with pytest.raises(CommandRefused, match="gain is nan"):
         Compensator(Told(), FORCEPS, rate=250.0, lag=LAG, gain=float("nan"))
     checking = SimpleNamespace(signals=("measured/jaw", "setpoint/jaw"), joints=("jaw",))
@@ -345,7 +343,7 @@ def test_the_jaw_follows_and_the_motor_does_not():
             with pytest.raises(CommandRefused, match="does not report effort/jaw"):
                 compensated_motion(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)
-            with pytest.raises(CommandRefused, match="must divide 1000 Hz"):
+            with pytest.raises(CommandRefused, match="must divide the 1000 set-points"):
                 compensated_motion(arm, odd, wanted)
         else:
             arm.wait(1e-3)
