@@ -373,7 +373,7 @@ _WRIST_LOOP: Final = Study(
         Option(
             "loops",
             ("open", "play_motor", "play_effort", "play_forward", "perfect", "perfect_forward"),
-            "what stands in them, as in studies/wrist/closed_loop.py; perfect is always among them",
+            "what stands in them, as in studies/wrist/closed_loop.py; perfect is always one",
         ),
     ),
     version=2,

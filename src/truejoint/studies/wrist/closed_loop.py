@@ -73,7 +73,8 @@ CASES: Final = {"free": False, "tip": True}
 """Without a load, and with pushes of up to 2 N at the tip."""
 GRIPS: Final = {"standing": False, "moving": True}
 """Something is gripped while pitch and yaw stand still, and while they step."""
-SEES_GRIP: Final = ("play_effort", "play_forward", PERFECT, PERFECT_FORWARD)
+SEES_GRIP: Final = ("play_effort", PERFECT)
+"""Loops that grip; what is fed forward knows of no load."""
 
 # Where an estimator is sure of itself it is believed beyond what calibration saw.
 _BELIEVED: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
@@ -281,10 +282,11 @@ class Bench:
         else:
             corrector = Corrector(model)
         corrector.set_homing(True)
+        ahead = self.models["play_motor"]
         return Compensator(
             corrector, arm.robot, rate=self.rate, lag=self.plant.motor.lag, gain=self.gain,
             time_constant=_QUICK, integral_time=math.inf, believed=_BELIEVED,
-            forward=FeedForward(self.models["play_motor"], arm.robot) if around.forward else None,
+            forward=FeedForward(ahead, arm.robot) if around.forward else None,
         )  # fmt: skip
 
 
@@ -421,7 +423,7 @@ def _grip_figure(arrays: Mapping[str, Array]) -> Figure:
     for case in GRIPS:
         wanted = 1e3 * arrays[f"{case}/grip"]
         t = np.arange(len(wanted)) * 10.0 * SETPOINT_DT
-        curves = _curves(arrays, case, ("play_effort", PERFECT), lambda force: 1e3 * force)
+        curves = _curves(arrays, case, SEES_GRIP, lambda force: 1e3 * force)
         panels.append(
             Panel([Curve(t, wanted, "wanted", "black"), *curves], "time [s]", "grip [mNm]", case)
         )
