@@ -20,7 +20,7 @@ if TYPE_CHECKING:  # what learns is given
     from truejoint.calibration import Calibration
     from truejoint.calibration.calibration import OnlineState
 
-_GAIN: Final = 0.7  # share of what is missing that it moves on by, at every step
+_GAIN: Final = 0.4  # share of what is missing that it moves on by, at every step
 
 
 class FeedForward:
