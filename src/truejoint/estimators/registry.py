@@ -62,6 +62,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction": _Line("friction_filter", "FrictionFilter", {}),
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
+    "ukf_cables": _Line("cable_filter", "CableFilter", {}),
 }
 _TRIED_BESIDES: Final = (
     _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}),

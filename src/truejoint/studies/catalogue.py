@@ -358,6 +358,8 @@ _WRIST: Final = Study(
                 "coupling",
                 "linear_motor",
                 "play_motor",
+                "model",
+                "play_model",
                 "linear_effort",
                 "play_effort",
                 "filter",
@@ -366,7 +368,7 @@ _WRIST: Final = Study(
             "rows of the table, as in studies/wrist/accuracy.py",
         ),
     ),
-    version=2,
+    version=3,
 )
 
 _WRIST_LOOP: Final = Study(

@@ -22,6 +22,8 @@ _TONES: Final = 6  # of a random multi-sine, each joint
 _BAND: Final = (0.04, 0.5)  # [Hz]
 _SPEED: Final = math.radians(60.0)  # [rad/s] at the middle of a step
 _REST: Final = (0.2, 1.0)  # [s] between steps
+_HALT: Final = 0.15  # [s] in which sines come to rest
+_BETWEEN: Final = (0.8, 3.0)  # [s] from one rest of theirs to the next
 _RAMP: Final = 0.4  # [s] in which a grip builds up
 _CLEAR: Final = 0.05  # [rad] by which what jaws close on is smaller than their opening
 _PRESSED: Final = (0.06, 0.2)  # [rad] by which they are asked to close beyond it
@@ -52,6 +54,22 @@ def multi_sine(seconds: float, seed: int) -> Array:
         )
         waves.append(wave / np.abs(wave).max())
     return np.asarray(_CENTRE + _REACH * np.column_stack(waves))
+
+
+def paused_sines(seconds: float, seed: int) -> Array:
+    """`multi_sine` that stands still now and then, as a hand does: (n, 3) as that gives."""
+    rng, length = np.random.default_rng([seed, 3]), round(seconds / SETPOINT_DT)
+    rate = np.ones(length)
+    at = rng.uniform(*_BETWEEN)
+    t = np.arange(length) * SETPOINT_DT
+    while at < seconds:
+        rest = rng.uniform(*_REST)
+        inside = np.clip(np.minimum(t - at, at + rest + 2.0 * _HALT - t) / _HALT, 0.0, 1.0)
+        rate -= inside**2 * (3.0 - 2.0 * inside)
+        at += rest + 2.0 * _HALT + rng.uniform(*_BETWEEN)
+    sines = multi_sine(seconds, seed)
+    clock = np.cumsum(rate)
+    return np.column_stack([np.interp(clock, np.arange(length), column) for column in sines.T])
 
 
 def steps(seconds: float, seed: int) -> Array:
