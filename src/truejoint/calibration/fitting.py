@@ -15,7 +15,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import Automatic, Choice, Group, Rows, choose
+from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import fit_parity_equations
@@ -368,12 +368,23 @@ def _choose(
     robot = common_robot(recordings)
     chosen = chosen_joints(robot, recordings, joints)
     models = [_unfitted(one, None, random_state) for one in wanted.candidates]
-    target = target or TARGETS[0]
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
-    for model in (one for one in models if target in one.family.targets):
+    targets: dict[FeatureSet, Target] = {}
+    for model in models:
+        own = model.family.inputs is not None
+        wants = target or (model.family.targets if own else TARGETS)[0]
+        if wants not in model.family.targets or (own and not _has_inputs(model, recordings)):
+            continue
         model = model.for_recordings(recordings)  # noqa: PLW2901
-        own = features if model.family.inputs is None else None
-        by_features.setdefault(chosen_features(model, robot, recordings, own), []).append(model)
+        known = chosen_features(model, robot, recordings, None if own else features)
+        by_features.setdefault(known, []).append(model)
+        targets.setdefault(known, wants)
+    if not by_features:
+        names = ", ".join(one.name for one in models)
+        raise CalibrationError(
+            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
+            f"{target or TARGETS[0]}; give other candidates"
+        )
     if wanted.default_features and features is not None and len(recordings) >= FEW:
         usual = default_features(robot, recordings[0])
         by_features.setdefault(usual, next(iter(by_features.values())))
@@ -385,16 +396,33 @@ def _choose(
         in_all = all(units <= set(one.units.items()) for one in recordings)
         if in_all and not any(set(more.names) == set(one.names) for one in by_features):
             by_features[more] = free
+    for ones in by_features.values():  # what learns a filter's residual, without the filter too
+        within_one = {name for one in ones for name in _member_names(one)}
+        ones += [one for one in free if one.name in within_one and one not in ones]
     gap_limit, stride = default_gap_limit(recordings), stride_of(fit_rate, sample_dt(recordings))
     outlying = outlying_values(recordings, chosen)
     groups = []
     for feature_set, candidates in by_features.items():
         rules = RowRules(feature_set, chosen, gap_limit, stride)
         parts = map(rules.rows, recordings, outlying)
-        rows = [Rows(p.recording.t, p.dt, p.features, p.targets(target)) for p in parts]
+        own_target = targets.get(feature_set, target or TARGETS[0])
+        rows = [Rows.of(part, own_target, MOST_ROWS // len(recordings)) for part in parts]
         known = [one.for_features(feature_set.names) for one in candidates]
-        groups.append(Group(feature_set, rows, known, target))
+        groups.append(Group(feature_set, rows, known, own_target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
+
+
+def _has_inputs(model: JointRegressor, recordings: Sequence[Recording]) -> bool:
+    """Whether all recordings have what a model takes as features of its own."""
+    own = model.family.inputs
+    signals = FeatureSet.parse(own(model.model_params())).signals if own else ()
+    return all(name in one.table.columns for one in recordings for name in signals)
+
+
+def _member_names(model: JointRegressor) -> list[str]:
+    """Names by which a combination with features of its own lists its members."""
+    members = vars(model).get("members", ()) if model.family.inputs is not None else ()
+    return [one for one in members if isinstance(one, str)]
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:
