@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,12 +14,20 @@ from sklearn.linear_model import Ridge
 from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
 from tests.calibration.test_folds import jaw
+from tests.estimators.test_elastic_joint import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
-from truejoint.calibration.choice import apart, stacking_weights
+from truejoint.calibration.choice import Rows, apart, stacking_weights
 from truejoint.errors import CalibrationError
-from truejoint.estimators import NeuralNetwork, PolynomialRegressor, candidates
+from truejoint.estimators import (
+    Combination,
+    NeuralNetwork,
+    PolynomialRegressor,
+    candidates,
+    get_estimator,
+    registry,
+)
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
@@ -246,9 +255,56 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
 
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
-    rich = ["linear_trees", "rich_play", "rich_trees", "gp"]
-    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich]
+    rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "gp"]
+    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich, "hybrid"]
     assert candidates()[2].epochs == 0
+
+
+def test_what_takes_columns_that_recordings_lack_is_passed_by():
+    jaws = get_estimator("ukf_elastic")
+    assert set(told(choose(0.2, [jaws, PolynomialRegressor(2)]))) == {
+        "linear", "offset", "raw", "poly2"
+    }  # fmt: skip
+    with pytest.raises(CalibrationError, match="none of ukf_elastic can be tried"):
+        choose(0.2, [jaws])
+
+
+def test_what_learns_a_filters_residual_is_tried_without_the_filter_too(monkeypatch):
+    monkeypatch.setitem(registry._ESTIMATORS["ukf_elastic"].params, "elements", 1)
+    both = Combination(("ukf_elastic", "poly2_ridge"))
+    recordings = [grasper(seed) for seed in range(3)]
+    model = calibrate(recordings, Automatic([get_estimator("poly2_ridge"), both]), fit_rate=20.0)
+    own = [t for t in model.metadata["choice"]["tried"] if "driver/jaw" in t["features"]]
+    assert [trial["estimator"] for trial in own] == ["linear", "hybrid", "poly2_ridge"]
+    assert {trial["folds"] for trial in own} == {3}
+
+
+def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
+    t = np.arange(1000) * 0.01
+    dt = np.where(np.isin(np.arange(1000), [0, 501]), 0.0, 0.01)
+    targets = np.where(np.arange(1000) % 30 == 7, 1.0, np.nan)[:, None]
+    part = SimpleNamespace(
+        recording=SimpleNamespace(t=t), dt=dt, features=t[:, None], targets=lambda _target: targets
+    )
+    rows = Rows.of(part, "error", 50)
+    assert 50 <= len(rows.kept) <= 100
+    assert np.isfinite(rows.targets).sum() == 34
+    np.testing.assert_array_equal(rows.features[:, 0], t[rows.kept])
+    fresh = np.flatnonzero(rows.dt == 0.0)
+    assert fresh.tolist() == [0, np.searchsorted(rows.kept, 501)]
+    np.testing.assert_allclose(np.diff(t[rows.kept])[rows.dt[1:] > 0], rows.dt[rows.dt > 0])
+    whole = Rows.of(part, "error", 1000)
+    np.testing.assert_array_equal(whole.kept, np.arange(1000))
+    np.testing.assert_allclose(whole.dt, dt, atol=1e-12)
+
+
+def test_rows_that_are_left_out_do_not_move_what_is_judged(monkeypatch):
+    tried = [PolynomialRegressor(2)]
+    every = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
+    monkeypatch.setattr("truejoint.calibration.fitting.MOST_ROWS", 400)
+    few = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
+    assert few != every
+    assert few == pytest.approx(every, rel=0.2)
 
 
 def test_a_part_without_which_a_feature_never_changes_is_judged_without_the_feature():

@@ -34,6 +34,7 @@ def test_the_model_sees_scaled_features_plays_and_low_passes():
     low, high = X.min(axis=0), X.max(axis=0)
     arrays = {"centre": (low + high) / 2, "inverse_half_range": 2 / (high - low)}
     params = {"plays": (0.1, 0.4), "time_constants": (0.3,), "pairs": (), "growing": (0.2,)}
+    params |= {"coupled": (), "shares": (1.0,)}
     kept = np.arange(len(X)) % 3 == 1
     seen = expand_rows(params, arrays, X, dt, kept)
     half = (high - low) / 2
@@ -55,6 +56,7 @@ def test_plays_grow_and_shrink_with_another_feature():
     dt = np.where(np.arange(300) % 200 == 0, 0.0, 0.02)
     arrays = {"centre": np.zeros(2), "inverse_half_range": np.array([1.0, 0.5])}
     params = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.1, 0.5)}
+    params |= {"coupled": (), "shares": (1.0,)}
     seen = expand_rows(params, arrays, X, dt, np.ones(300, bool))
     assert seen.shape == (300, 2 * 3 + 4)
     for column, (way, width) in enumerate([(1, 0.1), (1, 0.5), (-1, 0.1), (-1, 0.5)]):
@@ -178,8 +180,8 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
     ("how", "said"),
     [
         ({"learner": "forest"}, "learner is 'forest'; it must be one of ridge, trees"),
-        ({"plays": (0.0,)}, "plays is .*; it must be 1 to 32 half-widths"),
-        ({"plays": (1.1,)}, "plays is .*; it must be 1 to 32 half-widths"),
+        ({"plays": (0.0,)}, "plays is .*; it must be 0 to 32 half-widths"),
+        ({"plays": (1.1,)}, "plays is .*; it must be 0 to 32 half-widths"),
         ({"time_constants": ()}, "time_constants is .*; it must be 1 to 8 times"),
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
         ({"pairs": ((0, 2),)}, "pairs .*; it must be of features 0 to 1"),

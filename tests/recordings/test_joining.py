@@ -86,7 +86,9 @@ def test_a_motion_that_repeats_itself_needs_a_hint() -> None:
     columns = {"t": t, "measured/joint1": np.sin(2 * np.pi * t / 5.0)}
     truth = Stream(t + 60.0, {"truth/joint1": columns["measured/joint1"]})
     recording = Recording.from_columns(columns, "bros")
-    with pytest.raises(RecordingError, match=r"repeats itself: offsets of .*--near-s"):
+    with pytest.raises(
+        RecordingError, match=r"repeats itself: offsets of .*--near-s of extract, join and track"
+    ):
         join_truth(recording, truth)
     for near in (-61.0, -58.5, -54.0):
         _, clock = join_truth(recording, truth, near=near)
@@ -220,3 +222,13 @@ def test_a_path_that_repeats_itself_is_refused_unless_told_about_where() -> None
 def path(t: np.ndarray, seed: int) -> np.ndarray:
     """Way (n, 3) that does not repeat itself."""
     return np.column_stack([angles(t, seed), angles(t, seed + 1000)[:, :1]])
+
+
+def test_a_truth_is_called_one(recording: Recording) -> None:
+    bare = Recording.from_columns(
+        {n: c for n, c in recording.table.items() if not str(n).startswith("truth")},
+        recording.provenance,
+    )
+    stream = Stream(recording.t, {"jaw": recording.t})
+    with pytest.raises(RecordingError, match=r"columns \['jaw'\] are none of it; call them truth/"):
+        join_truth(bare, stream)

@@ -199,8 +199,6 @@ def test_the_margin_is_that_of_a_simulated_loop(rate, lag):
 def test_what_cannot_work_is_refused_in_one_line():
     with pytest.raises(CommandRefused, match=r"50 Hz is too slow for a gain of 1.5 .* lags by 19"):
         quick(Told(), rate=50.0)
-    with pytest.raises(CommandRefused, match=r"2000\.0 Hz; give a rate"):
-        Compensator(Told(), FORCEPS, rate=2000.0, lag=LAG)
     with pytest.raises(CommandRefused, match="gain is nan"):
         Compensator(Told(), FORCEPS, rate=250.0, lag=LAG, gain=float("nan"))
     checking = SimpleNamespace(signals=("measured/jaw", "setpoint/jaw"), joints=("jaw",))
@@ -345,7 +343,7 @@ def test_the_jaw_follows_and_the_motor_does_not():
             with pytest.raises(CommandRefused, match="does not report effort/jaw"):
                 compensated_motion(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)
-            with pytest.raises(CommandRefused, match="must divide 1000 Hz"):
+            with pytest.raises(CommandRefused, match="must divide the 1000 set-points"):
                 compensated_motion(arm, odd, wanted)
         else:
             arm.wait(1e-3)
@@ -360,3 +358,17 @@ def test_the_jaw_follows_and_the_motor_does_not():
 def test_there_is_no_loop_without_a_rate(rate, lag):
     with pytest.raises(CommandRefused, match="give a rate above 0"):
         loop_margin(rate, lag)
+
+
+@pytest.mark.parametrize("sample", ["ab", [0.1, 0.2, 0.3], None])
+def test_no_sample_makes_a_step_raise(sample):
+    unread = Compensator(Told(status=Status.WRONG_SIZE), FORCEPS, lag=LAG)
+    unread.start([0.1])
+    np.testing.assert_array_equal(unread.step(0.0, sample, [0.1]), [0.1])
+    assert unread.status == Status.WRONG_SIZE
+
+
+@pytest.mark.parametrize("wanted", [0.1, [0.1, 0.2], np.zeros((3, 2)), np.zeros((0, 1)), "up"])
+def test_wanted_positions_are_a_row_of_the_correctors_joints_each(wanted):
+    with pytest.raises(CommandRefused, match="compensated_motion: "):
+        compensated_motion(None, SimpleNamespace(corrector=Told()), wanted)

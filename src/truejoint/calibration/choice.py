@@ -6,13 +6,14 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from scipy.optimize import nnls
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
+from truejoint.calibration.training_rows import TrainingRows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.combination import Combination
@@ -29,6 +30,7 @@ _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
 _JUDGED: Final = 100_000  # that a fold judges, at most
+MOST_ROWS: Final = 200_000  # that models with a history run over, at most, and so many fitted to
 _TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up,
 _WORSE: Final = 0.25  # if it is worse than the best by this share, at least, for each joint
 
@@ -59,9 +61,11 @@ class Automatic:
     ----------
     candidates : sequence of Regressor
         What is tried; by default what the registry says: offset, linear, quadratic, a network
-        until convergence, boosted trees on the residual of the linear model, and rich plays with
-        and without trees. One that takes features of its own, or only works offline, is taken for
-        all joints or not at all.
+        until convergence, boosted trees on the residual of the linear model, rich plays with and
+        without trees, coupled plays, a Gaussian process, and trees on what a filter of an elastic
+        jaw leaves. One that takes features of its own is tried where the recordings have them, with
+        what learns its residual beside it, and what only works offline is taken for all joints or
+        not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
@@ -83,12 +87,26 @@ class Automatic:
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """What one recording gives to a choice."""
+    """What one recording gives to a choice: of its `n` rows those that are `kept`."""
 
-    t: Array  # (n,) [s]
-    dt: Array  # (n,), time since the row before, 0 where a history starts
-    features: Array  # (n, k)
-    targets: Array  # (n, n_joints) [rad or m], NaN where they are not fitted to
+    t: Array  # (n,)
+    kept: Integers  # (m,)
+    dt: Array  # (m,), time since the row before, 0 where a history starts
+    features: Array  # (m, k)
+    targets: Array  # (m, n_joints) [rad or m], NaN where they are not fitted to
+
+    @classmethod
+    def of(cls, part: TrainingRows, target: Target, most: int) -> Self:
+        """At most so many rows, evenly spread, and at most as many of those with a target.
+
+        A history that starts in a row that is left out starts in the next.
+        """
+        t, targets = part.recording.t, part.targets(target)
+        known = np.flatnonzero(np.isfinite(targets).any(axis=1))
+        kept = np.union1d(_spread(np.arange(len(t)), most), _spread(known, most))
+        starts = np.diff(np.cumsum(part.dt == 0.0)[kept], prepend=0) > 0
+        dt = np.where(starts, 0.0, np.diff(t[kept], prepend=t[0]))
+        return cls(t, kept, dt, part.features[kept], targets[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,9 +200,9 @@ class Group:
         hidden, judged = [], []
         for index, rows in enumerate(self.recordings):
             own = [part for part in fold.parts if part.recording == index]
-            hidden.append(hidden_rows(rows.t, own))
-            among = [part.rows(len(rows.t)) for part in own]
-            judged.append(np.any([np.zeros(len(rows.t), dtype=bool), *among], axis=0))
+            hidden.append(hidden_rows(rows.t, own)[rows.kept])
+            among = [part.rows(len(rows.t))[rows.kept] for part in own]
+            judged.append(np.any([np.zeros(len(rows.kept), dtype=bool), *among], axis=0))
         known = np.isfinite(self._targets).all(axis=1)
         seen = np.flatnonzero(known & ~np.concatenate(hidden))
         unseen = np.flatnonzero(known & np.concatenate(judged))
@@ -213,7 +231,9 @@ class Group:
         else:
             model.fit(self._inputs[seen], self._targets[seen])
             predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
-        trial.is_member = model.family.row is not None and model.family.inputs is None
+        trial.is_member = model.family.row is not None and (
+            model.family.inputs is None or self.target == "position"
+        )
         trial.candidate = model.settled()
         spread = np.zeros(predicted.shape[1])
         if len(self.recordings) < FEW and not isinstance(model, FixedOffset):  # of no signal

@@ -76,8 +76,9 @@ class TrainingRows:
 
     def targets(self, target: Target) -> Array:
         """Targets of every row (n, n_joints), NaN where they are not fitted to."""
-        targets = np.array(self.error if target == "error" else self.truth)
-        targets[~self.known | (np.arange(len(targets)) % self.rules.stride != 0)] = np.nan
+        known = self.error if target == "error" else self.truth
+        targets = np.full_like(known, np.nan)
+        targets[self.fitted] = known[self.fitted]
         return targets
 
 

@@ -41,8 +41,9 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "poly2_ridge": _Line("rich_play", "Ridge", {}, {}),
     "linear_trees": _Line("combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {}),
     "network_forest": _Line("combination", "Combination", {"members": ("dnn", "random_forest")}),
-    "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge"}, {}),
-    "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees"}, {}),
+    "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge", "couple": False}, {}),
+    "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": False}, {}),
+    "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
     "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
     "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
@@ -62,6 +63,10 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
 }
+_TRIED_BESIDES: Final = (
+    _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}),
+)
+"""Without names of their own: trees on what a jaw's filter leaves."""
 _TREES: Final = {
     "boosted_trees": _Line(
         "sklearn.ensemble",
@@ -99,8 +104,11 @@ def estimator_names() -> tuple[str, ...]:
 
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
-    module, cls, own, _ = _ESTIMATORS[name]
-    return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
+    return _made(_ESTIMATORS[name])
+
+
+def _made(line: _Line) -> Any:
+    return getattr(import_module(f"truejoint.estimators.{line.module}"), line.cls)(**line.params)
 
 
 def parameter_names(name: str) -> tuple[str, ...]:
@@ -137,11 +145,12 @@ def member(name: str) -> Any:
 
 def tried() -> list[Any]:
     """Unfitted estimators that an automatic choice tries."""
-    return [
+    named = [
         registered(name).set_params(**line.tried)
         for name, line in _ESTIMATORS.items()
         if line.tried is not None
     ]
+    return named + [_made(line) for line in _TRIED_BESIDES]
 
 
 def plugged_in() -> dict[str, EntryPoint]:

@@ -21,6 +21,7 @@ from truejoint.estimators.base import (
     scaling,
 )
 from truejoint.estimators.combination import Combination
+from truejoint.estimators.coupled_play import identify_coupling
 from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
 from truejoint.models.combination import members
@@ -37,6 +38,8 @@ _PRODUCTS: Final = 600  # terms that are products, at most
 _LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of more joints has trees
 _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
 _FEWER_TREES: Final = 70
+_PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+_IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
 _GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
 
 
@@ -198,14 +201,25 @@ class RichPlay(JointRegressor):
     chosen for a robot or a unit. A ridge regression on the features, plays and low-passes, and on
     their products with the features (the width of a loop grows with load), is learnt first.
     `calibrate` adds plays of measured positions whose widths grow with efforts (friction grows with
-    the tension of a cable).
+    the tension of a cable). Where joints are coupled, plays of all their positions together stand
+    in place of the plays of each feature: the cables of one joint pull at the others, as in a
+    wrist. Stiffness and friction are found first, see
+    `truejoint.estimators.coupled_play.identify_coupling`.
 
     Parameters
     ----------
     learner : {"ridge", "trees"}
         The ridge regression alone, or with boosted trees on what it leaves.
-    plays : sequence of float
-        Half-widths of the plays, in half ranges of the feature.
+    couple : bool
+        Whether there are plays of several joints together.
+    positions : sequence of int, optional
+        Places of the features that are positions of such joints, 2 to 12; by default the measured
+        positions, or all where features have no names.
+    shares : sequence of float
+        Of friction that such plays have, in place of one play with all of it.
+    plays : sequence of float, optional
+        Half-widths of the plays of each feature, in half ranges of it; by default eight from 0.01
+        to 0.9, or none where joints are coupled.
     time_constants : sequence of float
         Of the low-passes [s].
     rows : int
@@ -232,6 +246,8 @@ class RichPlay(JointRegressor):
         Fitted to what it sees.
     pairs_ : sequence of (int, int)
         Those of `pairs` that were not left out: all or none.
+    coupled_ : sequence of int
+        Places of the features that are coupled; none unless asked for.
 
     Examples
     --------
@@ -244,7 +260,10 @@ class RichPlay(JointRegressor):
     family: ClassVar[Family] = play_bank.FAMILY
     least_rows: ClassVar[int] = 300
     learner: str = "ridge"
-    plays: tuple[float, ...] = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+    couple: bool = False
+    positions: tuple[int, ...] | None = None
+    shares: tuple[float, ...] = (0.3, 1.0, 2.0)
+    plays: tuple[float, ...] | None = None
     time_constants: tuple[float, ...] = (0.05, 0.5, 2.0)
     rows: int = 40_000
     leading: int | None = None
@@ -254,13 +273,15 @@ class RichPlay(JointRegressor):
     random_state: int | None = None
 
     def for_features(self, names: Sequence[str]) -> Self:
-        """Unfitted copy whose pairs are those of the features called so, where it has none."""
+        """Unfitted copy whose pairs and positions are those of the features called so."""
         pairs = loaded_pairs(names) if self.pairs is None else self.pairs
-        return clone(self).set_params(pairs=pairs)  # type: ignore[no-any-return]
+        measured = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
+        positions = measured if self.positions is None else self.positions
+        return clone(self).set_params(pairs=pairs, positions=positions)  # type: ignore[no-any-return]
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
-        seen = play_bank.n_constant(vars(self), n_features)
+        seen = play_bank.n_constant(self._params(n_features), n_features)
         return max(self.least_rows, Ridge().minimum_rows(seen))
 
     def check_params(self) -> None:
@@ -276,26 +297,60 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
-        self.family.check_params({**self.model_params(), "pairs": self._asked()})
+        asked = {"pairs": self._asked(), "coupled": ()}
+        if self.couple and self.positions is not None:
+            self._check_count(self.positions)
+            asked["coupled"] = self.positions
+        self.family.check_params({**self.model_params(), **asked})
 
     def model_params(self) -> Params:
         """Parameters of the family: its own, and the model's once there is one."""
-        names = ("learner", "plays", "time_constants", "growing")
-        own = {name: getattr(self, name) for name in names} | {
-            "pairs": vars(self).get("pairs_", self._asked())
+        return self._params(int(vars(self).get("n_features_in_", 0)))
+
+    def _params(self, n_features: int) -> Params:
+        """Those for so many features."""
+        names = ("learner", "couple", "time_constants", "growing", "shares")
+        usual = () if self.couple else _PLAYS
+        return {
+            **{name: getattr(self, name) for name in names},
+            "plays": usual if self.plays is None else self.plays,
+            "pairs": vars(self).get("pairs_", self._asked()),
+            "coupled": vars(self).get("coupled_", self._joined(n_features)),
+            "members": vars(self).get("members_", _UNFITTED),
         }
-        return {**own, "members": vars(self).get("members_", _UNFITTED)}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters; the model among them is to be run only."""
-        made = cls(**{name: value for name, value in params.items() if name != "members"})
+        own = {name: value for name, value in params.items() if name not in ("members", "coupled")}
+        made = cls(**own, positions=params["coupled"] or None)
         made.members_, made.pairs_ = params["members"], params["pairs"]
+        made.coupled_ = params["coupled"]
         return made
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
-        """Take any number of either; raise CalibrationError for pairs of features not there."""
-        play_bank.check_pairs(self._asked(), n_features)
+        """Take any number of either; raise CalibrationError for places of features not there.
+
+        And where one joint alone, or more than there may be, would be coupled.
+        """
+        play_bank.check_places("pairs", self._asked(), n_features)
+        joined = self._joined(n_features)
+        play_bank.check_places("positions", [joined], n_features)
+        if self.couple:
+            self._check_count(joined)
+
+    def _check_count(self, joined: Sequence[int]) -> None:
+        if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
+            raise CalibrationError(
+                f"measured positions among the features: {len(joined)}; {self.name} couples 2 to "
+                f"{play_bank.MAX_COUPLED}: give other features, or do not couple them"
+            )
+
+    def _joined(self, n_features: int) -> tuple[int, ...]:
+        """Places of the features that are coupled; all where they have no names."""
+        if not self.couple:
+            return ()
+        return tuple(range(n_features)) if self.positions is None else tuple(self.positions)
 
     def _asked(self) -> tuple[tuple[int, int], ...]:
         """Give the pairs that are asked for; none where features have no names."""
@@ -309,8 +364,10 @@ class RichPlay(JointRegressor):
         varies = ~constant_columns(X[known])
         inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
         arrays = {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
-        self.pairs_ = self._asked()
+        self.pairs_, self.coupled_ = self._asked(), self._joined(X.shape[1])
         params = self.model_params()
+        if self.coupled_:
+            arrays |= self._coupling(X, y, dt, arrays)
         seen = play_bank.expand_rows(params, arrays, X, dt, kept)
         crossed = play_bank.n_constant(params, X.shape[1])
         history = np.cumsum(dt == 0.0)
@@ -323,6 +380,21 @@ class RichPlay(JointRegressor):
         self.model_ = unfitted.fit(seen, y[kept], progress, starts)
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
+
+    def _coupling(self, X: Array, y: Array, dt: Array, arrays: Arrays) -> Arrays:
+        """Coupling of joints, on some of the rows: the first of each history among them."""
+        with_truth, fresh = np.isfinite(y).all(axis=1), dt == 0.0
+        used = fresh.copy()
+        for rows in (np.arange(len(X)), np.flatnonzero(with_truth)):
+            used[rows[:: -(-len(rows) // _IDENTIFIED)]] = True
+        alone = self.model_params() | {"plays": (), "pairs": (), "coupled": ()}
+        seen = play_bank.expand_rows(alone, arrays, X, dt, used)
+        places, known = list(self.coupled_), with_truth[used]
+        positions = np.ascontiguousarray(seen[:, places])
+        products = interactions.interaction_factors(*3 * [len(places)])[len(places) :]
+        explained = np.hstack([seen, polynomial_design(positions, products)])[known]
+        found = identify_coupling(positions, fresh[used], known, explained, y[used][known])
+        return vars(found)
 
     def _gains(self, seen: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
         """Whether a ridge regression errs less with what is `seen` beyond the first `crossed`."""

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from numbers import Real
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -13,7 +15,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.zero import at_start, zeroed
-from truejoint.errors import CalibrationError, RecordingError, unknown
+from truejoint.errors import CalibrationError, RecordingError, other_kind, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.comparison import compare
 from truejoint.evaluation.deployment import PLAIN, to_deploy
@@ -61,7 +63,7 @@ Model = Calibration | str | os.PathLike[str]
 
 
 def evaluate(
-    models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
+    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
     recordings: Recording | Sequence[Recording],
     *,
     chosen: str | None = None,
@@ -79,7 +81,7 @@ def evaluate(
 
     Parameters
     ----------
-    models : Calibration, path of a model file, sequence of these, or mapping of str to calibrations
+    models : Calibration, path of a model file, sequence of these, or mapping of str to these
         All must correct the same joints. Several of one estimator are seeds of it: curves and
         stretches show the first. A mapping is by estimator.
     recordings : Recording or sequence of Recording
@@ -112,8 +114,7 @@ def evaluate(
     >>> evaluation.verdict.passed
     True
     """
-    if not (rezero >= 0.0 and np.isfinite(rezero)):
-        raise CalibrationError(f"the time to re-zero from is {rezero:g} s; it must be 0 s or more")
+    _check_times(window, rezero)
     given = _by_estimator(models)
     if rezero > 0.0 and RAW in given:  # a model of no correction, but not as it comes: another row
         given = {_REZEROED_RAW if name == RAW else name: seeds for name, seeds in given.items()}
@@ -122,8 +123,6 @@ def evaluate(
     recordings = as_recordings(recordings)
     chosen, joints = _checked_models(calibrations, chosen)
     robot = _checked_robot(recordings)
-    if not (window > 0.0 and np.isfinite(window)):
-        raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
     own = calibrations[chosen][0]
     metadata = own.metadata
     fitted = _models(calibrations, chosen)
@@ -140,7 +139,7 @@ def evaluate(
         recordings, joints=joints, model=own if isinstance(own, Calibration) else None
     )
     domain = domain_of(traces)
-    simple = {name for name, seeds in calibrations.items() if _estimator(seeds[0]) in PLAIN}
+    plain = PLAIN | {name for name, seeds in calibrations.items() if _estimator(seeds[0]) in PLAIN}
     estimators = tuple(tested[0].errors)
     comparisons = tuple(_comparisons(traces, chosen, estimators, joints))
     verdict = judge(
@@ -148,15 +147,15 @@ def evaluate(
         chosen,
         tolerance=tolerance or {},
         comparisons=comparisons,
-        deploy=to_deploy(traces, PLAIN | simple),
+        deploy=to_deploy(traces, plain),
         objections=tuple(dict.fromkeys(objections_to(metadata, recordings, domain))),
         doubts=tuple(doubts_about(metadata, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
-        plain = _fitted_for(given, rezeroing=False)[chosen][0]
+        as_it_is = _fitted_for(given, rezeroing=False)[chosen][0]
         own_scores = {score.joint: score for score in scores if score.estimator == chosen}
         verdict = rezero_remark(
-            verdict, own_scores, _as_they_come(plain, recordings, traces), rezero
+            verdict, own_scores, _as_they_come(as_it_is, recordings, traces), rezero
         )
     return Evaluation(
         robot=robot.name,
@@ -183,6 +182,17 @@ def evaluate(
     )
 
 
+def _check_times(window: float, rezero: float) -> None:
+    if not (isinstance(rezero, Real) and 0.0 <= rezero < math.inf):
+        raise CalibrationError(
+            f"the time to re-zero from is {rezero!r:.40} s; it must be 0 s or more"
+        )
+    if not (isinstance(window, Real) and 0.0 < window < math.inf):
+        raise CalibrationError(
+            f"the window of worst stretches is {window!r:.40} s; it must be > 0 s"
+        )
+
+
 def _comparisons(
     traces: Sequence[Trace], chosen: str, estimators: Sequence[str], joints: Sequence[str]
 ) -> Iterator[Comparison]:
@@ -196,19 +206,27 @@ def _comparisons(
 
 
 def _by_estimator(
-    models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
+    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
 ) -> Mapping[str, Sequence[JointCalibration]]:
     if isinstance(models, Mapping):
-        return {k: [v] if isinstance(v, Calibration) else v for k, v in models.items()}
+        return {k: [_read(one) for one in _several(v)] for k, v in models.items()}
     found: dict[str, list[JointCalibration]] = {}
-    for given in models if isinstance(models, list | tuple) else [models]:
-        model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
-        if not isinstance(model, Calibration):
-            raise CalibrationError(
-                f"a {type(model).__name__} is no model; give a Calibration, as `calibrate` or "
-                "`read_calibration` makes it, or the path of a model file"
-            )
-        found.setdefault(model.estimator, []).append(model)
+    for model in map(_read, _several(models)):
+        found.setdefault(_estimator(model) or type(model).__name__, []).append(model)
+    return found
+
+
+def _several(given: Any) -> Sequence[Any]:
+    return given if isinstance(given, list | tuple) else [given]
+
+
+def _read(given: Any) -> JointCalibration:
+    """Give a model, or that of a file; raises CalibrationError for what is none."""
+    model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
+    if not all(hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata")):
+        advice = "give what `calibrate` gives, or the path of a model file"
+        raise CalibrationError(other_kind(model, "Calibration", advice))
+    found: JointCalibration = model
     return found
 
 

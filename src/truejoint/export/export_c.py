@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
@@ -165,7 +165,8 @@ def default_prefix(calibration: Calibration) -> str:
     >>> default_prefix(model)
     'davinci_grasper'
     """
-    return "_".join(part for part in (calibration.robot, calibration.arm) if part)
+    own = as_calibration(calibration)
+    return "_".join(part for part in (own.robot, own.arm) if part)
 
 
 def check_command(paths: Sequence[Path]) -> str:

@@ -75,14 +75,14 @@ def one_of(*choices: object) -> Rule:
     )
 
 
-def numbers(most: int, low: float, high: float, what: str) -> Rule:
-    """Rule of 1 to `most` numbers from `low` to `high`."""
+def numbers(most: int, low: float, high: float, what: str, *, least: int = 1) -> Rule:
+    """Rule of `least` to `most` numbers from `low` to `high`."""
 
     def holds(value: object) -> bool:
-        good = isinstance(value, (tuple, list)) and 1 <= len(value) <= most
+        good = isinstance(value, (tuple, list)) and least <= len(value) <= most
         return good and all(is_number(v, low, high) for v in value)  # type: ignore[attr-defined]
 
-    return Rule(holds, f"1 to {most} {what} from {low:g} to {high:g}")
+    return Rule(holds, f"{least} to {most} {what} from {low:g} to {high:g}")
 
 
 POSITIVE: Final = number(1.0 / LARGEST, LARGEST)

@@ -4,7 +4,8 @@ A joint behind cables remembers where its motor came from: friction and slack ma
 low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen, European Journal
 of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
 larger swings. Friction grows with the tension of a cable, so that there may be plays of one feature
-whose widths go up, or down, with another.
+whose widths go up, or down, with another; and cables that pull at several joints make plays of all
+these together.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.combination import are_members, members
+from truejoint.models.coupled_play import coupled_play
 from truejoint.models.family import (
     Family,
     Params,
@@ -38,6 +40,7 @@ LEARNERS: Final = ("ridge", "trees")
 MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
 MAX_PAIRS: Final = 32
+MAX_COUPLED: Final = 12
 LEAST: Final = 0.1
 """Share of its largest half-width that a growing play has where the other feature is least."""
 
@@ -56,6 +59,14 @@ N_GROWING: Final = LAYOUT.integer("n_growing", "plays of a pair, each way")
 PAIRS: Final = LAYOUT.integers("pairs", "the feature, and the one that its plays grow with")
 GROWING: Final = LAYOUT.array("growing", "largest half-widths of growing plays, in half ranges")
 GROWN: Final = LAYOUT.array("grown", "outputs of growing plays, as they were last")
+N_COUPLED: Final = LAYOUT.integer("n_coupled", "features with plays of all together")
+N_SHARES: Final = LAYOUT.integer("n_shares", "such plays of all")
+COUPLED: Final = LAYOUT.integers("coupled", "the features")
+COUPLING: Final = LAYOUT.array("coupling", "stiffness between two of them over that of the first")
+REACHES: Final = LAYOUT.array("reaches", "half-widths of their plays, in half ranges")
+SHARES: Final = LAYOUT.array("shares", "of the half-widths")
+WANTED: Final = LAYOUT.array("wanted", "features that are coupled, scaled")
+STOOD: Final = LAYOUT.array("stood", "where they were last behind the plays, for each share")
 ROW: Final = LAYOUT.address("row", "prediction of the model")
 MODEL: Final = LAYOUT.part("model", "of what is seen")
 
@@ -85,7 +96,27 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -
             kept = vector(memory, numbers[TRAILS] + 2 * at, 2)
             trail = lowpass(time_constants[j], fresh, dt, seen[i], kept)
             seen[k + k * n_plays + at] = trail - seen[i]
-    grow(numbers, memory, fresh, seen, k * (1 + n_plays + n_lowpasses))
+    start = k * (1 + n_plays + n_lowpasses)
+    couple(numbers, memory, fresh, seen, start)
+    grow(numbers, memory, fresh, seen, start + numbers[N_COUPLED] * numbers[N_SHARES])
+
+
+@compiled
+def couple(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: int) -> None:
+    """Add plays of several features together: `seen` from `start` on, in their half-widths."""
+    k, n_shares = numbers[N_COUPLED], numbers[N_SHARES]
+    coupling = matrix(memory, numbers[COUPLING], k, k)
+    reaches = vector(memory, numbers[REACHES], k)
+    shares = vector(memory, numbers[SHARES], n_shares)
+    wanted = vector(memory, numbers[WANTED], k)
+    for i in range(k):
+        wanted[i] = seen[numbers[numbers[COUPLED] + i]]
+    for j in range(n_shares):
+        found = vector(seen, start + j * k, k)
+        stood = vector(memory, numbers[STOOD] + j * k, k)
+        coupled_play(coupling, reaches, shares[j], fresh, wanted, stood, found)
+        for i in range(k):
+            found[i] /= shares[j] * reaches[i]
 
 
 @compiled
@@ -113,7 +144,7 @@ def play_bank_row(
     """Predict by the model from what the features are and were."""
     k = x.shape[0]
     n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
-    n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
+    n += numbers[N_COUPLED] * numbers[N_SHARES] + 2 * numbers[N_PAIRS] * numbers[N_GROWING]
     seen = vector(memory, numbers[SEEN], n)
     expand(numbers, memory, dt, x, seen)
     call_row(
@@ -156,14 +187,15 @@ def n_seen(params: Params, n_features: int) -> int:
 
 def n_constant(params: Params, n_features: int) -> int:
     """Count what comes before the plays that grow."""
-    return n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
+    alone = n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
+    return alone + len(params["coupled"]) * len(params["shares"])
 
 
-def check_pairs(pairs: Sequence[Sequence[int]], n_features: int) -> None:
-    """Raise CalibrationError for a pair of which a feature is not there."""
-    if any(place >= n_features for pair in pairs for place in pair):
+def check_places(name: str, places: Sequence[Sequence[int]], n_features: int) -> None:
+    """Raise CalibrationError, with the parameter's name, for a feature that is not there."""
+    if any(place >= n_features for some in places for place in some):
         raise CalibrationError(
-            f"play_bank has pairs {pairs}; it must be of features 0 to {n_features - 1}"
+            f"play_bank has {name} {places}; it must be of features 0 to {n_features - 1}"
         )
 
 
@@ -176,11 +208,15 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
             f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
             "features"
         )
-    check_pairs(params["pairs"], n_features)
+    check_places("pairs", params["pairs"], n_features)
+    check_places("coupled", [params["coupled"]], n_features)
+    n_coupled = len(params["coupled"])
+    joined = {"coupling": (n_coupled, n_coupled), "reaches": (n_coupled,)} if n_coupled else {}
     own = family.shapes(data.params, k, n_outputs)
     return {
         "centre": (n_features,),
         "inverse_half_range": (n_features,),
+        **joined,
         **{f"0/{name}": shape for name, shape in own.items()},
     }
 
@@ -201,22 +237,32 @@ def _packed(
 ) -> Memory:
     n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
     pairs, n_growing = params["pairs"], len(params["growing"])
+    coupled, shares = params["coupled"], params["shares"]
+    nothing = np.ones((1, 1))  # C has no array without elements
     return LAYOUT.pack(
         {} if family is None else {"row": family.row},
         n_plays=n_plays,
         n_lowpasses=n_lowpasses,
         centre=arrays["centre"],
         inverse_half_range=arrays["inverse_half_range"],
-        half_widths=params["plays"],
+        half_widths=params["plays"] or nothing,
         time_constants=params["time_constants"],
-        outputs=np.zeros(k * n_plays),
+        outputs=np.zeros(max(1, k * n_plays)),
         trails=np.zeros((k * n_lowpasses, 2)),
         seen=np.zeros(n_seen(params, k)),
         n_pairs=len(pairs),
         n_growing=n_growing,
-        pairs=pairs or ((0, 0),),  # C has no array without elements
+        pairs=pairs or ((0, 0),),
         growing=params["growing"],
         grown=np.zeros(max(1, 2 * len(pairs) * n_growing)),
+        n_coupled=len(coupled),
+        n_shares=len(shares),
+        coupled=coupled or (0,),
+        coupling=arrays["coupling"] if coupled else nothing,
+        reaches=arrays["reaches"] if coupled else nothing,
+        shares=shares,
+        wanted=np.zeros(max(1, len(coupled))),
+        stood=np.zeros(max(1, len(coupled) * len(shares))),
         row=0 if family is None else family.row_address(),
         model=model,
     )
@@ -231,14 +277,26 @@ def _are_pairs(value: object) -> bool:
     )
 
 
+def _are_places(value: object) -> bool:
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) <= MAX_COUPLED
+        and len(value) == len(set(map(repr, value))) != 1
+        and all(is_integer(place, 0, 10**6) for place in value)
+    )
+
+
 FAMILY: Final = Family(
     "play_bank",
     rules={
         "learner": one_of(*LEARNERS),
-        "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature"),
+        "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),
         "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]"),
         "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),
         "pairs": Rule(_are_pairs, f"up to {MAX_PAIRS} pairs of features by their places"),
+        "couple": Rule(lambda value: isinstance(value, bool), "True or False"),
+        "coupled": Rule(_are_places, f"no features, or 2 to {MAX_COUPLED} by their places"),
+        "shares": numbers(MAX_PLAYS, 1e-3, 1e3, "shares of a half-width"),
         "members": Rule(
             lambda value: are_members(value) and len(value) == 1 and not value[0][2],
             "one model: family, its parameters and no outputs",

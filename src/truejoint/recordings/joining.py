@@ -15,7 +15,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
 from truejoint.recordings.checks.delay import estimate_delay
 from truejoint.recordings.checks.explained import OTHER_PLAYS, PLAYS, SLOW, explain
-from truejoint.recordings.recording import Recording, nominal_rates
+from truejoint.recordings.recording import Recording, as_recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 from truejoint.threads import one_thread
 
@@ -93,7 +93,8 @@ def join_truth(
     Raises
     ------
     RecordingError
-        If the recording has truth or lacks a joint, no shift fits, or several fit alike.
+        If the recording has truth or lacks a joint, no shift fits, several fit alike, or the
+        truth is none.
 
     Examples
     --------
@@ -103,14 +104,17 @@ def join_truth(
     >>> bool(abs(clock.seconds + 30.0) < 0.01), len(joined)
     (True, 400)
     """
-    source = recording.provenance.source or "recording"
+    source = as_recording(recording).provenance.source or "recording"
+    dropped: dict[str, int] = {}
+    truth = usable_rows(truth, "truth", dropped)
+    odd = [name for name in truth.columns if not name.startswith("truth/")]
+    if odd or not truth.columns:
+        raise RecordingError(f"truth: columns {odd} are none of it; call them truth/<joint>")
     joints = tuple(name.removeprefix("truth/") for name in truth.columns)
     if recording.joints_of("truth"):
         raise RecordingError(f"{source}: has a truth already; give one without")
     robot = {f"measured/{joint}": recording.column(f"measured/{joint}") for joint in joints}
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
-    dropped: dict[str, int] = {}
-    truth = usable_rows(truth, "truth", dropped)
     if offset is None:
         about = None if near is None else near - begins
         found = find_clock_offset(Stream(recording.t, robot), truth, about)
@@ -240,7 +244,7 @@ def _coarse_offset(
     motion that the truth explains.
     """
     if near is not None and not math.isfinite(near):
-        raise RecordingError(f"an offset of about {near} s; state a number (--near-s)")
+        raise RecordingError(f"an offset of about {near} s; state a number")
     spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
     steps = [float(np.median(np.diff(stamps))) for stamps in (t, truth_t)]
     dt = max(*steps, max(spans) / _MAX_GRID)
@@ -272,7 +276,8 @@ def _coarse_offset(
         rival = max(rivals, key=lambda place: score[place])
         raise RecordingError(
             f"the motion repeats itself: offsets of {offsets[best]:.2f} s and "
-            f"{offsets[rival]:.2f} s fit alike; state it, about (--near-s) or exactly (--offset-s)"
+            f"{offsets[rival]:.2f} s fit alike; state it, about (near; --near-s of extract, join "
+            "and track) or exactly (offset; --offset-s)"
         )
     return float(offsets[best])
 

@@ -1,0 +1,78 @@
+"""Joints whose cables pull at each other: what is found of them, and what that is good for."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from truejoint.errors import CalibrationError
+from truejoint.estimators import RichPlay
+from truejoint.estimators.coupled_play import identify_coupling
+from truejoint.models.coupled_play import coupled_play_rows
+
+COUPLING = np.array([[0.0, 0.8, 0.0], [0.45, 0.0, 0.0], [0.0, 0.0, 0.0]])
+REACHES = np.array([0.1, 0.15, 0.05])
+
+
+def wrist(seed: int, n: int = 1500) -> tuple[np.ndarray, np.ndarray]:
+    """Positions (n, 3), from -1 to 1, of a robot that steps; how far its joints are from them."""
+    rng = np.random.default_rng(seed)
+    marks = rng.uniform(-1.0, 1.0, (n // 10 + 2, 3))
+    at = np.arange(n) / 10
+    wanted = np.column_stack([np.interp(at, np.arange(len(marks)), m) for m in marks.T])
+    left = np.empty_like(wanted)
+    coupled_play_rows(COUPLING, REACHES, np.arange(n) == 0, wanted, np.empty(3), left)
+    return wanted, left + 0.01 * rng.normal(size=left.shape)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_stiffness_and_friction_are_found(seed):
+    wanted, left = wrist(seed)
+    fresh, known = np.arange(len(wanted)) == 0, np.arange(len(wanted)) % 3 > 0
+    found = identify_coupling(wanted, fresh, known, wanted[known], left[known])
+    np.testing.assert_allclose(found.coupling, COUPLING, atol=0.12)
+    np.testing.assert_allclose(found.reaches, REACHES, rtol=0.25)
+
+
+def test_coupled_plays_know_on_other_motion_what_plays_of_each_joint_do_not():
+    (wanted, left), (other, unseen) = wrist(0), wrist(1)
+    dt = np.full(len(wanted), 0.4)
+    errors = [
+        np.std(unseen - RichPlay(couple=own).fit(wanted, left, dt=dt).predict(other, dt), axis=0)
+        for own in (True, False)
+    ]
+    assert (errors[0][:2] < 0.5 * errors[1][:2]).all()
+    assert errors[0][2] < 1.2 * errors[1][2]
+
+
+def test_positions_are_those_that_are_measured():
+    names = ("effort/a", "measured/a", "lowpass(measured/a, 0.1)", "measured/b")
+    assert RichPlay(couple=True).for_features(names).positions == (1, 3)
+    assert RichPlay(positions=(0, 2)).for_features(names).positions == (0, 2)
+
+
+def test_other_features_are_not_coupled_and_count_all_the_same():
+    wanted, left = wrist(0, 800)
+    load = np.sin(np.arange(800) / 50.0)
+    left = left + 0.3 * load[:, None]
+    model = RichPlay(couple=True, positions=(1, 2, 3)).fit(np.column_stack([load, wanted]), left)
+    assert model.coupled_ == (1, 2, 3)
+    assert model.coupling_.shape == (3, 3)
+    assert model.score(np.column_stack([load, wanted]), left) > 0.95
+
+
+@pytest.mark.parametrize(
+    ("how", "joints", "said"),
+    [
+        ({}, 1, "among the features: 1; coupled_play couples 2 to 12: give other features"),
+        ({}, 13, "among the features: 13; coupled_play couples 2 to 12"),
+        ({"positions": (0, 3)}, 3, "positions .*; it must be of features 0 to 2"),
+        ({"positions": (0, 0)}, 3, "coupled is .*; it must be no features, or 2 to 12"),
+        ({"couple": "yes"}, 3, "couple is 'yes'; it must be True or False"),
+        ({"shares": ()}, 3, "shares is .*; it must be 1 to 32 shares of a half-width"),
+    ],
+)
+def test_what_cannot_be_coupled_is_refused(how, joints, said):
+    X = np.random.default_rng(0).normal(size=(1200, joints))
+    with pytest.raises(CalibrationError, match=said):
+        RichPlay(**{"learner": "trees", "couple": True, **how}).fit(X, X[:, 0])
