@@ -55,8 +55,8 @@ from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Kinematics
 from truejoint.robots.reach import reach
-from truejoint.robots.robot import Kinematics
 from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.twin import Raven2Twin

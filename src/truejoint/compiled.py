@@ -77,9 +77,11 @@ def address(function: Any, signature: Any) -> int:
 def call_address(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     """Code of an intrinsic whose first argument is the address of what the others go to."""
     parameters = [context.get_value_type(kind) for kind in signature.args[1:]]
-    pointer = ir.FunctionType(ir.VoidType(), parameters).as_pointer()
-    builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
-    return context.get_dummy_value()
+    nothing = signature.return_type == types.void
+    result = ir.VoidType() if nothing else context.get_value_type(signature.return_type)
+    pointer = ir.FunctionType(result, parameters).as_pointer()
+    given = builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
+    return context.get_dummy_value() if nothing else given
 
 
 def _view(context: Any, builder: Any, signature: Any, args: Any) -> Any:

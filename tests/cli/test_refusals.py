@@ -10,7 +10,7 @@ import pytest
 from tests.cli.conftest import Call
 
 import truejoint
-from truejoint.cli.calibrate import configured
+from truejoint.cli.wanted import configured
 from truejoint.errors import CalibrationError
 
 

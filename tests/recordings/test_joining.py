@@ -86,7 +86,9 @@ def test_a_motion_that_repeats_itself_needs_a_hint() -> None:
     columns = {"t": t, "measured/joint1": np.sin(2 * np.pi * t / 5.0)}
     truth = Stream(t + 60.0, {"truth/joint1": columns["measured/joint1"]})
     recording = Recording.from_columns(columns, "bros")
-    with pytest.raises(RecordingError, match=r"repeats itself: offsets of .*--near-s"):
+    with pytest.raises(
+        RecordingError, match=r"repeats itself: offsets of .*--near-s of extract, join and track"
+    ):
         join_truth(recording, truth)
     for near in (-61.0, -58.5, -54.0):
         _, clock = join_truth(recording, truth, near=near)

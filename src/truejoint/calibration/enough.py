@@ -47,6 +47,7 @@ def expected_gain(
     True
     """
     recordings = as_recordings(recordings)
+    how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
     whole = calibrate(recordings, estimator, **how)
     predicted = [whole.correct(recording) for recording in recordings]
     parts = blocks(recordings, FOLDS)

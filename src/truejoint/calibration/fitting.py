@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import platform
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal, Self, get_args
 
 import numpy as np
 from sklearn.base import clone
@@ -51,6 +51,7 @@ from truejoint.models.features import (
 )
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
+from truejoint.robots import Robot
 
 ZeroOf = Literal["shared", "recording", "homing"]
 
@@ -143,79 +144,160 @@ def calibrate(
             progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
         )  # fmt: skip
         return fitted.with_metadata(choice=choice.told)
-    robot = common_robot(recordings)
     groups = _groups(recordings, zero)
-    model = _unfitted(estimator, target, random_state)
-    target = target or model.family.targets[0]
-    model = model.for_recordings(recordings)
-    chosen = chosen_joints(robot, recordings, joints)
-    feature_set = chosen_features(model, robot, recordings, features)
-    model = model.for_features(feature_set.names)
-    dt, gap_limit = sample_dt(recordings), default_gap_limit(recordings)
-    if feature_set.counts_samples or model.family.counts_samples:
-        for recording in recordings:
-            check_sample_dt(recording, dt)
-    units = common_units(recordings, feature_set, chosen)
+    task = _Task.of(recordings, estimator, features, joints, target, random_state)
     parity, redundant_units = fit_parity_equations(
-        recordings, chosen, tuple(units), chosen_redundant(recordings, redundant)
+        recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
     )
-    rules = RowRules(feature_set, chosen, gap_limit, stride_of(fit_rate, dt))
-    parts = list(map(rules.rows, recordings, outlying_values(recordings, chosen)))
+    parts = task.rows(stride_of(fit_rate, task.dt))
     X, error = (fitted_rows(parts, name) for name in ("features", "error"))
-    unused = _unused_features(X, feature_set, chosen, fixed=model.family.inputs is not None)
-    n_features = len(feature_set) - len(unused)
-    _check_enough(model, len(X), n_features)
+    unused = task.unused_features(X)
+    n_features = len(task.feature_set) - len(unused)
+    _check_enough(task.model, len(X), n_features)
     share = 1.0 if groups is None else 0.5
-    own, baselines, notes = _fit(model, parts, target, n_features, within(report, 0.0, share))
-    zeros: dict[str, Any] = {"of": zero}
-    rezero_models: dict[str, JointRegressor] = {}
-    moves: Array | None = None
-    at_zero: Sequence[TrainingRows] = parts
+    own, baselines, notes = _fit(task, parts, n_features, within(report, 0.0, share))
+    second = _SecondFit({}, parts, None, {"of": zero})
     if groups is not None:
-        names, index = groups
-        moves = signal_moves(recordings, tuple(units), chosen) if zero == "homing" else None
-        at_zero, found = _at_one_zero(parts, index, moves, tuple(units))
-        again, others, _ = _fit(model, at_zero, target, n_features, within(report, share, share))
-        rezero_models = {"model": again, **others}
-        zeros |= {"names": names, "offsets": found.tolist()}
+        second = _fit_at_one_zero(
+            task, parts, groups, zero, n_features, within(report, share, share)
+        )
     report(1.0)
     fitted = Calibration(
-        robot=robot.name,
-        arm=robot.arm,
-        joints=chosen,
-        feature_set=feature_set,
-        target=target,
-        units=units,
-        gap_limit=gap_limit,
+        robot=task.robot.name,
+        arm=task.robot.arm,
+        joints=task.joints,
+        feature_set=task.feature_set,
+        target=task.target,
+        units=task.units,
+        gap_limit=task.gap_limit,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
         model=own,
         baseline_models=baselines,
-        rezero_models=rezero_models,
-        moves=moves,
+        rezero_models=second.models,
+        moves=second.moves,
         training_domain=fit_training_domain(
             recordings,
-            (*units, *redundant_units),
-            gap_limit,
+            (*task.units, *redundant_units),
+            task.gap_limit,
             X,
             error,
-            resting_features(recordings, feature_set, chosen, units),
+            resting_features(recordings, task.feature_set, task.joints, task.units),
         ),
         parity=parity,
         redundant=redundant_units,
         metadata={
             **origin(parts),
-            "sample_dt": dt,
-            "estimator": model.name,
-            "settings": " ".join(repr(model).split()),
+            "sample_dt": task.dt,
+            "estimator": task.model.name,
+            "settings": " ".join(repr(task.model).split()),
             "unused_features": unused,
             "baseline_notes": notes,
-            "zeros": zeros,
+            "zeros": second.zeros,
         },
     )
     used = fitted.fitted_for(rezeroing=True)
-    baseline = fit_effort_baseline(used, [part.recording for part in at_zero])
+    baseline = fit_effort_baseline(used, [part.recording for part in second.parts])
     return replace(fitted, effort_baseline=baseline)
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What a model is to learn of recordings, as it is told and found before anything is fitted."""
+
+    recordings: Sequence[Recording]
+    robot: Robot
+    model: JointRegressor
+    target: Target
+    joints: tuple[str, ...]
+    feature_set: FeatureSet
+    dt: float
+    gap_limit: float
+    units: dict[str, str]
+
+    @classmethod
+    def of(
+        cls,
+        recordings: Sequence[Recording],
+        estimator: str | Regressor,
+        features: FeatureSet | Iterable[str] | None,
+        joints: Sequence[str] | None,
+        target: Target | None,
+        random_state: int | None,
+    ) -> Self:
+        """Find what is not told, as `calibrate` says; raises CalibrationError as it does."""
+        robot = common_robot(recordings)
+        model = _unfitted(estimator, target, random_state).for_recordings(recordings)
+        chosen = chosen_joints(robot, recordings, joints)
+        feature_set = chosen_features(model, robot, recordings, features)
+        model = model.for_features(feature_set.names)
+        dt = sample_dt(recordings)
+        if feature_set.counts_samples or model.family.counts_samples:
+            for recording in recordings:
+                check_sample_dt(recording, dt)
+        return cls(
+            recordings,
+            robot,
+            model,
+            target or model.family.targets[0],
+            chosen,
+            feature_set,
+            dt,
+            default_gap_limit(recordings),
+            common_units(recordings, feature_set, chosen),
+        )
+
+    def rows(self, stride: int) -> list[TrainingRows]:
+        """Rows of each recording, of which every `stride`-th is fitted to."""
+        rules = RowRules(self.feature_set, self.joints, self.gap_limit, stride)
+        outlying = outlying_values(self.recordings, self.joints)
+        return list(map(rules.rows, self.recordings, outlying))
+
+    def unused_features(self, X: Array) -> list[str]:
+        """Features that never change in the training rows `X`: nothing is learnt of them.
+
+        Refused are those that the model insists on, and positions of the joints.
+        """
+        names = self.feature_set.names
+        constant = [names[i] for i in np.flatnonzero(constant_columns(X))]
+        fixed = self.model.family.inputs is not None
+        measured = {f"measured/{joint}" for joint in self.joints}
+        stuck = [name for name in constant if fixed or name in measured]
+        if stuck or len(constant) == len(names):
+            raise CalibrationError(
+                f"features {', '.join(stuck or constant)} never change in the training rows, so "
+                "nothing can be learnt of them; move those joints, check their sensors, or leave "
+                "the features or joints out"
+            )
+        return constant
+
+
+@dataclass(frozen=True)
+class _SecondFit:
+    """Models for motions that begin with re-zeroing, and the rows that they are of."""
+
+    models: dict[str, JointRegressor]
+    parts: Sequence[TrainingRows]
+    moves: Array | None
+    zeros: dict[str, Any]
+
+
+def _fit_at_one_zero(
+    task: _Task,
+    parts: Sequence[TrainingRows],
+    groups: tuple[list[str], Integers],
+    zero: ZeroOf,
+    n_features: int,
+    report: Progress,
+) -> _SecondFit:
+    """Fit once more, with a zero for each of the `groups` of recordings."""
+    names, index = groups
+    signals = tuple(task.units)
+    moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
+    at_zero, found = _at_one_zero(parts, index, moves, signals)
+    again, others, _ = _fit(task, at_zero, n_features, report)
+    zeros = {"of": zero, "names": names, "offsets": found.tolist()}
+    return _SecondFit({"model": again, **others}, at_zero, moves, zeros)
 
 
 def reseeded(
@@ -359,14 +441,11 @@ def _check_enough(model: JointRegressor, n: int, n_features: int) -> None:
 
 
 def _fit(
-    model: JointRegressor,
-    parts: Sequence[TrainingRows],
-    target: Target,
-    n_features: int,
-    report: Progress,
+    task: _Task, parts: Sequence[TrainingRows], n_features: int, report: Progress
 ) -> tuple[JointRegressor, dict[str, JointRegressor], dict[str, str]]:
     """Fitted model, baselines, and notes on these."""
-    own = _fit_model(clone(model), parts, target, within(report, 0.0, 1.0 - _BASELINE_SHARE))
+    report = within(report, 0.0, 1.0 - _BASELINE_SHARE)
+    own = _fit_model(clone(task.model), parts, task.target, report)
     return own, *_fit_baselines(*partly_known(parts), n_features)
 
 
@@ -473,24 +552,6 @@ def _unfitted(
         model.set_params(**dict.fromkeys(seeds, random_state))
     model.check_params()
     return model
-
-
-def _unused_features(
-    X: Array, feature_set: FeatureSet, joints: Sequence[str], *, fixed: bool
-) -> list[str]:
-    """Features that never change: nothing is learnt of them.
-
-    Refused are those that a model insists on (`fixed`), and positions of `joints`.
-    """
-    constant = [feature_set.names[i] for i in np.flatnonzero(constant_columns(X))]
-    stuck = [name for name in constant if fixed or name in {f"measured/{j}" for j in joints}]
-    if stuck or len(constant) == len(feature_set):
-        raise CalibrationError(
-            f"features {', '.join(stuck or constant)} never change in the training rows, so "
-            "nothing can be learnt of them; move those joints, check their sensors, or leave the "
-            "features or joints out"
-        )
-    return constant
 
 
 def _fit_baselines(

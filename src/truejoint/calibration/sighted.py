@@ -15,7 +15,8 @@ from truejoint.calibration.tip_rows import TipPrior, TipRows, TipState, align
 from truejoint.calibration.touches import Touches, known_kinematics, read_rows
 from truejoint.calibration.tracking import carrier
 from truejoint.errors import CalibrationError
-from truejoint.robots.robot import Kinematics, Robot
+from truejoint.robots.parts import Kinematics
+from truejoint.robots.robot import Robot
 
 SHOT_SD: Final = 2.5e-4
 """How far off a tracker sees a marker at rest, per axis [m]."""

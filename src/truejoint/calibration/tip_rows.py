@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError
-from truejoint.robots.robot import Kinematics
+from truejoint.robots.parts import Kinematics
 
 POSE: Final = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
 """Parameters of a frame's pose: turn about its own axes [rad], shift along the base's [m]."""

@@ -17,7 +17,8 @@ from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, TipState, 
 from truejoint.calibration.zero import moved
 from truejoint.errors import CalibrationError
 from truejoint.files import read_small
-from truejoint.robots.robot import Kinematics, Robot
+from truejoint.robots.parts import Kinematics
+from truejoint.robots.robot import Robot
 from truejoint.units import shown
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from truejoint.errors import CalibrationError
 from truejoint.models.features import Feature, FeatureSet
 from truejoint.recordings.recording import Recording
 from truejoint.recordings.signals import GAP_STEPS
-from truejoint.robots.robot import Kinematics
+from truejoint.robots.parts import Kinematics
 
 # What cables may do, as standard deviations: a zero, then shares of half a joint's way that a
 # slope and a square of any joint's position may be worth at its end, then a play's height.

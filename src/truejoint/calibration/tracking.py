@@ -39,7 +39,7 @@ from truejoint.recordings.synchronise import Stream
 from truejoint.recordings.tracker import Track
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
-from truejoint.robots.robot import Kinematics
+from truejoint.robots.parts import Kinematics
 
 _UNSEEN: Final = 0.3  # share of what a zero may be that is left open: the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
 import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
-from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
+from truejoint.cli.inputs import Clocks, Files, Origin, say_dropped, takes, takes_files
 from truejoint.cli.track import Registration, show, with_tracked_truth
 from truejoint.errors import RecordingError
 from truejoint.files import check_target
@@ -26,6 +26,66 @@ Profile = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class Truth:
+    """Where the truth of a session's bags is from, an option each."""
+
+    truth: Annotated[
+        str,
+        typer.Option(
+            help="Topic of joint sensors, or a file of theirs; default: found in the bags."
+        ),
+    ] = ""
+    truth_columns: Annotated[
+        Path | None, typer.Option(help="TOML file that names the columns of a truth file.")
+    ] = None
+    tracker: Annotated[
+        str,
+        typer.Option(
+            help="Topic of a tracker or camera that saw the tool, in place of joint sensors; "
+            "default with --registration: found by type."
+        ),
+    ] = ""
+    registration: Registration = None
+
+    def __post_init__(self) -> None:
+        if self.truth_columns is not None and not self.is_file:
+            raise RecordingError("--truth-columns is for a file of the truth; name it with --truth")
+        if self.truth and self.is_tracked:
+            raise RecordingError("--truth and a tracker both tell where the joints are; give one")
+
+    @property
+    def is_file(self) -> bool:
+        """Whether it is in a file of its own."""
+        return bool(self.truth) and Path(self.truth).exists()
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether a tracker tells it."""
+        return bool(self.tracker or self.registration)
+
+    @property
+    def topic(self) -> str | None:
+        """Topic of joint sensors, empty where it is to be found, None where there is none."""
+        return None if self.is_file or self.is_tracked else self.truth
+
+    def joined(
+        self,
+        recording: truejoint.Recording,
+        seen: truejoint.recordings.Track | None,
+        clocks: Clocks,
+    ) -> tuple[truejoint.Recording, truejoint.calibration.Registered | None]:
+        """Give a recording the truth of a file, or of what a tracker has `seen`, if any."""
+        if seen is not None:
+            return with_tracked_truth(recording, seen, self.registration, clocks)
+        if self.is_file:
+            machine, sets = recording.robot, truejoint.recordings
+            stream = sets.read_truth(self.truth, machine.name, machine.arm, self.truth_columns)
+            recording, _ = sets.join_truth(recording, stream, clocks.offset_s, near=clocks.near_s)
+        return recording, None
+
+
+@takes(truth=Truth, clocks=Clocks, origin=Origin)
 def extract(
     bags: Annotated[
         list[Path],
@@ -37,28 +97,12 @@ def extract(
         Path | None,
         typer.Option("--out", "-o", help="Recording to write, .parquet; default: list the topics."),
     ] = None,
+    *,
     profile: Profile = "",
     state: Annotated[
         str, typer.Option("--state", help="Topic of the measured joints; default: found.")
     ] = "",
-    truth: Annotated[
-        str,
-        typer.Option(
-            "--truth",
-            help="Topic of joint sensors, or a file of theirs; default: found in the bags.",
-        ),
-    ] = "",
-    tracker: Annotated[
-        str,
-        typer.Option(
-            help="Topic of a tracker or camera that saw the tool, in place of joint sensors; "
-            "default with --registration: found by type."
-        ),
-    ] = "",
-    registration: Registration = None,
-    truth_columns: Annotated[
-        Path | None, typer.Option(help="TOML file that names the columns of a truth file.")
-    ] = None,
+    truth: Truth,
     quantity: Annotated[
         list[str] | None,
         typer.Option(
@@ -66,62 +110,35 @@ def extract(
             autocompletion=lambda: [*truejoint.crtk.messages.RAVEN_FIELDS],
         ),
     ] = None,
-    near_s: options.NearS = None,
-    offset_s: Annotated[
-        float | None,
-        typer.Option(help="What to add to the stamps of the truth [s]; default: see docs/bags.md."),
-    ] = None,
-    robot: options.FilesRobot = None,
-    arm: options.FilesArm = "",
-    homing_id: options.HomingId = None,
-    load_grams: options.LoadGrams = None,
-    session: options.Session = None,
+    clocks: Clocks,
+    origin: Origin,
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Make a recording of the bags of a session, or list their topics."""
     if output is None:
-        of_recording = (
-            profile, state, truth, tracker, registration, truth_columns, quantity, near_s,
-            offset_s, robot, arm, homing_id, load_grams, session, force or None,
-        )  # fmt: skip
-        if any(option not in (None, "", []) for option in of_recording):
+        if (truth, clocks, origin) != (Truth(), Clocks(), Origin()) or any(
+            (profile, state, quantity, force)
+        ):
             raise RecordingError("no --out, so the topics are listed, which takes --json alone")
         _list_topics(bags, as_json=as_json)
         return
-    check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
-    by_file, tracked = bool(truth) and Path(truth).exists(), bool(tracker or registration)
-    if truth_columns is not None and not by_file:
-        raise RecordingError("--truth-columns is for a file of the truth; name it with --truth")
-    if truth and tracked:
-        raise RecordingError("--truth and a tracker both tell where the joints are; give one")
     with progress(f"Reading {len(bags)} bag{'s'[: len(bags) != 1]}"):
-        seen = truejoint.recordings.read_track(bags, tracker) if tracked else None
+        seen = truejoint.recordings.read_track(bags, truth.tracker) if truth.is_tracked else None
         recording = truejoint.recordings.read_bag(
             bags,
-            robot or "",
-            arm,
+            origin.robot or "",
+            origin.arm,
             profile=profile,
             state=state,
-            truth=None if by_file or tracked else truth,
+            truth=truth.topic,
             quantities=(*truejoint.crtk.messages.USUAL_QUANTITIES, *(quantity or ())),
-            offset=offset_s,
-            near=near_s,
+            offset=clocks.offset_s,
+            near=clocks.near_s,
         )
-    registered = None
-    if seen is not None:
-        recording, registered = with_tracked_truth(
-            recording, seen, registration, offset=offset_s, near=near_s
-        )
-    elif by_file:
-        machine = recording.robot
-        stream = truejoint.recordings.read_truth(truth, machine.name, machine.arm, truth_columns)
-        recording, _ = truejoint.recordings.join_truth(recording, stream, offset_s, near=near_s)
-    stated: dict[str, Any] = {"homing_id": homing_id, "session": session}
-    stated["load"] = None if load_grams is None else load_grams / 1000.0
-    known = {key: value for key, value in stated.items() if value is not None}
-    provenance = replace(recording.provenance, command=command_line(), **known)
+    recording, registered = truth.joined(recording, seen, clocks)
+    provenance = replace(recording.provenance, command=command_line(), **origin.stated())
     recording = replace(recording, provenance=provenance)
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final
 
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import (
     command_line,
     out,
@@ -23,108 +22,21 @@ from truejoint.cli.console import (
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes
 from truejoint.cli.touched import Seen, calibrate_touched
-from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.registry import AUTO, DEFAULT, OWN
+from truejoint.cli.wanted import Prior, Unfitted, Wanted
+from truejoint.errors import CalibrationError
 from truejoint.units import display_unit
 
-Unfitted: TypeAlias = "truejoint.estimators.JointRegressor | truejoint.calibration.Automatic"
-"""What is fitted, or chosen."""
-
 _CROSS: Final = "cross"  # in place of recordings for an interval
-_NONE: Final = "none"  # in place of redundant columns
 
 
-@takes(files=Files, seen=Seen)
-def calibrate(
-    recordings: options.Recordings,
-    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
-    estimator: Annotated[
-        str | None,
-        typer.Option(
-            "--estimator",
-            "-e",
-            help=f"One of {', '.join(OWN)}, or of an installed package; or {AUTO}: what is best "
-            "on recordings that are left out in turn, the linear model where nothing is. Default: "
-            f"{DEFAULT}.",
-            autocompletion=complete.estimators,
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Its parameter, as epochs=400 or hidden_layer_sizes=50,50.",
-            autocompletion=complete.settings,
-        ),
-    ] = None,
-    features: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--feature",
-            metavar="FEATURE",
-            help="Input of the model, such as 'measured/jaw' or 'play(measured/jaw, 0.02)'; give "
-            "it once for each, or the name of a public data set for the features that suit it. "
-            "Default: measured position and effort of every channel.",
-            autocompletion=complete.features,
-        ),
-    ] = None,
-    joints: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--joint",
-            help="Joint to correct; default: all with truth.",
-            autocompletion=complete.joints,
-        ),
-    ] = None,
-    target: Annotated[
-        Literal["error", "position"] | None,
-        typer.Option(help="What the model predicts: error (the default) or position."),
-    ] = None,
-    redundant: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--redundant",
-            metavar="COLUMN",
-            help="Column, such as 'motor/elbow', by which the loop checks measured positions; give "
-            "it once for each, or 'none'. Default: every motor, driver and setpoint that tells.",
-            autocompletion=complete.features,
-        ),
-    ] = None,
-    fit_rate_hz: Annotated[
-        float | None,
-        typer.Option(help="Fit to rows at most at this rate [Hz]; features still see every row."),
-    ] = None,
-    zero: Annotated[
-        Literal["shared", "recording", "homing"],
-        typer.Option(
-            help="Whether the recordings share one zero, or a second fit, for motions that begin "
-            "with re-zeroing, takes one for each recording (truth) or homing (measured positions)."
-        ),
-    ] = "shared",
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="Calibration of another day, tool or arm of the robot, by linear, poly2, "
-            "poly2_ridge or rich_play, to be changed as far as a minute of recording says, or, "
-            "whatever it is by, its zero as far as a few seconds do: estimator, features, joints "
-            "and target are its own. With --touches or --points: an older model of this arm by any "
-            "estimator, or a folder of three or more of other arms.",
-        ),
-    ] = None,
-    reference: Annotated[
-        list[str] | None,
-        options.recordings(
-            "--reference",
-            "With --prior: recording that it was made from. What it leaves there is its own "
-            "shortcoming and no change; ten seconds of the same motion are enough then.",
-        ),
-    ] = None,
+@dataclass(frozen=True)
+class Stated:
+    """What the file is to say of its accuracy, and of what recordings, an option each."""
+
     test: Annotated[
         list[str] | None,
         options.recordings("--test", "Recording to judge on; the accuracy goes into the file."),
-    ] = None,
+    ] = None
     interval: Annotated[
         list[str] | None,
         options.recordings(
@@ -133,69 +45,79 @@ def calibrate(
             "or more for 90 %, each after a homing of its own if that is to hold after any homing. "
             "Or 'cross': state it from those that are fitted to, each left out of one fit.",
         ),
-    ] = None,
+    ] = None
     interval_rezero_s: Annotated[
         float,
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
-    ] = 0.0,
+    ] = 0.0
+
+    @property
+    def is_cross(self) -> bool:
+        """Whether the interval is made of the recordings that are fitted to."""
+        return self.interval == [_CROSS]
+
+    @property
+    def unseen(self) -> list[str]:
+        """Recordings for the interval alone."""
+        return [] if self.is_cross else self.interval or []
+
+
+@takes(wanted=Wanted, prior=Prior, stated=Stated, files=Files, seen=Seen)
+def calibrate(
+    recordings: options.Recordings,
+    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    *,
+    wanted: Wanted,
+    prior: Prior,
+    stated: Stated,
     accept: Accept = None,
     part: options.Part = None,
     split: options.Split = None,
-    seed: options.Seed = 0,
     force: options.Force = False,
     as_json: options.Json = False,
-    *,
     files: Files,
     seen: Seen,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_target(output, force)
     if seen.is_given:
-        beside = (
-            estimator, settings, features, joints, target, redundant, fit_rate_hz, test, interval,
-            accept, part, split, interval_rezero_s, reference, zero != "shared", seed,
-        )  # fmt: skip
-        if any(beside):
+        beside = (prior.reference, accept, part, split)
+        if any(beside) or (wanted, stated) != (Wanted(), Stated()):
             raise CalibrationError("touches or shots say what is fitted; leave out other options")
-        calibrate_touched(recordings, seen, prior, output, files, force=force, as_json=as_json)
+        calibrate_touched(
+            recordings, seen, prior.prior, output, files, force=force, as_json=as_json
+        )
         return
     accepted = check_names(accept)
-    is_cross = interval == [_CROSS]
     dataset = only_dataset(recordings)
-    own = (
-        estimator, settings, features, joints, target, redundant, zero != "shared", is_cross, seed,
-    )  # fmt: skip
-    unfitted = start(estimator, settings or [], dataset, features)
-    changed = checked_prior(prior, reference, own)
-    if dataset is not None:
-        features = features or [dataset]
-        fit_rate_hz = fit_rate_hz or truejoint.recordings.datasets.DATASETS[dataset].fit_rate
-    inputs = chosen_features(features)
+    unfitted = wanted.unfitted(dataset)
+    changed = prior.read(wanted, is_cross=stated.is_cross)
+    wanted = wanted.suited_to(dataset)
+    how = wanted.how()
     read_training = files.find(
-        recordings, part=part, split=split, held_out=False, joints=joints or [], inputs=inputs
-    )
-    others = (test or [], [] if is_cross else interval or [], reference or [])
+        recordings, part=part, split=split, held_out=False, joints=wanted.joints or [],
+        inputs=how["features"],
+    )  # fmt: skip
+    others = (stated.test or [], stated.unseen, prior.reference or [])
     read_others = [files.find(names) for names in others]
     training, (testing, unseen, before) = read_training(), (read() for read in read_others)
-    check = checked(training, accepted, joints=joints)
+    check = checked(training, accepted, joints=wanted.joints)
     say_failed(check)
     if check.failed:
         if as_json:
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)
-    how = {"features": inputs, "joints": joints, "target": target, "fit_rate": fit_rate_hz}
-    how["redundant"] = [] if redundant == [_NONE] else redundant
-    how |= {"rezero": interval_rezero_s} if is_cross else {}
+    how |= {"rezero": stated.interval_rezero_s} if stated.is_cross else {}
     fitted = (
-        fit(training, unfitted, **how, zero=zero, random_state=seed, is_cross=is_cross)
+        fit(training, unfitted, **how, is_cross=stated.is_cross)
         if changed is None
         else truejoint.calibration.adapted(
-            changed, training, reference=before, fit_rate=fit_rate_hz
+            changed, training, reference=before, fit_rate=wanted.fit_rate_hz
         ).with_metadata(command=command_line())
     )
     went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
     fitted = fitted.with_metadata(accepted=went_on)
-    fitted = with_accuracy(fitted, unseen, testing, interval_rezero_s)
+    fitted = with_accuracy(fitted, unseen, testing, stated.interval_rezero_s)
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
@@ -203,38 +125,6 @@ def calibrate(
         if "choice" in fitted.metadata:
             print_choice(fitted)
         out.print(f"{output}: {fitted}", soft_wrap=True)
-
-
-def checked_prior(
-    prior: Path | None, reference: Sequence[str] | None, own: Sequence[object]
-) -> truejoint.Calibration | None:
-    """Read the prior, if there is one.
-
-    Raises CalibrationError where any of what is its `own` was given beside it, or a reference
-    without one.
-    """
-    if prior is None:
-        if reference:
-            raise CalibrationError("--reference: it is that of a prior; give --prior MODEL, too")
-        return None
-    if any(own):
-        raise CalibrationError(
-            "--prior: estimator, features, joints, target and zero are the prior's, and it "
-            "takes no --interval cross and no --seed; leave these options out"
-        )
-    return truejoint.read_calibration(prior)
-
-
-def start(
-    estimator: str | None,
-    settings: Sequence[str],
-    dataset: str | None,
-    features: Sequence[str] | None,
-) -> Unfitted:
-    """Say what is fitted, with the parameters that were given or suit a data set."""
-    if estimator == AUTO:
-        return choice(settings, dataset, default_features=dataset is not None and not features)
-    return configured(estimator or DEFAULT, settings, dataset)
 
 
 def fit(
@@ -283,20 +173,6 @@ def with_accuracy(
     return fitted.with_metadata(held_out=judged.to_dict()["scores"])
 
 
-def choice(
-    settings: Sequence[str], dataset: str | None, *, default_features: bool
-) -> truejoint.calibration.Automatic:
-    """Say what `auto` tries, with the parameters that suit a data set."""
-    if settings:
-        raise CalibrationError(f"--set {settings[0]!r} needs one estimator; name it with -e")
-    tried = truejoint.estimators.candidates()
-    if dataset is not None:
-        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
-        for one in tried:
-            one.set_params(**suited.get(one.name, {}))
-    return truejoint.calibration.Automatic(tried, default_features)
-
-
 def print_choice(fitted: truejoint.Calibration) -> None:
     """Print what an automatic choice tried: RMSE on what was left out, and what was chosen."""
     told = fitted.metadata["choice"]
@@ -319,56 +195,3 @@ def print_choice(fitted: truejoint.Calibration) -> None:
     header += [f"{joint} [{unit.name}]" for joint, unit in shown]
     title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
     print_table([*header, "note"], rows, title=title)
-
-
-def chosen_features(texts: Sequence[str] | None) -> truejoint.models.FeatureSet | None:
-    """Features of their texts, where the name of a data set stands for those that suit it."""
-    if not texts:
-        return None
-    sets = truejoint.recordings.datasets.DATASETS
-    chosen = (sets[text].features if text in sets else (text,) for text in texts)
-    return truejoint.models.FeatureSet.parse(feature for part in chosen for feature in part)
-
-
-def configured(
-    name: str, settings: Sequence[str], dataset: str | None = None
-) -> truejoint.estimators.JointRegressor:
-    """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set."""
-    estimator = truejoint.estimators.get_estimator(name)
-    known = estimator.get_params()
-    if dataset is not None:
-        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
-        estimator.set_params(**suited.get(name, {}))
-    for setting in settings:
-        key, separator, text = setting.partition("=")
-        if not separator or key not in known:
-            raise CalibrationError(
-                f"--set {setting!r}: {unknown(f'parameter of {name}', key, known)}; "
-                "write NAME=VALUE"
-            )
-        estimator.set_params(**{key: _value(text, known[key], setting)})
-    estimator.check_params()
-    return estimator
-
-
-def _value(text: str, default: Any, setting: str) -> Any:
-    """Value of the kind of the default; several as ``50,50``, ``(50, 50)`` or ``[50, 50]``.
-
-    What is found out where nothing is stated, None, is a whole number.
-    """
-    if isinstance(default, str):
-        return text
-    if isinstance(default, bool):
-        if text.lower() not in {"true", "false"}:
-            raise CalibrationError(f"--set {setting!r}: {text!r} is neither true nor false")
-        return text.lower() == "true"
-    several = isinstance(default, tuple)
-    with suppress(ValueError):
-        kind = int if default is None else type(default[0] if several else default)
-        values = tuple(kind(value) for value in text.strip("()[], ").split(","))
-        if several or len(values) == 1:
-            return values if several else values[0]
-    raise CalibrationError(
-        f"--set {setting!r}: {text!r} is "
-        + ("no whole number" if default is None else f"not of the kind of the default {default!r}")
-    )

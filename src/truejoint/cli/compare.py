@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import typer
 
@@ -17,6 +18,8 @@ from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
 from truejoint.files import check_target
 from truejoint.units import with_unit
+
+Evaluation: TypeAlias = "truejoint.evaluation.Evaluation"
 
 
 @takes_files
@@ -52,56 +55,69 @@ def compare(
         from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
 
         check_target(check_name(report), overwrite=force)
-    from truejoint.evaluation.results import BASELINES  # noqa: PLC0415  # not for help
-
-    stems = [Path(path).stem for path in paths]
-    # A model called as one of the table's own rows, or as another one, goes by its path.
-    titles = [
-        path if [*stems, *BASELINES].count(stem) > 1 else stem
-        for stem, path in zip(stems, paths, strict=True)
-    ]
-    models = {t: truejoint.read_calibration(p) for t, p in zip(titles, paths, strict=True)}
-    first = models[titles[0]]
+    models = _by_title(paths)
+    first = next(iter(models.values()))
     how: dict[str, Any] = {"tolerance": parse_tolerances(tolerance or [], first)}
     how["rezero"] = rezero_s
     tested = files.find(
         [name for name in names if name not in paths], part=part, split=split, model=first
     )()
     with progress(f"Judging {len(models)} models"):
-        result = truejoint.evaluate({title: [m] for title, m in models.items()}, tested, **how)
+        together = truejoint.evaluate({title: [m] for title, m in models.items()}, tested, **how)
         alone = {title: truejoint.evaluate(m, tested, **how) for title, m in models.items()}
+    if report is not None:
+        with progress(f"Writing {report}"):
+            truejoint.evaluation.write_comparison(
+                together, alone, report, command=command_line(), overwrite=force
+            )
     objections = [
         f"{title}: {objection}"
         for title, evaluation in alone.items()
         for objection in evaluation.verdict.objections
     ]
-    best = {
-        joint: min((result.score(title, joint) for title in titles), key=lambda s: s.rmse)
-        for joint in result.joints
+    _tell(together, alone, objections, as_json=as_json)
+    if objections:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _by_title(paths: Sequence[str]) -> dict[str, truejoint.Calibration]:
+    """Read models; one called as another, or as one of the table's own rows, goes by its path."""
+    from truejoint.evaluation.results import BASELINES  # noqa: PLC0415  # not for help
+
+    stems = [Path(path).stem for path in paths]
+    return {
+        path if [*stems, *BASELINES].count(stem) > 1 else stem: truejoint.read_calibration(path)
+        for path, stem in zip(paths, stems, strict=True)
     }
-    if report is not None:
-        with progress(f"Writing {report}"):
-            truejoint.evaluation.write_comparison(
-                result, alone, report, command=command_line(), overwrite=force
-            )
+
+
+def _tell(
+    together: Evaluation,
+    alone: Mapping[str, Evaluation],
+    objections: Sequence[str],
+    *,
+    as_json: bool,
+) -> None:
+    """Print the table of all models, the best in each joint, and what is said of each."""
+    best = {
+        joint: min((together.score(title, joint) for title in alone), key=lambda s: s.rmse)
+        for joint in together.joints
+    }
     if as_json:
-        deploy = "" if objections else result.verdict.deploy
         result_json(
             {
-                "scores": result.to_dict()["scores"],
+                "scores": together.to_dict()["scores"],
                 "best": {joint: score.estimator for joint, score in best.items()},
-                "deploy": deploy,
+                "deploy": "" if objections else together.verdict.deploy,
                 "verdicts": {title: one.to_dict()["verdict"] for title, one in alone.items()},
                 "objections": objections,
             }
         )
-    else:
-        out.print(truejoint.evaluation.score_table(result))
-        for joint, score in best.items():
-            out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
-        for title, one in alone.items():
-            show_verdict(one.verdict, f"{title}: ")
-        if result.verdict.advice and not objections:
-            out.print(result.verdict.advice)
-    if objections:
-        raise typer.Exit(CHECK_FAILED)
+        return
+    out.print(truejoint.evaluation.score_table(together))
+    for joint, score in best.items():
+        out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
+    for title, one in alone.items():
+        show_verdict(one.verdict, f"{title}: ")
+    if together.verdict.advice and not objections:
+        out.print(together.verdict.advice)

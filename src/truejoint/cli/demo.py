@@ -11,12 +11,13 @@ from typing import Annotated, Any, Final
 import typer
 
 import truejoint
-from truejoint.cli.calibrate import configured, fit
+from truejoint.cli.calibrate import fit
 from truejoint.cli.collect import record
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, checked
 from truejoint.cli.evaluate import report_evaluation
 from truejoint.cli.options import Force, Json, Seed
+from truejoint.cli.wanted import configured
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
 from truejoint.files import check_folder

@@ -8,8 +8,11 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import wraps
+from itertools import chain
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
+
+import typer
 
 import truejoint
 from truejoint.cli import options
@@ -22,18 +25,30 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 
 @dataclass(frozen=True)
-class Files:
+class Origin:
+    """What a person says of where recordings are from, an option each."""
+
+    robot: options.FilesRobot = None
+    arm: options.FilesArm = ""
+    homing_id: options.HomingId = None
+    load_grams: options.LoadGrams = None
+    session: options.Session = None
+
+    def stated(self) -> dict[str, Any]:
+        """Fields of a `Provenance` that are said here, but for the arm."""
+        load = None if self.load_grams is None else self.load_grams / 1000.0
+        about = {"homing_id": self.homing_id, "load": load, "session": self.session}
+        return {key: value for key, value in about.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Files(Origin):
     """What a person says of recordings whose files do not say it themselves, an option each."""
 
     format: options.Format = None
     columns: options.Columns = None
-    robot: options.FilesRobot = None
-    arm: options.FilesArm = ""
     rate_hz: options.RateHz = None
     truth_unit: options.TruthUnit = None
-    homing_id: options.HomingId = None
-    load_grams: options.LoadGrams = None
-    session: options.Session = None
 
     def find(
         self,
@@ -156,21 +171,15 @@ class Files:
             of_model = {"robot": model.robot, "arm": model.arm}
             takes = sets.FORMATS[kind].options
             given = {k: name for k, name in of_model.items() if name and k in takes} | given
-        found = sets.read_recordings(path, kind, **given, **self._about())
+        found = sets.read_recordings(path, kind, **given, **self.stated())
         if len(found) > 1:
             say(f"  {path}: its clock restarts: read as {len(found)} recordings")
         return found
 
-    def _about(self) -> dict[str, Any]:
-        """Give what is said of where recordings come from."""
-        load = None if self.load_grams is None else self.load_grams / 1000.0
-        about = {"homing_id": self.homing_id, "load": load, "session": self.session}
-        return {key: value for key, value in about.items() if value is not None}
-
     def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
         from truejoint.recordings.reading import state  # noqa: PLC0415  # needs NumPy
 
-        return state(recordings, self._about())
+        return state(recordings, self.stated())
 
     def _split_side(self, dataset: str | None, name: str, held_out: bool) -> Read:
         if dataset is None:
@@ -192,8 +201,32 @@ class Files:
         return read
 
 
+@dataclass(frozen=True)
+class Clocks:
+    """What a person says of the offset of the truth's clock from the robot's, an option each."""
+
+    near_s: Annotated[
+        float | None,
+        typer.Option(help="About how large the offset is, where the motion repeats itself [s]."),
+    ] = None
+    offset_s: Annotated[
+        float | None,
+        typer.Option(
+            help="What to add to the stamps of the truth to have the robot's [s]; 0 on one clock. "
+            "Default: found by the motion that both saw, unless both have the time of day."
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.near_s is not None and self.offset_s is not None:
+            raise RecordingError("--near-s and --offset-s: give one of the two")
+
+
 def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options that are the fields of dataclasses; it takes each by its name."""
+    """Give a command the options that are the fields of dataclasses; it takes each by its name.
+
+    In the help they stand where the dataclass does among the command's own.
+    """
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
         own = inspect.signature(command, eval_str=True).parameters
@@ -208,9 +241,8 @@ def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]
             }
             command(**given, **made)
 
-        taken = [p for name, p in own.items() if name not in groups]
-        taken += [p for fields in of.values() for p in fields.values()]
-        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in taken]
+        taken = (of[name].values() if name in of else [p] for name, p in own.items())
+        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in chain(*taken)]
         run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
         run.__annotations__ = {p.name: p.annotation for p in parameters}
         return run
@@ -231,12 +263,6 @@ def _is_plain_folder(path: Path) -> bool:
     except RecordingError:
         return True
     return False
-
-
-def check_offset(near_s: float | None, offset_s: float | None) -> None:
-    """Raise RecordingError where an offset of two clocks is both given and to be found."""
-    if near_s is not None and offset_s is not None:
-        raise RecordingError("--near-s and --offset-s: give one of the two")
 
 
 def say_dropped(recording: truejoint.Recording) -> None:

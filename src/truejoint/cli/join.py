@@ -9,52 +9,39 @@ from typing import Annotated
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
+from truejoint.cli.inputs import Clocks, Files, say_dropped, takes
 from truejoint.files import check_target
 
 
-@takes_files
+@takes(files=Files, clocks=Clocks)
 def join(
-    robot_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="ROBOT",
-            help="Recording of the robot, without truth.",
-            autocompletion=complete.recordings,
-        ),
-    ],
+    robot_file: options.RobotFile,
     truth_file: Annotated[
         Path,
         typer.Argument(metavar="TRUTH", help="File with t and truth/<joint>, or any with a map."),
     ],
-    output: Annotated[Path, typer.Option("--out", "-o", help="Recording to write, .parquet.")],
+    output: options.OutRecording,
     truth_columns: Annotated[
         Path | None,
         typer.Option(help="TOML file that names the columns of TRUTH; see `truejoint columns`."),
     ] = None,
-    near_s: options.NearS = None,
-    offset_s: Annotated[
-        float | None,
-        typer.Option(
-            help="What to add to the stamps of TRUTH to have those of ROBOT [s]; 0 on one clock. "
-            "Default: found by the motion that both saw."
-        ),
-    ] = None,
+    *,
+    clocks: Clocks,
     force: options.Force = False,
     as_json: options.Json = False,
-    *,
     files: Files,
 ) -> None:
     """Join a robot's recording with the truth that was recorded in a file of its own."""
-    check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
     found = files.one(robot_file)
     arm = found.robot
     truth = truejoint.recordings.read_truth(truth_file, arm.name, arm.arm, truth_columns)
     with progress("Finding the offset of the clocks"):
-        recording, clock = truejoint.recordings.join_truth(found, truth, offset_s, near=near_s)
+        recording, clock = truejoint.recordings.join_truth(
+            found, truth, clocks.offset_s, near=clocks.near_s
+        )
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
     known = int(

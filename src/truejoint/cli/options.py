@@ -23,12 +23,6 @@ Arm = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-NearS = Annotated[
-    float | None,
-    typer.Option(
-        "--near-s", help="About how large the offset is, where the motion repeats itself [s]."
-    ),
-]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same seed, same result.")]
 
 TouchSd = Annotated[
@@ -64,6 +58,16 @@ Recordings = Annotated[
         autocompletion=complete.recordings,
     ),
 ]
+
+RobotFile = Annotated[
+    str,
+    typer.Argument(
+        metavar="ROBOT",
+        help="Recording of the robot, without truth, or its bag.",
+        autocompletion=complete.recordings,
+    ),
+]
+OutRecording = Annotated[Path, typer.Option("--out", "-o", help="Recording to write, .parquet.")]
 
 
 def _of_files(name: str, help: str, **more: Any) -> Any:  # noqa: A002

@@ -9,9 +9,9 @@ from typing import Annotated, Final
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json, say
-from truejoint.cli.inputs import Files, check_offset, say_dropped, takes_files
+from truejoint.cli.inputs import Clocks, Files, say_dropped, takes
 from truejoint.files import check_target
 
 Registration = Annotated[
@@ -22,16 +22,9 @@ Registration = Annotated[
 _MANY: Final = 0.05  # strays, as a share of the readings
 
 
-@takes_files
+@takes(files=Files, clocks=Clocks)
 def track(
-    robot_file: Annotated[
-        str,
-        typer.Argument(
-            metavar="ROBOT",
-            help="Recording of the robot, or its bag.",
-            autocompletion=complete.recordings,
-        ),
-    ],
+    robot_file: options.RobotFile,
     points: Annotated[
         Path,
         typer.Argument(
@@ -39,7 +32,7 @@ def track(
             help="CSV or Parquet with t, x, y, z[, qx, qy, qz, qw], or a bag.",
         ),
     ],
-    output: Annotated[Path, typer.Option("--out", "-o", help="Recording to write, .parquet.")],
+    output: options.OutRecording,
     topic: Annotated[
         str, typer.Option(help="Topic of the tracker in a bag; default: the only one.")
     ] = "",
@@ -49,25 +42,17 @@ def track(
         list[str] | None,
         typer.Option(help="Joint to be found, once for each; default: those that place the tool."),
     ] = None,
-    near_s: options.NearS = None,
-    offset_s: Annotated[
-        float | None,
-        typer.Option(
-            help="What to add to the stamps of POINTS to have those of ROBOT [s]. "
-            "Default: found by the motion, with the tracker's delay."
-        ),
-    ] = None,
+    *,
+    clocks: Clocks,
     force: options.Force = False,
     as_json: options.Json = False,
-    *,
     files: Files,
 ) -> None:
     """Turn what a tracker or a camera saw of the tool into the truth of the joints."""
-    check_offset(near_s, offset_s)
     check_target(output, overwrite=force)
     seen = truejoint.recordings.read_track(points, topic, unit)
     recording, registered = with_tracked_truth(
-        files.one(robot_file), seen, registration, joint or (), offset=offset_s, near=near_s
+        files.one(robot_file), seen, registration, clocks, joint or ()
     )
     truejoint.write_parquet(recording, output, overwrite=force)
     say_dropped(recording)
@@ -82,10 +67,8 @@ def with_tracked_truth(
     recording: truejoint.Recording,
     seen: truejoint.recordings.Track,
     registration: Path | None,
+    clocks: Clocks,
     joints: Sequence[str] = (),
-    *,
-    offset: float | None = None,
-    near: float | None = None,
 ) -> tuple[truejoint.Recording, truejoint.calibration.Registered]:
     """Give a recording the truth that a tracker saw, and say what was left out of its readings."""
     known = None
@@ -93,7 +76,7 @@ def with_tracked_truth(
         known = truejoint.calibration.read_registration(registration, recording.robot)
     with progress("Finding where the tracker stands, and what it says of the joints"):
         found, registered = truejoint.calibration.tracked_truth(
-            recording, seen, known, joints, offset=offset, near=near
+            recording, seen, known, joints, offset=clocks.offset_s, near=clocks.near_s
         )
     for stretch in registered.stretches:
         say(f"warn: left out, {stretch}")

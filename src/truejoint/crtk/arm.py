@@ -26,7 +26,7 @@ from truejoint.errors import CommandRefused, MotionStopped, RobotError, Truejoin
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT, checked_rows, checked_vector
-from truejoint.robots.robot import Kinematics
+from truejoint.robots.parts import Kinematics
 
 MAX_AGE: Final = 0.1
 """A state message older than this [s] is no measurement of now."""

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused
 from truejoint.robots.chain import rigid
-from truejoint.robots.robot import Kinematics
+from truejoint.robots.parts import Kinematics
 
 # Between two points of a straight line the joints go straight: 2 mm or 2 deg apart the tool
 # strays by micrometres.

@@ -112,8 +112,7 @@ def evaluate(
     >>> evaluation.verdict.passed
     True
     """
-    if not (rezero >= 0.0 and np.isfinite(rezero)):
-        raise CalibrationError(f"the time to re-zero from is {rezero:g} s; it must be 0 s or more")
+    _check_times(window, rezero)
     given = _by_estimator(models)
     if rezero > 0.0 and RAW in given:  # a model of no correction, but not as it comes: another row
         given = {_REZEROED_RAW if name == RAW else name: seeds for name, seeds in given.items()}
@@ -122,8 +121,6 @@ def evaluate(
     recordings = as_recordings(recordings)
     chosen, joints = _checked_models(calibrations, chosen)
     robot = _checked_robot(recordings)
-    if not (window > 0.0 and np.isfinite(window)):
-        raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
     own = calibrations[chosen][0]
     metadata = own.metadata
     fitted = _models(calibrations, chosen)
@@ -140,7 +137,7 @@ def evaluate(
         recordings, joints=joints, model=own if isinstance(own, Calibration) else None
     )
     domain = domain_of(traces)
-    simple = {name for name, seeds in calibrations.items() if _estimator(seeds[0]) in PLAIN}
+    plain = PLAIN | {name for name, seeds in calibrations.items() if _estimator(seeds[0]) in PLAIN}
     estimators = tuple(tested[0].errors)
     comparisons = tuple(_comparisons(traces, chosen, estimators, joints))
     verdict = judge(
@@ -148,15 +145,15 @@ def evaluate(
         chosen,
         tolerance=tolerance or {},
         comparisons=comparisons,
-        deploy=to_deploy(traces, PLAIN | simple),
+        deploy=to_deploy(traces, plain),
         objections=tuple(dict.fromkeys(objections_to(metadata, recordings, domain))),
         doubts=tuple(doubts_about(metadata, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
-        plain = _fitted_for(given, rezeroing=False)[chosen][0]
+        as_it_is = _fitted_for(given, rezeroing=False)[chosen][0]
         own_scores = {score.joint: score for score in scores if score.estimator == chosen}
         verdict = rezero_remark(
-            verdict, own_scores, _as_they_come(plain, recordings, traces), rezero
+            verdict, own_scores, _as_they_come(as_it_is, recordings, traces), rezero
         )
     return Evaluation(
         robot=robot.name,
@@ -181,6 +178,13 @@ def evaluate(
         training=json_values(metadata),
         **judge_interval(given[chosen][0], recordings, traces),
     )
+
+
+def _check_times(window: float, rezero: float) -> None:
+    if not (rezero >= 0.0 and np.isfinite(rezero)):
+        raise CalibrationError(f"the time to re-zero from is {rezero:g} s; it must be 0 s or more")
+    if not (window > 0.0 and np.isfinite(window)):
+        raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
 
 
 def _comparisons(

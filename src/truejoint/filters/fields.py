@@ -1,7 +1,7 @@
 """What an unscented filter keeps in its memory, and how it calls its model.
 
 A model's functions are called through their addresses, so that one compiled filter, cached on disk,
-serves every model.
+serves every model. So is its step, which would be compiled anew into everything that takes one.
 """
 
 from __future__ import annotations
@@ -13,12 +13,13 @@ import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
-from truejoint.compiled import MATRIX, VECTOR, call_address
+from truejoint.compiled import INTEGERS, MATRIX, VECTOR, call_address
 from truejoint.layout import Layout, Memory
 
 TRANSITION: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, VECTOR)
 MEASUREMENT: Final = types.void(VECTOR, VECTOR, VECTOR, VECTOR)
 PROCESS_NOISE: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, MATRIX)
+STEP: Final = types.int64(INTEGERS, VECTOR)
 
 LAYOUT: Final = Layout()
 N: Final = LAYOUT.integer("n_states", "states")
@@ -81,6 +82,7 @@ LOWEST: Final = LAYOUT.array("lowest", "possible of each state, then measurement
 HIGHEST: Final = LAYOUT.array("highest", "possible of each state, then measurement, then input")
 ANGLES: Final = LAYOUT.integers("angles", "1 for each state, then measurement, that is an angle")
 CHOSEN: Final = LAYOUT.integers("chosen", "components of the measurement in use")
+ADVANCE: Final = LAYOUT.address("step", "of the filter")
 
 
 def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, Any]) -> Memory:
@@ -124,3 +126,9 @@ def call_process_noise(
 ) -> Any:
     """Call the process noise function at an address."""
     return types.void(types.int64, *PROCESS_NOISE.args), call_address
+
+
+@intrinsic
+def call_step(_typing: Any, function: Any, numbers: Any, memory: Any) -> Any:
+    """Call the filter's step at an address."""
+    return types.int64(types.int64, *STEP.args), call_address

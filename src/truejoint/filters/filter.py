@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from truejoint.array_types import Array, Integers
+from truejoint.compiled import address
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import allocate
@@ -218,8 +219,6 @@ class UnscentedFilter:
             raise FilterError(f"x0: give {n} finite numbers ({', '.join(model.states)})")
         covariance = check_covariance(P0, n, "P0")
         memory = self.memory(mean, covariance)
-        # With no measurement and dt = 0 a step changes nothing, but it compiles the kernel.
-        _step(memory.numbers.copy(), memory.memory.copy())
         views = (memory.view(name) for name in ("x", "covariance", "innovation", "z", "u"))
         return FilterState(self, memory.numbers, memory.memory, *views)
 
@@ -229,10 +228,12 @@ class UnscentedFilter:
         n, m = len(model.states), len(model.measurements)
         reach, correction = points.reach(self._directions), points.centre_correction
         factor = covariance_factor(P0)
-        functions = {"transition": model.transition, "measurement": model.measurement}
+        functions: dict[str, Any] = {
+            "transition": model.transition, "measurement": model.measurement, "step": _step,
+        }  # fmt: skip
         names = ("transition", "measurement", "process_noise")
         given: dict[str, Any] = {
-            **dict(zip(names, model.addresses, strict=True)),
+            **dict(zip(names, model.addresses, strict=True)), "step": address(_step, at.STEP),
             "second_generation": self.second_generation, "square_root": self.square_root,
             "reach": reach, "root_weight": np.sqrt(0.5) / reach, "correction": correction,
             "root_correction": np.sqrt(abs(correction)), "theta": model.parameters,

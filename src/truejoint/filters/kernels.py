@@ -9,6 +9,7 @@ from truejoint.compiled import borrow, compiled, copy, fill, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.correction import correct
 from truejoint.filters.factors import semidefinite_cholesky
+from truejoint.filters.fields import call_step
 from truejoint.filters.prediction import possible, predict
 from truejoint.filters.status import FilterStatus
 
@@ -81,7 +82,7 @@ def run(
         memory[at.DT] = dt[k]
         if len(noises):
             semidefinite_cholesky(noises[k], m, matrix(memory, numbers[at.R], m, m))
-        statuses[k] = step(numbers, memory)
+        statuses[k] = call_step(numbers[at.ADVANCE], numbers, memory)
         copy(x, states[k], n)
         copy(covariance, covariances[k], n * n)
         copy(innovation, innovations[k], m)

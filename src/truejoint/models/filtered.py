@@ -11,7 +11,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.filters import FilterStatus, UnscentedFilter
 from truejoint.filters import fields as at
-from truejoint.filters.kernels import step
+from truejoint.filters.fields import call_step
 
 FAULTS: Final = int(
     FilterStatus.INVALID_INPUT
@@ -31,7 +31,7 @@ def advance(numbers: Integers, memory: Array, dt: float) -> bool:
     What happened meanwhile nobody saw, so that the covariance must be that of a start.
     """
     memory[at.DT] = dt
-    return (step(numbers, memory) & FAULTS) == 0
+    return (call_step(numbers[at.ADVANCE], numbers, memory) & FAULTS) == 0
 
 
 @compiled

@@ -21,7 +21,6 @@ LEFT_X, LEFT_Y, LEFT_TRIGGER, RIGHT_X, RIGHT_Y, RIGHT_TRIGGER = range(6)
 _TWIST: Final = ((LEFT_X, 0, 1.0), (LEFT_Y, 1, -1.0), (RIGHT_Y, 2, -1.0), (RIGHT_X, 5, 1.0))
 _JOINTS: Final = ((LEFT_X, 1.0), (LEFT_Y, -1.0), (RIGHT_X, 1.0), (RIGHT_Y, -1.0))
 _KEYS: Final = {0: HOLD, 1: LEAVE, 4: SLOWER, 5: FASTER, 7: LEAVE}
-HELP: Final = "left stick x y   right stick turn z   triggers shut open   A stop   B leave"
 
 
 class PadEvent(NamedTuple):

@@ -240,7 +240,7 @@ def _coarse_offset(
     motion that the truth explains.
     """
     if near is not None and not math.isfinite(near):
-        raise RecordingError(f"an offset of about {near} s; state a number (--near-s)")
+        raise RecordingError(f"an offset of about {near} s; state a number")
     spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
     steps = [float(np.median(np.diff(stamps))) for stamps in (t, truth_t)]
     dt = max(*steps, max(spans) / _MAX_GRID)
@@ -272,7 +272,8 @@ def _coarse_offset(
         rival = max(rivals, key=lambda place: score[place])
         raise RecordingError(
             f"the motion repeats itself: offsets of {offsets[best]:.2f} s and "
-            f"{offsets[rival]:.2f} s fit alike; state it, about (--near-s) or exactly (--offset-s)"
+            f"{offsets[rival]:.2f} s fit alike; state it, about (near; --near-s of extract, join "
+            "and track) or exactly (offset; --offset-s)"
         )
     return float(offsets[best])
 

@@ -2,8 +2,8 @@ from .catalogue import adopt_robot as adopt_robot
 from .catalogue import arm_names as arm_names
 from .catalogue import get_robot as get_robot
 from .catalogue import robot_names as robot_names
-from .robot import Joint as Joint
-from .robot import Kinematics as Kinematics
+from .parts import Joint as Joint
+from .parts import Kinematics as Kinematics
+from .parts import Transmission as Transmission
+from .parts import Workspace as Workspace
 from .robot import Robot as Robot
-from .robot import Transmission as Transmission
-from .robot import Workspace as Workspace

@@ -1,250 +1,40 @@
-"""What a robot is, and as plain data: joints with units and limits, transmission, kinematics."""
+"""The robot model that everything else takes: its parts, and how it stands in a file."""
 
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol, get_args
+from typing import Any, Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.description import (
+    MATRIX_KEYS,
+    WORKSPACE_KEYS,
+    encoders_of,
+    joint_of,
+    kinematics_of,
+    transmission_of,
+    workspace_of,
+)
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.robots.joint_encoder import JointEncoder
-from truejoint.robots.plain import check_keys
+from truejoint.robots.parts import Joint, Kinematics, Transmission, Workspace
+from truejoint.robots.plain import check_keys, check_once, name_of, names_of, tables
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
-if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
-    from truejoint.robots.chain import SerialChain
-
 Effort = Literal["joint", "motor"]
 
-MAX_JOINTS: Final = 64
-_LARGEST: Final = 1e9
-_NAME: Final = re.compile(r"\w{1,60}", re.ASCII)
-_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "revolute": {"rad": 1.0, "deg": math.pi / 180.0},
-    "prismatic": {"m": 1.0, "mm": 1e-3},
-}
-_ANGLES: Final = _UNITS["revolute"]
-_LIMIT_KEYS: Final = ("lower", "upper", "home", "max_speed")
-_AXIS_KEYS: Final = ("alpha", "a", "d", "theta", "kind")
-_MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
-_CHAIN_KEYS: Final = ("axes", "unit", *_MATRIX_KEYS)
-_URDF_KEYS: Final = ("urdf", "base", "tip")
 _KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
                 "gear", "kinematics", "workspace", "mechanism", "grasper", "encoders",
                 "cable_mechanism")  # fmt: skip
 _FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
-_ENCODER_KEYS: Final = ("joint", "resolution", "hard_stop", "end", "direction", "tolerance")
-_WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
-
-
-@dataclass(frozen=True)
-class Joint:
-    """One joint; positions are in rad (revolute) or m (prismatic).
-
-    Raises
-    ------
-    RobotError
-        If its limits are upside down, its home lies outside of them or its speed is not positive.
-
-    Examples
-    --------
-    >>> truejoint.get_robot("raven2").joint("insertion").unit
-    'm'
-    """
-
-    name: str
-    kind: Literal["revolute", "prismatic"] = "revolute"
-    lower: float = -math.inf
-    upper: float = math.inf
-    home: float = 0.0
-    max_speed: float = math.inf
-
-    def __post_init__(self) -> None:
-        if not self.lower < self.upper:
-            raise RobotError(
-                f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "
-                f"upper one, {self.upper:g}; exchange them"
-            )
-        if not self.lower <= self.home <= self.upper:
-            raise RobotError(
-                f"joint {self.name!r}: home {self.home:g} {self.unit} is not within its limits "
-                f"{self.lower:g} and {self.upper:g}; state a home that is"
-            )
-        if not self.max_speed > 0:
-            raise RobotError(f"joint {self.name!r}: max_speed is {self.max_speed:g}; want above 0")
-
-    @property
-    def unit(self) -> str:
-        """SI unit of the joint's position, ``"rad"`` or ``"m"``."""
-        return "rad" if self.kind == "revolute" else "m"
-
-    @property
-    def effort_unit(self) -> str:
-        """SI unit of the effort that acts on the joint itself, ``"Nm"`` or ``"N"``."""
-        return "Nm" if self.kind == "revolute" else "N"
-
-
-@dataclass(frozen=True, eq=False)
-class Transmission:
-    """Linear cable transmission with coupling, ``motor = matrix @ joint``.
-
-    Attributes
-    ----------
-    matrix : ndarray, shape (n_joints, n_joints)
-        Motor-shaft angle per joint position, rad/rad or rad/m; off-diagonal terms are the
-        cable coupling between joints.
-    gear : tuple of float, optional
-        Turns of each motor's shaft per turn of where its effort is stated, behind a gearbox; by
-        default 1.
-
-    Raises
-    ------
-    RobotError
-        If `matrix` is not square, finite and invertible, or `gear` is not as many positive numbers.
-
-    Examples
-    --------
-    >>> truejoint.get_robot("raven2").transmission is None
-    False
-    """
-
-    matrix: Array
-    gear: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        matrix, shape = self.matrix, self.matrix.shape
-        finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
-        if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
-            raise RobotError(
-                f"transmission matrix of shape {shape} must be square, finite and "
-                "invertible: each joint needs a motor of its own"
-            )
-        if self.gear and not (len(self.gear) == len(matrix) and min(self.gear) > 0):
-            raise RobotError(
-                f"transmission gear {self.gear} must be {len(matrix)} numbers above 0, one a motor"
-            )
-
-    def motor_from_joint(self, joint: ArrayLike) -> Array:
-        """Motor-shaft angles (..., n_joints) [rad] of joint positions (..., n_joints)."""
-        return np.asarray(joint, dtype=float) @ self.matrix.T
-
-    def joint_from_motor(self, motor: ArrayLike) -> Array:
-        """Joint positions (..., n_joints) [rad or m] of motor-shaft angles [rad]."""
-        return np.asarray(motor, dtype=float) @ self.inverse.T
-
-    def joint_effort(self, effort: ArrayLike) -> Array:
-        """Torque or force (..., n_joints) on the joints [Nm or N] of efforts at the motors [Nm].
-
-        By virtual work: what the motors do in a small motion is what the joints receive.
-        """
-        joint: Array = np.asarray(effort, dtype=float) @ self._effort_matrix
-        return joint
-
-    def motor_effort(self, effort: ArrayLike) -> Array:
-        """Torques (..., n_joints) at the motors [Nm] of efforts on the joints [Nm or N].
-
-        The inverse of `joint_effort`.
-        """
-        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self._effort_matrix)
-        return motor
-
-    @cached_property
-    def _effort_matrix(self) -> Array:
-        gear = np.array(self.gear or np.ones(len(self.matrix)))
-        return np.asarray(self.matrix / gear[:, None], dtype=np.float64)
-
-    @cached_property
-    def inverse(self) -> Array:
-        """Joint position per motor-shaft angle (n_joints, n_joints) [rad/rad or m/rad]."""
-        return np.linalg.inv(self.matrix).astype(np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class Workspace:
-    """Box of joint positions that a calibration covers; all arrays are (n_joints,).
-
-    Attributes
-    ----------
-    joints : tuple of str
-        In the order of every array.
-    lower, upper : ndarray
-        Range of each joint [rad or m].
-    speed : ndarray
-        Speed caps while following a path [rad/s or m/s].
-    margin : ndarray, optional
-        A random motion turns within this distance of either end [rad or m]; by default a tenth
-        of the range.
-    slowest, fastest : ndarray, optional
-        Range of a random motion's peak speeds [rad/s or m/s]; by default from half of `speed`
-        up to it.
-    crawl : ndarray, optional
-        Speed with which a random motion of the laboratory's profile arrives [rad/s or m/s]; by
-        default a fifth of `slowest`.
-
-    Examples
-    --------
-    >>> truejoint.get_robot("raven2").workspace.joints
-    ('shoulder', 'elbow', 'insertion')
-    """
-
-    joints: tuple[str, ...]
-    lower: Array
-    upper: Array
-    speed: Array
-    margin: Array | None = None
-    slowest: Array | None = None
-    fastest: Array | None = None
-    crawl: Array | None = None
-
-    @property
-    def centre(self) -> Array:
-        """Middle of each range [rad or m] (peng2024 eq. 4)."""
-        return np.asarray((self.lower + self.upper) / 2)
-
-    @property
-    def extent(self) -> Array:
-        """Width of each range [rad or m] (peng2024 eq. 5)."""
-        return np.asarray(self.upper - self.lower)
-
-    @property
-    def swings(self) -> Array:
-        """Margin, slowest and fastest peak speed and crawl of a random motion (4, n_joints)."""
-        margin = 0.1 * self.extent if self.margin is None else self.margin
-        slowest = 0.5 * self.speed if self.slowest is None else self.slowest
-        fastest = self.speed if self.fastest is None else self.fastest
-        crawl = 0.2 * slowest if self.crawl is None else self.crawl
-        return np.stack([margin, slowest, fastest, crawl])
-
-
-class Kinematics(Protocol):
-    """Geometry of an arm; joint vectors are in the robot's own joint order."""
-
-    @property
-    def crtk_from_base(self) -> Array:
-        """Pose (4, 4) of the base frame in the frame of the robot's CRTK topics [m]."""
-
-    def forward(self, joint: ArrayLike) -> Array:
-        """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
-
-    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
-        """Joint positions (n_joints,) near `seed` that reach a tool pose (4, 4) [m].
-
-        Raises RobotError if `pose` is not rigid or out of reach.
-        """
-
-    def jacobian(self, joint: ArrayLike) -> Array:
-        """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -308,17 +98,17 @@ class Robot(Summarised):
             object.__setattr__(self, "channels", self.joint_names)
         if not self.positioning:
             object.__setattr__(self, "positioning", self.joint_names)
-        _check_once(self.joint_names, f"{self.name}: joints")
-        _check_once(self.channels, f"{self.name}: channels")
-        _check_once(self.positioning, f"{self.name}: positioning")
+        check_once(self.joint_names, f"{self.name}: joints")
+        check_once(self.channels, f"{self.name}: channels")
+        check_once(self.positioning, f"{self.name}: positioning")
         if tuple(name for name in self.channels if name in self.joint_names) != self.joint_names:
             raise RobotError(
                 f"{self.name}: its channels must hold every joint, in order: "
                 f"{', '.join(self.joint_names)}"
             )
-        _check_once(self.grasper, f"{self.name}: grasper")
+        check_once(self.grasper, f"{self.name}: grasper")
         encoded = tuple(one.joint for one in self.encoders)
-        _check_once(encoded, f"{self.name}: encoders")
+        check_once(encoded, f"{self.name}: encoders")
         self.index((*self.positioning, *self.grasper, *encoded))
         n = len(self.joints)
         if self.cable_mechanism is not None:
@@ -374,9 +164,9 @@ class Robot(Summarised):
         rule that it breaks.
         """
         check_keys(values, _KEYS, ("name", "joints"), source)
-        joints = _tables(values["joints"], f"{source}: joints")
+        joints = tables(values["joints"], f"{source}: joints")
         try:
-            made = tuple(_joint(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
+            made = tuple(joint_of(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
             names = tuple(joint.name for joint in made)
             matrix = values.get("transmission")
             kinematics, workspace = values.get("kinematics"), values.get("workspace")
@@ -386,18 +176,18 @@ class Robot(Summarised):
                 if not isinstance(table, Mapping | None):
                     raise RobotError(f"{key} is {table!r:.40}; want a table")
             return cls(
-                _name(values["name"], "name"),
+                name_of(values["name"], "name"),
                 made,
-                _name(values.get("arm", ""), "arm") if values.get("arm") else "",
-                _names(values.get("channels", names), "channels"),
-                _names(values.get("positioning", names), "positioning"),
-                None if matrix is None else _transmission(matrix, values.get("gear", ())),
-                None if kinematics is None else _kinematics(kinematics, made, folder),
+                name_of(values.get("arm", ""), "arm") if values.get("arm") else "",
+                names_of(values.get("channels", names), "channels"),
+                names_of(values.get("positioning", names), "positioning"),
+                None if matrix is None else transmission_of(matrix, values.get("gear", ())),
+                None if kinematics is None else kinematics_of(kinematics, made, folder),
                 values.get("effort", "joint"),
-                None if workspace is None else _workspace(workspace, joints),
+                None if workspace is None else workspace_of(workspace, joints),
                 None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
-                _names(values.get("grasper", ()), "grasper"),
-                _encoders(values["encoders"], joints) if values.get("encoders") else (),
+                names_of(values.get("grasper", ()), "grasper"),
+                encoders_of(values["encoders"], joints) if values.get("encoders") else (),
                 None if cables is None else CableMechanism.from_dict(cables),
             )
         except RobotError as error:
@@ -423,7 +213,7 @@ class Robot(Summarised):
             values["cable_mechanism"] = self.cable_mechanism.to_dict()
         space = self.workspace
         if space is not None:
-            rows = {key: getattr(space, key) for key in _WORKSPACE_KEYS}
+            rows = {key: getattr(space, key) for key in WORKSPACE_KEYS}
             values["workspace"] = {
                 joint: {key: float(row[k]) for key, row in rows.items() if row is not None}
                 for k, joint in enumerate(space.joints)
@@ -432,7 +222,7 @@ class Robot(Summarised):
         if hasattr(chain, "axes"):
             values["kinematics"] = {
                 "axes": [asdict(axis) for axis in chain.axes],
-                **{key: np.asarray(getattr(chain, key)).tolist() for key in _MATRIX_KEYS},
+                **{key: np.asarray(getattr(chain, key)).tolist() for key in MATRIX_KEYS},
             }
         return values
 
@@ -501,178 +291,10 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     values = read_toml(path, RobotError)
     source = source or str(path)
     check_keys(values, _FILE_KEYS, (), source)
-    arms = _names(values.pop("arms", []), f"{source}: arms")
-    _check_once(arms, f"{source}: arms")
+    arms = names_of(values.pop("arms", []), f"{source}: arms")
+    check_once(arms, f"{source}: arms")
     wanted = arm.strip().lower()
     if wanted and wanted not in arms:
         known = ", ".join(arms) or "none: leave the arm empty"
         raise RobotError(f"{source}: has no arm called {arm!r}; its arms: {known}")
     return Robot.from_dict({**values, "arm": wanted}, source, folder=path.parent)
-
-
-def _joint(values: Mapping[str, Any], where: str) -> Joint:
-    check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
-    name = _name(values["name"], f"{where}: name")
-    kind, factor = _kind(values, f"joint {name!r}")
-    limits = {key: values[key] for key in _LIMIT_KEYS if key in values}
-    numbers = {k: _number(v, f"joint {name!r}: {k}") * factor for k, v in limits.items()}
-    return Joint(name, kind, **numbers)
-
-
-def _workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
-    """Workspace of one table a joint, ``jaw = {lower = -50, ...}`` in that joint's unit."""
-    if not isinstance(values, Mapping) or not values:
-        raise RobotError(f"workspace is {values!r:.40}; want a table for each joint that moves")
-    factors = {joint["name"]: _kind(joint, "workspace")[1] for joint in joints}
-    rows = []
-    for name, row in values.items():
-        where = f"workspace.{name}"
-        if name not in factors or not isinstance(row, Mapping):
-            raise RobotError(f"{where}: want a table for one of the joints {', '.join(factors)}")
-        check_keys(row, _WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
-        rows.append({k: _number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
-        if not (rows[-1]["lower"] < rows[-1]["upper"] and rows[-1]["speed"] > 0):
-            raise RobotError(f"{where}: lower must be below upper, and speed above 0")
-    shared = [key for key in _WORKSPACE_KEYS if any(key in row for row in rows)]
-    for key in shared:
-        without = [name for name, row in zip(values, rows, strict=True) if key not in row]
-        if without:
-            raise RobotError(
-                f"workspace: {key} is missing for {', '.join(without)}; state it for every joint "
-                "or for none"
-            )
-    return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
-
-
-def _encoders(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[JointEncoder, ...]:
-    """Read encoders of tables, each in the unit of its joint."""
-    factors = {joint["name"]: _kind(joint, "encoders")[1] for joint in joints}
-    encoders = []
-    for n, row in enumerate(_tables(values, "encoders"), 1):
-        where = f"encoder {n}"
-        check_keys(row, _ENCODER_KEYS, _ENCODER_KEYS[:3], where)
-        joint = str(row["joint"])
-        if joint not in factors:
-            raise RobotError(f"{where}: {unknown('joint', joint, tuple(factors))}")
-        size = {
-            key: _number(row[key], f"{where}: {key}") * factors[joint]
-            for key in ("resolution", "hard_stop")
-        }
-        whole: dict[str, Any] = {k: row[k] for k in ("direction", "tolerance") if k in row}
-        if not all(type(value) is int for value in whole.values()):
-            raise RobotError(f"{where}: direction and tolerance are whole numbers")
-        whole |= {"end": row["end"]} if "end" in row else {}
-        encoders.append(JointEncoder(joint, size["resolution"], size["hard_stop"], **whole))
-    return tuple(encoders)
-
-
-def _transmission(matrix: Any, gear: Any) -> Transmission:
-    if not isinstance(gear, list | tuple) or len(gear) > MAX_JOINTS:
-        raise RobotError(f"gear is {gear!r:.40}; want a number for each motor")
-    turns = tuple(_number(value, "gear") for value in gear)
-    return Transmission(_matrix(matrix, "transmission"), turns)
-
-
-def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:
-    """Kind of a joint and the factor from its unit in the file to SI."""
-    kind = values.get("kind", "revolute")
-    if kind not in tuple(_UNITS):
-        raise RobotError(f"{where}: kind is {kind!r:.40}; want {' or '.join(_UNITS)}")
-    unit = values.get("unit", next(iter(_UNITS[kind])))
-    if unit not in tuple(_UNITS[kind]):
-        units = " or ".join(_UNITS[kind])
-        raise RobotError(f"{where}: unit {unit!r:.40} does not fit a {kind} joint; want {units}")
-    return kind, _UNITS[kind][unit]
-
-
-def _kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
-    if not isinstance(values, Mapping):
-        raise RobotError(f"kinematics is {values!r:.40}; want a table")
-    if "urdf" in values:
-        from truejoint.robots.urdf import read_urdf  # noqa: PLC0415  # an optional extra
-
-        check_keys(values, _URDF_KEYS, (), "kinematics")
-        if folder is None or not all(isinstance(value, str) for value in values.values()):
-            raise RobotError("kinematics: urdf, base and tip are texts, and stand in a robot file")
-        path = folder / values["urdf"]
-        kinds = {joint.name: joint.kind for joint in joints}
-        return read_urdf(path, kinds, values.get("base", ""), values.get("tip", ""))
-    return _chain(values, joints)
-
-
-def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
-    from truejoint.robots.chain import Axis, SerialChain  # noqa: PLC0415
-
-    check_keys(values, _CHAIN_KEYS, ("axes",), "kinematics")
-    unit = values.get("unit", "rad")
-    if unit not in tuple(_ANGLES):
-        angles = " or ".join(_ANGLES)
-        raise RobotError(f"kinematics: unit {unit!r:.40} is no angle's; want {angles}")
-    axes = []
-    for n, row in enumerate(_tables(values["axes"], "kinematics: axes"), 1):
-        where = f"kinematics: axis {n}"
-        check_keys(row, _AXIS_KEYS, (), where)
-        kind, _ = _kind({"kind": row.get("kind", "revolute")}, where)
-        alpha, a, d, theta = (
-            _number(row.get(key, 0.0), f"{where}: {key}") for key in _AXIS_KEYS[:4]
-        )
-        axes.append(Axis(alpha * _ANGLES[unit], a, d, theta * _ANGLES[unit], kind))
-    matrices = [np.eye(len(axes), len(joints)), np.eye(4), np.eye(3)]
-    for k, key in enumerate(_MATRIX_KEYS):
-        expected = matrices[k].shape
-        if key in values:
-            matrices[k] = _matrix(values[key], f"kinematics: {key}")
-        if matrices[k].shape != expected:
-            shape = matrices[k].shape
-            raise RobotError(f"kinematics: {key} is of shape {shape}, expected {expected}")
-    if "axis_from_joint" not in values:
-        kinds = [joint.kind for joint in joints[: len(axes)]]
-        if [axis.kind for axis in axes] != kinds:
-            raise RobotError(
-                f"kinematics: axes {', '.join(axis.kind for axis in axes)} do not fit the joints "
-                f"{', '.join(joint.kind for joint in joints)}; say what moves each by "
-                "axis_from_joint"
-            )
-    return SerialChain(tuple(axes), *matrices)
-
-
-def _check_once(names: Sequence[str], where: str) -> None:
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise RobotError(f"{where}: {twice[0]!r} stands twice; keep one")
-
-
-def _tables(values: Any, where: str) -> Sequence[Mapping[str, Any]]:
-    good = isinstance(values, list | tuple) and all(isinstance(row, Mapping) for row in values)
-    if not good or not 0 < len(values) <= MAX_JOINTS:
-        raise RobotError(f"{where} are {values!r:.40}; want 1 to {MAX_JOINTS} tables")
-    return list(values)
-
-
-def _name(value: Any, where: str) -> str:
-    if not isinstance(value, str) or not _NAME.fullmatch(value):
-        raise RobotError(f"{where} is {value!r:.80}; want up to 60 letters, digits and _")
-    return value
-
-
-def _names(values: Any, where: str) -> tuple[str, ...]:
-    if not isinstance(values, list | tuple) or len(values) > MAX_JOINTS:
-        raise RobotError(f"{where} is {values!r:.40}; want a list of at most {MAX_JOINTS} names")
-    return tuple(_name(value, where) for value in values)
-
-
-def _number(value: Any, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise RobotError(f"{where} is {value!r:.40}; want a number")
-    if not -_LARGEST <= value <= _LARGEST:
-        raise RobotError(
-            f"{where} is beyond {_LARGEST:g} in size; leave it out where there is none"
-        )
-    return float(value)
-
-
-def _matrix(values: Any, where: str) -> Array:
-    rows = values if isinstance(values, list | tuple) else [values]
-    if not all(isinstance(row, list | tuple) and len(row) == len(rows[0]) for row in rows):
-        raise RobotError(f"{where} is {values!r:.40}; want a list of rows of the same length")
-    return np.array([[_number(value, where) for value in row] for row in rows], dtype=np.float64)

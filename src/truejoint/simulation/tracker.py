@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.robots.robot import Kinematics
+from truejoint.robots.parts import Kinematics
 
 
 @dataclass(frozen=True)

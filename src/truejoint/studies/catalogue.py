@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 from truejoint.errors import StudyError, unknown
@@ -17,11 +18,17 @@ _DIRECTIONS: Final = Option(
 )
 
 
-_PRIOR: Final = "lugre, capstan, between, or mixed: what frictions are drawn from"
-_DRAWN: Final = Option("prior", "mixed", _PRIOR)
+_FRICTIONS: Final = Option(
+    "prior", "mixed", "lugre, capstan, between, or mixed: what frictions are drawn from"
+)
 _CALIBRATED: Final = Option(
     "motion", "nested", "to calibrate on: nested loops, or calibration, (27)"
 )
+
+
+def _drawn(count: int, small: int, what: str = "specimens") -> Option:
+    meaning = f"virtual {what}; more of them begin with the fewer"
+    return Option("count", count, meaning, small=small)
 
 
 def _methods(*default: str) -> Option:
@@ -56,7 +63,9 @@ _RAVENS: Final = Option(
     small=("peng2024",),
 )  # fmt: skip
 _NETWORKS: Final = Option("networks", 5, "seeds of the network", small=1)
+_NETWORK: Final = replace(_NETWORKS, default=1, small=None)
 _SESSIONS: Final = Option("sessions", 1, "homings, each with its own arm's seed and test")
+_HOURS: Final = Option("hours", 6, "of unloaded work", small=1)
 _MINUTES: Final = Option("minutes", 20.0, "of each random test [min]", small=10.0)
 
 
@@ -92,7 +101,7 @@ _RAVEN: Final = (
         "peng2024, II-F, figure 5", "truejoint.studies.raven2.sparsity",
         (
             _RAVENS, _SETS, Option("repeats", 5, "of everything, with another arm", small=2),
-            Option("networks", 1, "seeds of the network"), _MINUTES,
+            _NETWORK, _MINUTES,
         ),
     ),
     Study(
@@ -101,7 +110,7 @@ _RAVEN: Final = (
         (
             _RAVENS, Option("works", ("idle", "unloaded", "loaded"), "what the arm does"), _SETS,
             Option("hours", 6, "of it", small=2), Option("load_g", 500.0, "on the tool [g]"),
-            _SESSIONS, Option("networks", 2, "seeds of the network", small=1),
+            _SESSIONS, replace(_NETWORKS, default=2),
         ),
         version=2,
     ),
@@ -110,23 +119,22 @@ _RAVEN: Final = (
         "peng2024, II-H, figure 8", "truejoint.studies.raven2.features",
         (
             _RAVENS,
-            Option(
-                "sets", ("2", "4", "5+6", "2+5+6", "3+5+6", "4+5+6"), _SETS.meaning,
-                small=("2", "4+5+6"),
+            replace(
+                _SETS, default=("2", "4", "5+6", "2+5+6", "3+5+6", "4+5+6"), small=("2", "4+5+6")
             ),
             Option(
                 "models", ("dnn", "wide"), "networks; wide: of 600, 500 and 400 units",
                 small=("dnn",),
             ),
-            Option("hours", 6, "of unloaded work", small=1),
-            _SESSIONS, Option("networks", 1, "seeds of the network"),
+            _HOURS,
+            _SESSIONS, _NETWORK,
         ),
     ),
     Study(
         "ablation", "Which of the state's features matter, left out or with noise on them?",
         "peng2024, II-C; arXiv 2302.04999", "truejoint.studies.raven2.ablation",
         (
-            _RAVENS, Option("training", "4+5+6", _LONGEST.meaning, small="4+5"),
+            _RAVENS, replace(_LONGEST, small="4+5"),
             _SESSIONS, _MINUTES,
             Option("noise", 0.3, "share of each feature's standard deviation"),
         ),
@@ -138,16 +146,16 @@ _RAVEN: Final = (
             _RAVENS, Option("homings", 5, "after the first"), _LONGEST, Option(
                 "sessions", 5, "of every data set, each with another arm", small=2
             ),
-            Option("networks", 1, "seeds of the network"),
-            Option("minutes", 20.0, "of each random test [min]", small=4.0),
+            _NETWORK,
+            replace(_MINUTES, small=4.0),
         ),
     ),
     Study(
         "targets", "Should a model predict the error, or the joint's position end to end?",
         "peng2024, II-J, Table II", "truejoint.studies.raven2.targets",
         (
-            _RAVENS, _SETS, Option("hours", 6, "of unloaded work", small=1),
-            _SESSIONS, Option("networks", 1, "seeds of the network"),
+            _RAVENS, _SETS, _HOURS,
+            _SESSIONS, _NETWORK,
         ),
     ),
     Study(
@@ -163,7 +171,7 @@ _RAVEN: Final = (
                 ),
                 "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
             ),
-            _LONGEST, Option("hours", 6, "of unloaded work", small=2), _SESSIONS,
+            _LONGEST, replace(_HOURS, small=2), _SESSIONS,
         ),
         version=2,
     ),
@@ -178,17 +186,21 @@ _RAVEN: Final = (
     ),
 )  # fmt: skip
 
+_HOMINGS: Final = replace(
+    _SESSIONS, default=10, meaning="homings, each with its own arm's seed", small=2
+)
+_OF_JOINTS: Final = Option("features", "positioning", "of the positioning joints, or all")
 _PAST: Final = (
     Study(
         "efficiency", "Which motion reaches the accuracy of all zig-zags soonest?",
         "", "truejoint.studies.raven2.efficiency",
         (
-            _RAVENS, Option("sessions", 10, "homings, each with its own arm's seed", small=2),
-            Option("longest", 8.0, "training by random and designed motion [min]", small=4.0),
+            _RAVENS, _HOMINGS,
+            Option("longest", 5.0, "training by random and designed motion [min]", small=4.0),
             Option("every_s", 15.0, "of training are judged [s]", small=30.0),
             Option("estimator", "linear", "as for truejoint calibrate"),
-            Option("features", "positioning", "of the positioning joints, or all"),
-            Option("test", 20.0, "random motion that it is judged on [min]", small=5.0),
+            _OF_JOINTS,
+            Option("test", 10.0, "random motion that it is judged on [min]", small=5.0),
         ),
     ),
     Study(
@@ -196,11 +208,11 @@ _PAST: Final = (
         "", "truejoint.studies.raven2.transfer",
         (
             _RAVENS, Option("changes", ("homing", "day", "tool", "arm"), "what is new"),
-            Option("sessions", 10, "homings, each with its own arm's seed", small=2),
-            Option("first", 8.0, "designed motion of the first calibration [min]", small=4.0),
+            _HOMINGS,
+            Option("first", 5.0, "designed motion of the first calibration [min]", small=4.0),
             Option("estimator", "linear", "linear, poly2, poly2_ridge or rich_play"),
-            Option("features", "positioning", "of the positioning joints, or all"),
-            Option("test", 10.0, "random motion that it is judged on [min]", small=4.0),
+            _OF_JOINTS,
+            Option("test", 5.0, "random motion that it is judged on [min]", small=4.0),
         ),
         version=2,
     ),
@@ -223,13 +235,13 @@ _REAL: Final = (
             Option(
                 "estimators",
                 (
-                    "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees", "gru",
-                    "ukf_elastic",
+                    "linear", "poly2", "dnn", "poly2_ridge", "linear_trees", "network_forest",
+                    "rich_play", "rich_trees", "gp", "gru", "lstm", "tcn", "ukf_elastic",
                 ),
-                "columns of the table", small=("linear", "poly2", "dnn", "rich_play"),
+                "columns of the table, any of -e", small=("linear", "poly2", "dnn", "rich_play"),
             ),
             Option("features", "suited", "of linear, poly2, dnn: suited to the data, or plain"),
-            Option("networks", 3, "seeds of the network", small=1),
+            replace(_NETWORKS, default=3),
         ),
         version=2,
     ),
@@ -255,8 +267,8 @@ _FORCEPS: Final = (
     _study(
         "population", "Does it hold on other specimens? Every method on each",
         "yan2020, Table 2",
-        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=10),
-        Option("prior", "lugre", _PRIOR),
+        _drawn(100, 10),
+        replace(_FRICTIONS, default="lugre"),
         Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
         _UNLOADED,
         version=2,
@@ -264,8 +276,8 @@ _FORCEPS: Final = (
     _study(
         "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
         "",
-        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
-        _DRAWN,
+        _drawn(100, 4),
+        _FRICTIONS,
         _CALIBRATED,
         _MASSES, _DIRECTIONS,
         _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
@@ -273,15 +285,15 @@ _FORCEPS: Final = (
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
-        "", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS, version=3,
+        "", _SPECIMEN, _COUNT, _FRICTIONS, _CALIBRATED, _MASSES, _DIRECTIONS, version=3,
     ),
     _study(
         "physical", "Does friction in physical parameters make a better filter?",
-        "yan2020, (10) and (11)", _SPECIMEN, _COUNT, _DRAWN, _CALIBRATED, _MASSES, _DIRECTIONS,
+        "yan2020, (10) and (11)", _SPECIMEN, _COUNT, _FRICTIONS, _CALIBRATED, _MASSES, _DIRECTIONS,
     ),
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",
-        "", _SPECIMEN, _COUNT, _DRAWN,
+        "", _SPECIMEN, _COUNT, _FRICTIONS,
         Option("shifts_um", (0.0, 2.0, 5.0, 10.0, 20.0), "wrong zeros [um]"), _FEW,
         version=2,
     ),
@@ -292,8 +304,8 @@ _FORCEPS: Final = (
         Option("swings_hz", (0.2, 0.5, 1.0, 2.0), "rates at which it swings [Hz]"),
         Option("rate_hz", 250.0, "of the loop [Hz]"), Option("gain", 1.5, "of the loop"),
         Option("seconds", 64.8, "of the motion [s], more than 2.2", small=12.0),
-        Option("count", 100, "virtual specimens; more of them begin with the fewer", small=4),
-        Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
+        _drawn(40, 4),
+        _FRICTIONS,
         version=3,
     ),
     _study(
@@ -307,8 +319,8 @@ _FORCEPS: Final = (
         Option("homings_um", (2.0,), "standard deviations of the encoders' zeros [um]"),
         Option("mass_g", 100.0, "weight on the jaw [g]"),
         Option("target_deg", 0.1, "RMS error that a design must keep [deg]"),
-        Option("count", 10, "virtual specimens; more of them begin with the fewer", small=2),
-        Option("prior", "mixed", "population: lugre, capstan, between or mixed"),
+        _drawn(10, 2),
+        _FRICTIONS,
         version=2,
     ),
     _study(
@@ -334,7 +346,7 @@ _WRIST: Final = Study(
     "",
     "truejoint.studies.wrist.accuracy",
     (
-        Option("count", 24, "virtual instruments; more of them begin with the fewer", small=3),
+        _drawn(24, 3, "instruments"),
         _FAMILY,
         Option("instrument", "420172", "model number or name of a tool, as of robot wrist"),
         _FREE,
@@ -363,7 +375,7 @@ _WRIST_LOOP: Final = Study(
     "",
     "truejoint.studies.wrist.closed_loop",
     (
-        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        _drawn(12, 3, "instruments"),
         _FAMILY,
         _FREE,
         _UNDER_LOADS,
@@ -379,7 +391,7 @@ _WRIST_CHANGES: Final = Study(
     "",
     "truejoint.studies.wrist.changes",
     (
-        Option("count", 12, "virtual instruments; more of them begin with the fewer", small=3),
+        _drawn(12, 3, "instruments"),
         _FAMILY,
         _FREE,
         _UNDER_LOADS,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
@@ -24,6 +25,8 @@ _STYLE: Final[dict[Any, Any]] = {
     "font.size": 9,
 }
 _DPI: Final = 130
+_LEGEND: Final = 7
+"""Names at most in a line of a legend."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +96,10 @@ def png(figure: Figure) -> bytes:
             _draw(panel, axis)
         picture.suptitle(figure.title)
         if figure.legend:
-            handles = axes[0, 0].get_legend_handles_labels()
-            picture.legend(*handles, loc="outside lower center", ncols=5, fontsize=8)
+            handles, labels = axes[0, 0].get_legend_handles_labels()
+            lines = max(1, math.ceil(len(labels) / _LEGEND))
+            columns = max(1, math.ceil(len(labels) / lines))  # lines of about the same length
+            picture.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
     data = io.BytesIO()
     picture.savefig(data, format="png", dpi=_DPI)
     return data.getvalue()

@@ -297,6 +297,19 @@ def test_a_bag_that_was_never_closed(bag, session, tmp_path):
     assert not any("cut short" in reason for reason in found.provenance.dropped)
 
 
+def test_an_index_that_counts_more_than_a_file_so_long_can_hold_is_none(bag, tmp_path):
+    """Room is made for what an index counts, so that a lie of it would take all memory."""
+    data = bytearray(bag.read_bytes())
+    with bag.open("rb") as file:
+        file.seek(_index_position(data))
+        records = [(fields[b"op"], at) for _, fields, at, _ in container._ros1_records(file)]
+    last = max(at for op, at in records if op == b"\x06")
+    data[last + 4 : last + 8] = b"\xff\xff\xff\xff"  # messages of a topic in that chunk
+    path = tmp_path / "boast.bag"
+    path.write_bytes(data)
+    assert bag_topics(path) == bag_topics(bag)
+
+
 @pytest.mark.parametrize("suffix", [".bag", ".mcap"])
 @pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
 def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix, share):

@@ -42,6 +42,7 @@ _ROWS: Final = 4096  # of a table that are fetched at a time
 
 _U32: Final = struct.Struct("<I")
 _U64: Final = struct.Struct("<Q")
+_ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
 _MCAP_MESSAGE: Final = struct.Struct("<HIQ")  # channel, sequence, log time
 _MCAP_CHUNK: Final = struct.Struct("<QQQI")  # first and last time, size unpacked, checksum
 
@@ -241,7 +242,10 @@ def _ros1_records(file: BinaryIO) -> Iterator[tuple[int, dict[bytes, bytes], int
 
 
 def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
-    """Topics and counts by a bag's index; raises _NoIndexError or struct.error without one."""
+    """Topics and counts by a bag's index; raises _NoIndexError or struct.error without one.
+
+    Nor is an index one that counts more messages than a file so long has places for.
+    """
     if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
         raise _NoIndexError
     end = file.seek(0, 2)
@@ -262,6 +266,8 @@ def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
         elif fields.get(b"op") == b"\x06":
             for place in range(0, length, 8):
                 counts[data[place : place + 4]] += _U32.unpack_from(data, place + 4)[0]
+    if counts.total() * _ROS1_ENTRY > end:
+        raise _NoIndexError
     found: Counter[Topic] = Counter()
     for key, topic in topics.items():
         found[topic] += counts[key]

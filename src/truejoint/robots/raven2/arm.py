@@ -9,9 +9,10 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from truejoint.robots.parts import Joint, Transmission, Workspace
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.kinematics import kinematics
-from truejoint.robots.robot import Joint, Robot, Transmission, Workspace
+from truejoint.robots.robot import Robot
 
 # Order within the arm's half of a ``ravenstate`` message
 # (uw-biorobotics/raven2:include/raven/defines.h).

@@ -14,7 +14,8 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.robots.cable_mechanism import CableMechanism, Contact, Node, Pin, loops
 from truejoint.robots.catalogue import INSTRUMENTS
-from truejoint.robots.robot import Joint, Robot, Workspace
+from truejoint.robots.parts import Joint, Workspace
+from truejoint.robots.robot import Robot
 
 JOINTS: Final = ("pitch", "jaw1", "jaw2")
 """Of the two jaws, yaw is the mean and the opening ``jaw2 - jaw1``."""

@@ -283,9 +283,6 @@ def _figure(
     price: Mapping[Design, float],
     best: Sequence[Design],
 ) -> Figure:
-    def median(design: Design, which: str) -> float:
-        return math.degrees(float(np.median(errors[design][which])))
-
     finest, usual = min(d.resolution for d in errors), min(d.homing for d in errors)
     friction = settings["frictions"][0]
     middle = sorted(settings["stiffnesses_kNm"])[len(settings["stiffnesses_kNm"]) // 2]
@@ -294,24 +291,27 @@ def _figure(
     by_resolution: list[Curve] = []
     both: list[Curve] = []
     costs: list[Curve] = []
+
+    def medians(designs: Sequence[Design], which: str) -> list[float]:
+        return [math.degrees(float(np.median(errors[one][which]))) for one in designs]
+
+    def typical(designs: Sequence[Design]) -> tuple[list[float], list[float]]:
+        return [price[d] for d in designs], [math.degrees(_typical(errors[d])) for d in designs]
+
     for layout in settings["layouts"]:
+        look = layout, _COLOURS[layout]
         own = [d for d in plain if d.layout == layout]
         row = [d for d in own if d.resolution == finest or not d.encoders]
         x = [d.stiffness / 1e3 for d in row]
-        y = [median(d, "loaded") for d in row]
-        by_stiffness.append(Curve(x, y, layout, _COLOURS[layout], "o-"))
+        by_stiffness.append(Curve(x, medians(row, "loaded"), *look, "o-"))
         column = [d for d in own if d.stiffness == 1e3 * middle]
-        x = [1e6 * d.resolution for d in column]
-        y = [median(d, "unloaded") for d in column]
-        if x and column[0].encoders:
-            by_resolution.append(Curve(x, y, layout, _COLOURS[layout], "o-"))
+        if column and column[0].encoders:
+            x = [1e6 * d.resolution for d in column]
+            by_resolution.append(Curve(x, medians(column, "unloaded"), *look, "o-"))
         every = [d for d in errors if d.layout == layout]
-        x, y = ([median(d, which) for d in every] for which in ("unloaded", "loaded"))
-        both.append(Curve(x, y, layout, _COLOURS[layout], "o"))
-        x, y = [price[d] for d in every], [math.degrees(_typical(errors[d])) for d in every]
-        costs.append(Curve(x, y, layout, _COLOURS[layout], "o"))
-    y = [math.degrees(_typical(errors[d])) for d in best]
-    costs.append(Curve([price[d] for d in best], y, "", "k", "--o"))
+        both.append(Curve(medians(every, "unloaded"), medians(every, "loaded"), *look, "o"))
+        costs.append(Curve(*typical(every), *look, "o"))
+    costs.append(Curve(*typical(best), "", "k", "--o"))
     mass = f"under {settings['mass_g']:g} g"
     rms_name = "median RMS error [deg]"
     panels = (

@@ -36,16 +36,10 @@ def parts(settings: Settings) -> Sequence[Part]:
     for text in sets.values():
         s.combination(text)
     common = {"networks": settings["networks"], "seconds": 60.0 * settings["minutes"], **sets}
-    found = []
-    for title, raven in s.specimens(settings["specimens"]).items():
-        for session in range(settings["sessions"]):
-            for direction in settings["directions"]:
-                # Every direction has an arm, a homing and a test of its own, as in the paper.
-                number = len(_NAMES) * session + _NAMES.index(direction)
-                seed = s.STUDY_SEED * settings.seed + number
-                arguments = {"raven": raven, "direction": direction, "seed": seed, **common}
-                found.append(Part(f"{title}-{direction}-{session}", calibrate, arguments))
-    return found
+    # Every direction has an arm, a homing and a test of its own, as in the paper.
+    cases = {name: {"direction": name} for name in _NAMES}
+    chosen = settings["directions"]
+    return s.part_for_each(settings, calibrate, 0, common, cases=cases, chosen=chosen)
 
 
 def calibrate(
@@ -115,10 +109,9 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
 def _by_direction(
     settings: Settings, results: Mapping[str, PartResult], title: str, kind: str
 ) -> dict[str, list[s.Errors]]:
-    count = range(settings["sessions"])
     return {
-        direction: [results[f"{title}-{direction}-{k}"].numbers[kind] for k in count]
-        for direction in settings["directions"]
+        name: [part.numbers[kind] for part in s.sessions_of(settings, results, title, name)]
+        for name in settings["directions"]
     }
 
 

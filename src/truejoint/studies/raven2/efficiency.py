@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import ENOUGH, calibrate, expected_gain
+from truejoint.calibration import ENOUGH, expected_gain
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.digits import fixed
 from truejoint.motion import PROFILES, designed_motion, random_motion
@@ -42,14 +42,8 @@ def parts(settings: Settings) -> Sequence[Part]:
         "features": features(settings["features"]),
         "test": 60.0 * settings["test"],
     }
-    found = []
-    for title, raven in s.specimens(settings["specimens"]).items():
-        for session in range(settings["sessions"]):
-            seed = _OFFSET + s.STUDY_SEED * settings.seed + session
-            for motion in _MOTIONS:
-                arguments = {"raven": raven, "seed": seed, "motion": motion, **common}
-                found.append(Part(f"{title}-{motion}-{session}", learn, arguments))
-    return found
+    cases = {motion: {"motion": motion} for motion in _MOTIONS}
+    return s.part_for_each(settings, learn, _OFFSET, common, cases=cases, one_arm=True)
 
 
 def features(which: str) -> list[str] | None:
@@ -84,7 +78,7 @@ def learn(
 
     def rmse(recordings: Sequence[Recording]) -> list[float]:
         try:
-            model = calibrate(recordings, estimator, features=features)
+            model = s.model_of(recordings, estimator, features=features)
         except CalibrationError:
             return [float("nan")] * len(s.JOINTS)
         return s.judged({estimator: [model]}, judged)[estimator][0]
@@ -138,16 +132,16 @@ def reached(share: Array, seconds: Array) -> tuple[float, float]:
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Accuracy against minutes, and the minutes until that of the zig-zags."""
-    count = range(settings["sessions"])
     seconds = np.array(parts(settings)[0].arguments["seconds"])
     rows, claims, panels = [], [], []
     for title in s.specimens(settings["specimens"]):
-        whole = [results[f"{title}-{_REFERENCE}-{k}"].numbers["whole"] for k in count]
-        total = np.median([results[f"{title}-{_REFERENCE}-{k}"].numbers["total"] for k in count])
+        parts_of = {name: s.sessions_of(settings, results, title, name) for name in _MOTIONS}
+        whole = [part.numbers["whole"] for part in parts_of[_REFERENCE]]
+        total = np.median([part.numbers["total"] for part in parts_of[_REFERENCE]])
         rows.append(_row(f"{title}, zig-zags", np.full(2, total), np.array(whole), 1.0))
         curves, times = [], {}
         for motion, colour in _MOTIONS.items():
-            rmse = [results[f"{title}-{motion}-{k}"].arrays["rmse"] for k in count]
+            rmse = [part.arrays["rmse"] for part in parts_of[motion]]
             shares = [relative(one, own) for one, own in zip(rmse, whole, strict=True)]
             least = min(map(len, shares))
             times[motion] = np.array([reached(one, seconds) for one in shares])
@@ -166,15 +160,16 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
                 rows.append(_row(text, spent, here, float(middle[at])))
         panels.append(Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy"))
         claims += _claims(title, times)
-        claims.append(_stopping(title, [results[f"{title}-{_DESIGNED}-{k}"] for k in count]))
+        claims.append(_stopping(title, parts_of[_DESIGNED]))
+    count = settings["sessions"]
     header = ("motion", *s.TITLES, "to the zig-zags'", "as good from [min]", "for good [min]")
     chosen = f"{settings['estimator']}, features of {settings['features']} joints"
     notes = (
         f"RMSE on {settings['test']:g} minutes of random motion of the laboratory's profile after "
-        f"the training, mean over {len(count)} sessions with an arm's seed and a homing each; "
-        f"{chosen}. The last three are medians over the sessions: of the geometric mean over the "
-        "joints of the RMSE over that of the session's zig-zags, and of the minutes until that is "
-        "1 or below, for the first time and for good.",
+        f"the training, mean over {count} sessions with an arm's seed and a homing each; {chosen}. "
+        "The last three are medians over the sessions: of the geometric mean over the joints of "
+        "the RMSE over that of the session's zig-zags, and of the minutes until that is 1 or "
+        "below, for the first time and for good.",
     )
     table = Table("Accuracy against minutes of training", header, tuple(rows), notes)
     caption = "Bold: median over the sessions, which are the thin lines. 1: all zig-zags."

@@ -49,20 +49,13 @@ def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, kind of work and session."""
     check_counts(settings, "hours", "sessions", "networks")
     check_names("kind of work", settings["works"], WORKS)
-    for text in settings["sets"]:
-        s.combination(text)
+    s.check_sets(settings)
     if not 0.0 < settings["load_g"] <= 2000.0:
         raise StudyError(f"load_g={settings['load_g']:g}; it must be above 0, up to 2000")
     common = {name: settings[name] for name in ("sets", "networks", "hours")}
-    found = []
-    for title, raven in s.specimens(settings["specimens"]).items():
-        for session in range(settings["sessions"]):
-            for number, work in enumerate(settings["works"]):
-                seed = _OFFSET + s.STUDY_SEED * settings.seed + len(WORKS) * session + number
-                load = settings["load_g"] / 1e3 if work == LOADED else 0.0
-                arguments = {"raven": raven, "work": work, "load": load, "seed": seed, **common}
-                found.append(Part(f"{title}-{work}-{session}", last, arguments))
-    return found
+    load = {LOADED: settings["load_g"] / 1e3}
+    cases = {work: {"work": work, "load": load.get(work, 0.0)} for work in WORKS}
+    return s.part_for_each(settings, last, _OFFSET, common, cases=cases, chosen=settings["works"])
 
 
 def last(
@@ -104,7 +97,7 @@ def by_work(settings: Settings, results: Mapping[str, PartResult], title: str) -
     """Sort the hours of a specimen, combinations by the time that they take."""
     found = {}
     for work in settings["works"]:
-        numbers = [results[f"{title}-{work}-{k}"].numbers for k in range(settings["sessions"])]
+        numbers = [part.numbers for part in s.sessions_of(settings, results, title, work)]
         order = sorted(settings["sets"], key=numbers[0]["seconds"].get)
         found[work] = [
             [{text: hour[text] for text in order} for hour in one["hours"]] for one in numbers
@@ -151,7 +144,10 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             )
         made.append(_by_length(title, found, settings))
         figures[f"endurance-{title}"] = _figure(title, found)
-        first = {work: results[f"{title}-{work}-0"].arrays for work in settings["works"]}
+        first = {
+            work: s.sessions_of(settings, results, title, work)[0].arrays
+            for work in settings["works"]
+        }
         figures[f"trajectories-{title}"] = _trajectories(title, first)
         if set(WORKS) <= set(found) and settings["hours"] > 1:
             judged += [claim.judged(found, title) for claim in CLAIMS]

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from truejoint.calibration import calibrate
 from truejoint.estimators.network import WideNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import default_unit
@@ -36,8 +35,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     check_counts(settings, "hours", "sessions", "networks")
     check_names("model", settings["models"], ("dnn", WIDE))
-    for text in settings["sets"]:
-        s.combination(text)
+    s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "models", "networks", "hours")}
     return s.part_for_each(settings, fit_both, _OFFSET, common)
 
@@ -59,7 +57,7 @@ def fit_both(
     for text, own in training.items():
         every = s.fitted(own, networks, seed, features=names)
         if WIDE in models and text == longest:
-            wide = calibrate(own, WideNetwork(), features=names, fit_rate=_FIT_RATE)
+            wide = s.model_of(own, WideNetwork(), features=names, fit_rate=_FIT_RATE)
             every = {**every, WIDE: [wide]}
         timeless = [name for name in names if name not in _CLOCKS]
         found[text] = {

@@ -14,8 +14,9 @@ from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts
 from truejoint.studies.verdicts import RULE
 
-NONE, ONE = SEEN = ("none seen", "one seen")
-"""Homings amid the training."""
+NONE, ONE = "none seen", "one seen"
+SEEN: Final = {NONE: "none", ONE: "one"}
+"""Homings amid the training, and what a part is called after it."""
 _OFFSET: Final = 400_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
 
@@ -34,14 +35,8 @@ def parts(settings: Settings) -> Sequence[Part]:
     }
     if len(common["divisions"]) < 2:
         raise StudyError(f"training={settings['training']}: two zig-zags or more see a homing")
-    found = []
-    for title, raven in s.specimens(settings["specimens"]).items():
-        for session in range(settings["sessions"]):
-            for number, seen in enumerate(SEEN):
-                seed = _OFFSET + s.STUDY_SEED * settings.seed + len(SEEN) * session + number
-                arguments = {"raven": raven, "seen": seen == ONE, "seed": seed, **common}
-                found.append(Part(f"{title}-{seen.split()[0]}-{session}", home_again, arguments))
-    return found
+    cases = {case: {"seen": seen == ONE} for seen, case in SEEN.items()}
+    return s.part_for_each(settings, home_again, _OFFSET, common, cases=cases)
 
 
 def home_again(
@@ -72,11 +67,10 @@ def home_again(
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Figure 9, its numbers, and what the paper says of homing."""
     made, figures, judged = [], {}, []
-    count = range(settings["sessions"])
     for title in s.specimens(settings["specimens"]):
         found = {
-            seen: [results[f"{title}-{seen.split()[0]}-{k}"].numbers["tests"] for k in count]
-            for seen in SEEN
+            seen: [p.numbers["tests"] for p in s.sessions_of(settings, results, title, case)]
+            for seen, case in SEEN.items()
         }
         rows = {
             f"{seen}, after homing {n}" if n else f"{seen}, before": [one[n] for one in sessions]

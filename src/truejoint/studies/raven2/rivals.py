@@ -13,7 +13,6 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from truejoint.array_types import Array
-from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
 from truejoint.evaluation.digits import fixed
@@ -102,7 +101,7 @@ def compare(
         s.work(arm, (hours - 2) * s.HOUR, 2 * s.TEST_SEED + seed)
     tests.append(s.random_test(arm, s.HOUR, 3 * s.TEST_SEED + seed))
     fitted = {
-        name: calibrate(sets, _unfitted(name), fit_rate=RIVALS[name].fit_rate) for name in models
+        name: s.model_of(sets, _unfitted(name), fit_rate=RIVALS[name].fit_rate) for name in models
     }
     return PartResult(
         {

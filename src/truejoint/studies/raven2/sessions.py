@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate, reseeded
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
+from truejoint.estimators import Regressor
 from truejoint.evaluation.metrics import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
@@ -44,6 +45,8 @@ STUDY_SEED: Final = 1000
 """Between the arms' seeds of two seeds of a study."""
 TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
+ONE_CASE: Final[Mapping[str, Mapping[str, Any]]] = {"": {}}
+"""Of a study that does one thing a session."""
 
 
 def specimens(names: Sequence[str]) -> dict[str, Plain]:
@@ -64,29 +67,68 @@ def part_for_each(
     compute: Callable[..., PartResult],
     offset: int,
     common: Mapping[str, Any],
+    *,
     count: str = "sessions",
+    cases: Mapping[str, Mapping[str, Any]] = ONE_CASE,
+    chosen: Sequence[str] | None = None,
+    one_arm: bool = False,
 ) -> list[Part]:
-    """Part of every specimen and session, of which the option `count` says how many there are.
+    """Part of every specimen, session and case.
 
-    `compute` is called with a specimen ``raven``, an arm's ``seed`` from `offset` on, so that no
-    other study has the same, and what is `common` to all.
+    Parameters
+    ----------
+    compute : callable
+        Called with a specimen ``raven``, an arm's ``seed``, what is `common` to all, and what the
+        case adds.
+    offset : int
+        Of the arms' seeds, so that no other study has the same.
+    count : str
+        Option that says how many sessions there are.
+    cases : mapping
+        What is done apart in a session, by what a part is called after it.
+    chosen : sequence of str, optional
+        Cases that are wanted; which others are does not change a case's seed.
+    one_arm : bool
+        Whether the cases of a session have one arm's seed.
     """
     first = offset + STUDY_SEED * settings.seed
+    step = 1 if one_arm else len(cases)
     return [
-        Part(f"{title}-{k}", compute, {"raven": raven, "seed": first + k, **common})
+        Part(
+            _key(title, case, session),
+            compute,
+            {"raven": raven, "seed": first + step * session + number % step, **common, **own},
+        )
         for title, raven in specimens(settings["specimens"]).items()
-        for k in range(settings[count])
+        for session in range(settings[count])
+        for number, (case, own) in enumerate(cases.items())
+        if chosen is None or case in chosen
     ]
+
+
+def sessions_of(
+    settings: Settings,
+    results: Mapping[str, PartResult],
+    title: str,
+    case: str = "",
+    count: str = "sessions",
+) -> list[PartResult]:
+    """Results of the sessions of a specimen in one case; see `part_for_each`."""
+    return [results[_key(title, case, session)] for session in range(settings[count])]
 
 
 def numbers_of(
     settings: Settings, results: Mapping[str, PartResult], count: str = "sessions"
 ) -> dict[str, list[Mapping[str, Any]]]:
-    """Numbers of the sessions of every specimen, by its title; see `part_for_each`."""
+    """Numbers of the sessions of every specimen, by its title, where there is one case."""
     return {
-        title: [results[f"{title}-{k}"].numbers for k in range(settings[count])]
+        title: [part.numbers for part in sessions_of(settings, results, title, count=count)]
         for title in specimens(settings["specimens"])
     }
+
+
+def _key(title: str, case: str, session: int) -> str:
+    return f"{title}-{case}-{session}" if case else f"{title}-{session}"
 
 
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
@@ -126,6 +168,12 @@ def combination(text: str) -> tuple[int, ...]:
     return divisions
 
 
+def check_sets(settings: Settings) -> None:
+    """Raise StudyError unless every one of the option ``sets`` is a `combination`."""
+    for text in settings["sets"]:
+        combination(text)
+
+
 def training_sets(
     arm: Arm, sets: Sequence[str], direction: str = BEST
 ) -> dict[str, list[Recording]]:
@@ -147,6 +195,16 @@ def random_test(arm: Arm, seconds: float, seed: int, rate: float = STATE_RATE) -
     return record(arm, path, rate)
 
 
+def model_of(
+    training: Recording | Sequence[Recording], estimator: str | Regressor, **how: Any
+) -> Calibration:
+    """Calibrate for correcting recordings: what only checks a control loop's sensors is left out.
+
+    `how` is as `calibrate` takes it.
+    """
+    return calibrate(training, estimator, redundant=(), **how)
+
+
 def fitted(
     training: Sequence[Recording], networks: int, seed: int, **how: Any
 ) -> dict[str, list[Calibration]]:
@@ -154,7 +212,7 @@ def fitted(
 
     `how` is as `calibrate` takes it.
     """
-    first = calibrate(training, "dnn" if networks else "linear", random_state=seed, **how)
+    first = model_of(training, "dnn" if networks else "linear", random_state=seed, **how)
     others = {name: [model] for name, model in first.baselines.items()}
     if not networks:
         return others

@@ -20,14 +20,13 @@ _METHODS: Final = (*s.MODELS, "offset")
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and repetition."""
     check_counts(settings, "minutes", "repeats", "networks")
-    for text in settings["sets"]:
-        s.combination(text)
+    s.check_sets(settings)
     common = {
         "sets": settings["sets"],
         "networks": settings["networks"],
         "seconds": 60.0 * settings["minutes"],
     }
-    return s.part_for_each(settings, repeat, _OFFSET, common, "repeats")
+    return s.part_for_each(settings, repeat, _OFFSET, common, count="repeats")
 
 
 def repeat(

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.calibration import calibrate
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts
@@ -23,8 +22,7 @@ Found = Mapping[str, Sequence[s.Errors]]
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     check_counts(settings, "hours", "sessions", "networks")
-    for text in settings["sets"]:
-        s.combination(text)
+    s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "networks", "hours")}
     return s.part_for_each(settings, predict, _OFFSET, common)
 
@@ -36,17 +34,10 @@ def predict(
     arm, _ = s.homed(raven, seed)
     training = s.training_sets(arm, sets)
     tests = s.working(arm, hours, s.TEST_SEED + seed)
-    seeds = {"dnn": range(networks), "poly2": range(1), "linear": range(1)}
     found: dict[str, s.Errors] = {}
     for target in TARGETS:
-        models = {
-            method: [
-                calibrate(own, method, target=target, random_state=seed + k)
-                for own in training.values()
-                for k in count
-            ]
-            for method, count in seeds.items()
-        }
+        fitted = [s.fitted(own, networks, seed, target=target) for own in training.values()]
+        models = {m: [model for ones in fitted for model in ones[m]] for m in s.MODELS}
         by_hour = [s.judged(models, test) for test in tests]
         found[target] = {m: [row for hour in by_hour for row in hour[m]] for m in by_hour[0]}
     return PartResult(found)

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, adapted, calibrate
+from truejoint.calibration import Calibration, adapted
 from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.digits import fixed
@@ -58,15 +58,9 @@ def parts(settings: Settings) -> Sequence[Part]:
         "first": 60.0 * settings["first"],
         "test": 60.0 * settings["test"],
     }
-    found = []
-    for title, raven in s.specimens(settings["specimens"]).items():
-        for number, change in enumerate(CHANGES):
-            for session in range(settings["sessions"]):
-                seed = _OFFSET + s.STUDY_SEED * settings.seed + len(CHANGES) * session + number
-                if change in settings["changes"]:
-                    arguments = {"raven": raven, "change": change, "seed": seed, **common}
-                    found.append(Part(f"{title}-{change}-{session}", go_over, arguments))
-    return found
+    cases = {change: {"change": change} for change in CHANGES}
+    chosen = settings["changes"]
+    return s.part_for_each(settings, go_over, _OFFSET, common, cases=cases, chosen=chosen)
 
 
 def go_over(
@@ -85,7 +79,7 @@ def go_over(
     arm, _ = s.homed(raven, seed)
     path = designed_motion(arm.robot, first, _MOTION_SEED + seed)
     reference = s.record(arm, path)
-    prior = calibrate(reference, estimator, features=features)
+    prior = s.model_of(reference, estimator, features=features)
     before = _rmse(prior, s.random_test(arm, test, s.TEST_SEED + seed))
     arm = changed(arm, raven, change, seed)
     recording = s.record(arm, designed_motion(arm.robot, _SECONDS[-1], _MOTION_SEED + seed))
@@ -96,12 +90,12 @@ def go_over(
         made[_REFERENCE].append(_rmse(adapted(prior, brief, reference=reference), judged))
         made["prior"].append(_rmse(adapted(prior, brief), judged))
         try:
-            anew = _rmse(calibrate(brief, estimator, features=features), judged)
+            anew = _rmse(s.model_of(brief, estimator, features=features), judged)
         except CalibrationError:  # too few rows, or a joint has not moved yet
             anew = [float("nan")] * len(s.JOINTS)
         made["anew"].append(anew)
     whole = s.record(arm, designed_motion(arm.robot, first, 2 * _MOTION_SEED + seed))
-    own = _rmse(calibrate(whole, estimator, features=features), judged)
+    own = _rmse(s.model_of(whole, estimator, features=features), judged)
     arrays = {way: np.array(rows) for way, rows in made.items()}
     return PartResult({"before": before, "as it was": _rmse(prior, judged), "own": own}, arrays)
 
@@ -141,13 +135,12 @@ def _rmse(model: Calibration, recording: Recording) -> list[float]:
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Accuracy against seconds of the new motion, as a share of that of a whole calibration."""
-    count = range(settings["sessions"])
     rows, claims = [], []
     panels: list[list[Panel]] = []
     for title in s.specimens(settings["specimens"]):
         line: list[Panel] = []
         for change in (name for name in CHANGES if name in settings["changes"]):
-            parts = [results[f"{title}-{change}-{k}"] for k in count]
+            parts = s.sessions_of(settings, results, title, change)
             found = _by_what(parts)
             rows += [_row(f"{title}, {change}, {what}", one, found) for what, one in found.items()]
             if CHANGES[change] is not None:
@@ -162,8 +155,9 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             name = f"{title}, {change}"
             line.append(Panel(curves, "motion [s]", "RMSE / own calibration", name, log="xy"))
         panels.append(line)
+    count = settings["sessions"]
     notes = (
-        f"RMSE on {settings['test']:g} minutes of random motion, mean over {len(count)} sessions; "
+        f"RMSE on {settings['test']:g} minutes of random motion, mean over {count} sessions; "
         f"{settings['estimator']}, features of {settings['features']} joints, first fitted to "
         f"{settings['first']:g} minutes of designed motion, which is followed again for so many "
         "seconds after the change. Own: as long a calibration after the change. The last columns: "

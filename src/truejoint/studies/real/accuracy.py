@@ -14,7 +14,8 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators import NeuralNetwork, get_estimator
+from truejoint.errors import CalibrationError
+from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
 from truejoint.evaluation import part_by_time
 from truejoint.evaluation.digits import decimals_for, fixed
 from truejoint.evaluation.metrics import rmse
@@ -34,20 +35,20 @@ from truejoint.studies.study import (
 from truejoint.studies.table import Table, reported
 from truejoint.units import display_unit
 
+Groups = dict[tuple[str, str], dict[str, Any]]
+"""What was found on each data set and split."""
+
 HWANG: Final = "hwang"
 """Split of the da Vinci arm's set as its authors do it."""
-ESTIMATORS: Final = (
-    "linear", "poly2", "dnn", "linear_trees", "rich_play", "rich_trees", "gru", "lstm", "tcn",
-    "network_forest", "ukf_elastic",
-)  # fmt: skip
-"""Those that take any recording, and the filter for a jaw measured at its driver."""
 FEATURES: Final = ("suited", "plain")
 """Of linear, poly2 and dnn: those of the data set, or measured positions and efforts alone."""
+_TITLE: Final = "Recordings of real joints"
 _DVRK: Final = "dvrk_psm_berkeley"
-_JAWS: Final = ("davinci_grasper_umn",)  # that have what `ukf_elastic` reads
+_COLOURS: Final = 10  # of the cycle that "C0" begins; then marks change
 _SEEN: Final = 0.1
 _WINDOW: Final = 4
-_BASELINES: Final = ("raw", "offset")
+_OFFSET: Final = "offset"
+_BASELINES: Final = ("raw", _OFFSET)
 _SUITED: Final = ("linear", "poly2", "dnn")  # that take the features and settings of a data set
 
 
@@ -55,15 +56,14 @@ def parts(settings: Settings) -> Sequence[Part]:
     """One a data set, split and estimator."""
     check_counts(settings, "networks")
     check_names("data set", settings["datasets"], tuple(_judged_sets()))
-    check_names("estimator", settings["estimators"], ESTIMATORS)
+    known = [name for name in estimator_names() if name not in _BASELINES]
+    check_names("estimator", settings["estimators"], known)
     check_names("kind of features", (settings["features"],), FEATURES)
     found = []
     for name in settings["datasets"]:
         splits = [split.name for split in DATASETS[name].splits] + [HWANG] * (name == _DVRK)
         for split in splits:
             for estimator in settings["estimators"]:
-                if estimator == "ukf_elastic" and name not in _JAWS:
-                    continue
                 seeds = settings["networks"] if estimator == "dnn" else 1
                 arguments = {
                     "dataset": name,
@@ -83,7 +83,10 @@ def _judged_sets() -> list[str]:
 def judge(
     dataset: str, split: str, estimator: str, seeds: Sequence[int], suited: bool = True
 ) -> PartResult:
-    """Fit an estimator to the training side, and judge it on what was held out."""
+    """Fit an estimator to the training side, and judge it on what was held out.
+
+    One that refuses the recordings, as a filter of another robot does, has its reason as a result.
+    """
     about = DATASETS[dataset]
     if split == HWANG:
         whole = read_dataset(dataset)
@@ -94,16 +97,16 @@ def judge(
     features: Sequence[str] | None = None
     if suited and estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
-    models = [
-        calibrate(
-            training, _unfitted(about, estimator, seed), features=features, fit_rate=about.fit_rate
-        )
-        for seed in seeds
-    ]
+    unfitted = [_unfitted(about, estimator, seed) for seed in seeds]
+    rate = about.fit_rate
+    try:
+        models = [calibrate(training, one, features=features, fit_rate=rate) for one in unfitted]
+    except CalibrationError as reason:
+        return PartResult({"dataset": dataset, "estimator": estimator, "refused": str(reason)})
     joints = models[0].joints
     found = {estimator: [_left(model, testing) for model in models]}
     if estimator == "linear":
-        found["offset"] = [_left(models[0].baselines["offset"], testing)]
+        found[_OFFSET] = [_left(models[0].baselines[_OFFSET], testing)]
         error = np.concatenate([one.with_truth(joints).error(joints) for one in testing])
         found["raw"] = [rmse(error).tolist()]
     units = [testing[0].robot.joint(joint).unit for joint in joints]
@@ -135,29 +138,26 @@ def _left(model: Calibration, testing: Sequence[Recording]) -> list[float]:
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """RMSE of every estimator by data set, split and joint."""
-    groups: dict[tuple[str, str], dict[str, Any]] = {}
-    for part in results.values():
-        numbers = part.numbers
+    groups: Groups = {}
+    refused = {}
+    for numbers in (part.numbers for part in results.values()):
+        if "refused" in numbers:
+            refused[f"{numbers['estimator']} on {numbers['dataset']}"] = numbers["refused"]
+            continue
         key = numbers["dataset"], numbers["split"]
         group = groups.setdefault(key, {**numbers, "rmse": {}})
         group["rmse"] |= numbers["rmse"]
-    methods = [*_BASELINES, *settings["estimators"]]
-    rows, names = [], []
-    points: dict[str, list[float]] = {method: [] for method in methods}
+    estimators = settings["estimators"]
+    methods = [*_BASELINES, *estimators]
+    rows, shares = [], dict[str, list[float]]()
     for (dataset, split), group in groups.items():
         for k, joint in enumerate(group["joints"]):
-            unit = display_unit(group["units"][k])
-            values = {
-                method: np.array(seeds)[:, k] * unit.scale
-                for method, seeds in group["rmse"].items()
-            }
-            cells = [_cell(values.get(method)) for method in methods]
-            rows.append((f"{dataset}, {split}: {joint} [{unit.name}]", *cells))
-            names.append(f"{dataset}, {split}: {joint}")
-            whole = values["offset"].mean() if "offset" in values else np.nan
-            for method in methods:
-                value = values[method].mean() if method in values else np.nan
-                points[method].append(value / whole)
+            unit, name = display_unit(group["units"][k]), f"{dataset}, {split}: {joint}"
+            values = {one: np.array(seeds)[:, k] for one, seeds in group["rmse"].items()}
+            cells = (_cell(values.get(method), unit.scale) for method in methods)
+            rows.append((f"{name} [{unit.name}]", *cells))
+            whole = float(np.mean(values.get(_OFFSET, np.nan)))
+            shares[name] = [float(np.mean(values.get(one, np.nan))) / whole for one in estimators]
     notes = (
         "RMSE on whole recordings, or the last part by time, that no fit saw; all features are "
         f"causal. dnn: mean ± standard deviation over {settings['networks']} seeds. "
@@ -167,28 +167,35 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             else "All take measured positions and efforts as they come."
         ),
         f"{HWANG}: both motions together, four samples of all joints, the first tenth held out.",
+        *(f"{what}: {reason}" for what, reason in refused.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
-    table = Table("Recordings of real joints", ("held out", *methods), tuple(rows), notes)
-    place = np.arange(len(names))
-    shown = [method for method in methods if method not in _BASELINES]
-    curves = [Curve(points[m], place, m, f"C{i}", "o") for i, m in enumerate(shown)]
-    panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=names, legend=False)
+    table = Table(_TITLE, ("held out", *methods), tuple(rows), notes)
+    return Summary((table,), {"real": _figure(estimators, shares)}, _claims(groups))
+
+
+def _figure(estimators: Sequence[str], shares: Mapping[str, Sequence[float]]) -> Figure:
+    """Draw the estimators' shares of the fixed offset's error by what was held out."""
+    place, of_each = np.arange(len(shares)), np.array(list(shares.values())).T
+    curves = [
+        Curve(own, place, name, f"C{i % _COLOURS}", "os"[i // _COLOURS % 2])
+        for i, (name, own) in enumerate(zip(estimators, of_each, strict=True))
+    ]
+    panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(shares))
     caption = "Every estimator on what was held out; 1: no better than a fixed offset."
-    height = 2.0 + 0.3 * len(names)
-    figure = Figure("Recordings of real joints", ((panel,),), caption, 11.0, height, legend=True)
-    return Summary((table,), {"real": figure}, _claims(groups))
+    return Figure(_TITLE, ((panel,),), caption, 11.0, 2.0 + 0.3 * len(shares), legend=True)
 
 
-def _cell(values: Any) -> str:
+def _cell(values: Any, scale: float) -> str:
     if values is None:
         return fixed(np.nan, 3)
+    values = scale * values
     decimals = decimals_for([float(values.mean())], most=4)
     spread = f" ± {fixed(float(values.std(ddof=1)), decimals)}" if len(values) > 1 else ""
     return fixed(float(values.mean()), decimals) + spread
 
 
-def _claims(groups: Mapping[tuple[str, str], Mapping[str, Any]]) -> list[Claim]:
+def _claims(groups: Groups) -> list[Claim]:
     """Set the best estimator beside what the set's authors report of theirs, joints 1 to 3."""
     group = groups.get((_DVRK, HWANG))
     if group is None:

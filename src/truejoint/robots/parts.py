@@ -1,0 +1,213 @@
+"""What a robot consists of: joints, transmission, calibration workspace, kinematics."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.array_types import Array
+from truejoint.errors import RobotError
+
+
+@dataclass(frozen=True)
+class Joint:
+    """One joint; positions are in rad (revolute) or m (prismatic).
+
+    Raises
+    ------
+    RobotError
+        If its limits are upside down, its home lies outside of them or its speed is not positive.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").joint("insertion").unit
+    'm'
+    """
+
+    name: str
+    kind: Literal["revolute", "prismatic"] = "revolute"
+    lower: float = -math.inf
+    upper: float = math.inf
+    home: float = 0.0
+    max_speed: float = math.inf
+
+    def __post_init__(self) -> None:
+        if not self.lower < self.upper:
+            raise RobotError(
+                f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "
+                f"upper one, {self.upper:g}; exchange them"
+            )
+        if not self.lower <= self.home <= self.upper:
+            raise RobotError(
+                f"joint {self.name!r}: home {self.home:g} {self.unit} is not within its limits "
+                f"{self.lower:g} and {self.upper:g}; state a home that is"
+            )
+        if not self.max_speed > 0:
+            raise RobotError(f"joint {self.name!r}: max_speed is {self.max_speed:g}; want above 0")
+
+    @property
+    def unit(self) -> str:
+        """SI unit of the joint's position, ``"rad"`` or ``"m"``."""
+        return "rad" if self.kind == "revolute" else "m"
+
+    @property
+    def effort_unit(self) -> str:
+        """SI unit of the effort that acts on the joint itself, ``"Nm"`` or ``"N"``."""
+        return "Nm" if self.kind == "revolute" else "N"
+
+
+@dataclass(frozen=True, eq=False)
+class Transmission:
+    """Linear cable transmission with coupling, ``motor = matrix @ joint``.
+
+    Attributes
+    ----------
+    matrix : ndarray, shape (n_joints, n_joints)
+        Motor-shaft angle per joint position, rad/rad or rad/m; off-diagonal terms are the
+        cable coupling between joints.
+    gear : tuple of float, optional
+        Turns of each motor's shaft per turn of where its effort is stated, behind a gearbox; by
+        default 1.
+
+    Raises
+    ------
+    RobotError
+        If `matrix` is not square, finite and invertible, or `gear` is not as many positive numbers.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").transmission is None
+    False
+    """
+
+    matrix: Array
+    gear: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        matrix, shape = self.matrix, self.matrix.shape
+        finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
+        if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
+            raise RobotError(
+                f"transmission matrix of shape {shape} must be square, finite and "
+                "invertible: each joint needs a motor of its own"
+            )
+        if self.gear and not (len(self.gear) == len(matrix) and min(self.gear) > 0):
+            raise RobotError(
+                f"transmission gear {self.gear} must be {len(matrix)} numbers above 0, one a motor"
+            )
+
+    def motor_from_joint(self, joint: ArrayLike) -> Array:
+        """Motor-shaft angles (..., n_joints) [rad] of joint positions (..., n_joints)."""
+        return np.asarray(joint, dtype=float) @ self.matrix.T
+
+    def joint_from_motor(self, motor: ArrayLike) -> Array:
+        """Joint positions (..., n_joints) [rad or m] of motor-shaft angles [rad]."""
+        return np.asarray(motor, dtype=float) @ self.inverse.T
+
+    def joint_effort(self, effort: ArrayLike) -> Array:
+        """Torque or force (..., n_joints) on the joints [Nm or N] of efforts at the motors [Nm].
+
+        By virtual work: what the motors do in a small motion is what the joints receive.
+        """
+        joint: Array = np.asarray(effort, dtype=float) @ self._effort_matrix
+        return joint
+
+    def motor_effort(self, effort: ArrayLike) -> Array:
+        """Torques (..., n_joints) at the motors [Nm] of efforts on the joints [Nm or N].
+
+        The inverse of `joint_effort`.
+        """
+        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self._effort_matrix)
+        return motor
+
+    @cached_property
+    def _effort_matrix(self) -> Array:
+        gear = np.array(self.gear or np.ones(len(self.matrix)))
+        return np.asarray(self.matrix / gear[:, None], dtype=np.float64)
+
+    @cached_property
+    def inverse(self) -> Array:
+        """Joint position per motor-shaft angle (n_joints, n_joints) [rad/rad or m/rad]."""
+        return np.linalg.inv(self.matrix).astype(np.float64)
+
+
+@dataclass(frozen=True, eq=False)
+class Workspace:
+    """Box of joint positions that a calibration covers; all arrays are (n_joints,).
+
+    Attributes
+    ----------
+    joints : tuple of str
+        In the order of every array.
+    lower, upper : ndarray
+        Range of each joint [rad or m].
+    speed : ndarray
+        Speed caps while following a path [rad/s or m/s].
+    margin : ndarray, optional
+        A random motion turns within this distance of either end [rad or m]; by default a tenth
+        of the range.
+    slowest, fastest : ndarray, optional
+        Range of a random motion's peak speeds [rad/s or m/s]; by default from half of `speed`
+        up to it.
+    crawl : ndarray, optional
+        Speed with which a random motion of the laboratory's profile arrives [rad/s or m/s]; by
+        default a fifth of `slowest`.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").workspace.joints
+    ('shoulder', 'elbow', 'insertion')
+    """
+
+    joints: tuple[str, ...]
+    lower: Array
+    upper: Array
+    speed: Array
+    margin: Array | None = None
+    slowest: Array | None = None
+    fastest: Array | None = None
+    crawl: Array | None = None
+
+    @property
+    def centre(self) -> Array:
+        """Middle of each range [rad or m] (peng2024 eq. 4)."""
+        return np.asarray((self.lower + self.upper) / 2)
+
+    @property
+    def extent(self) -> Array:
+        """Width of each range [rad or m] (peng2024 eq. 5)."""
+        return np.asarray(self.upper - self.lower)
+
+    @property
+    def swings(self) -> Array:
+        """Margin, slowest and fastest peak speed and crawl of a random motion (4, n_joints)."""
+        margin = 0.1 * self.extent if self.margin is None else self.margin
+        slowest = 0.5 * self.speed if self.slowest is None else self.slowest
+        fastest = self.speed if self.fastest is None else self.fastest
+        crawl = 0.2 * slowest if self.crawl is None else self.crawl
+        return np.stack([margin, slowest, fastest, crawl])
+
+
+class Kinematics(Protocol):
+    """Geometry of an arm; joint vectors are in the robot's own joint order."""
+
+    @property
+    def crtk_from_base(self) -> Array:
+        """Pose (4, 4) of the base frame in the frame of the robot's CRTK topics [m]."""
+
+    def forward(self, joint: ArrayLike) -> Array:
+        """Tool poses (..., 4, 4) [m] in the base frame, of joint positions (..., n_joints)."""
+
+    def inverse(self, pose: ArrayLike, seed: ArrayLike) -> Array:
+        """Joint positions (n_joints,) near `seed` that reach a tool pose (4, 4) [m].
+
+        Raises RobotError if `pose` is not rigid or out of reach.
+        """
+
+    def jacobian(self, joint: ArrayLike) -> Array:
+        """Geometric Jacobian (..., 6, n_joints): linear [m] over angular [rad] per joint unit."""
