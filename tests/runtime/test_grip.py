@@ -32,7 +32,7 @@ def gripped(wanted, off=0.0, felt=1.0):
     compensator = loop()
     rows = np.tile(OPEN, (len(wanted), 1))
     grips, poses = [], []
-    for piece in GripControl(compensator, ROBOT).pieces(rows, wanted):
+    for piece in GripControl(compensator, ROBOT).pieces(rows, wanted, 1000.0):
         poses.append(piece[-1])
         # The loop takes what is known to where it is wanted, so that the jaws are `off` it.
         opening = piece[-1, 2] - piece[-1, 1] - off
@@ -68,7 +68,9 @@ def test_jaws_open_again_where_no_grip_is_wanted_as_fast_as_they_may():
 
 
 def test_pieces_join_without_a_jump():
-    pieces = list(GripControl(loop(), ROBOT).pieces(np.tile(OPEN, (103, 1)), np.full(103, 0.05)))
+    pieces = list(
+        GripControl(loop(), ROBOT).pieces(np.tile(OPEN, (103, 1)), np.full(103, 0.05), 1000.0)
+    )
     assert [len(piece) for piece in pieces] == [5] * 20 + [3]
     steps = np.diff(np.vstack([OPEN, *pieces]), axis=0)
     assert np.abs(steps).max() <= ROBOT.joints[1].max_speed * 1e-3 * (1.0 + 1e-9)

@@ -205,7 +205,7 @@ class Compensator:
         """Those that it takes where they are wanted."""
         return self.corrector.joints
 
-    def around(self, corrector: Corrector) -> Compensator:
+    def around(self, corrector: Corrector | Uncorrected) -> Compensator:
         """Give the same loop, before its start, around another corrector of the same joints."""
         return Compensator(corrector, self._robot, **self._how)
 
@@ -373,6 +373,7 @@ class Uncorrected:
         self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
         self.spike_speed: Final = np.full(len(self.joints), math.inf)
         self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
+        self.beside: Final[dict[str, Array]] = {}
         self._t = -math.inf
 
     def step(self, t: float, sample: ArrayLike) -> Status:

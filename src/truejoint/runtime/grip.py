@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.errors import CommandRefused
 from truejoint.robots import Robot
 from truejoint.runtime.compensator import Compensator
@@ -92,7 +91,7 @@ class GripControl:
         self._lowest = float(np.nan_to_num(reach.min(axis=0)).sum())
         self.opening = math.nan
 
-    def pieces(self, wanted: ArrayLike, grip: ArrayLike) -> Iterator[Array]:
+    def pieces(self, wanted: ArrayLike, grip: ArrayLike, rate: float) -> Iterator[Array]:
         """Positions of all joints, a piece for each step, for `Compensator.setpoints`.
 
         Each is made when it is asked for, of what is known then of jaws and grip.
@@ -100,12 +99,14 @@ class GripControl:
         Parameters
         ----------
         wanted : array_like, shape (n, n_joints)
-            Positions at 1 kHz [rad or m].
+            Positions [rad or m].
         grip : array_like, shape (n,)
             Torque of the jaws [Nm]; 0 where their opening shall be that of the positions.
+        rate : float
+            Of the rows, `Arm.rate` [Hz].
         """
         rows, torque = np.array(wanted, dtype=np.float64), np.asarray(grip, dtype=np.float64)
-        period = round(SERVO_RATE / self._compensator.rate)
+        period = round(rate / self._compensator.rate)
         apart, unit = rows @ self._way, self._way / (self._way @ self._way)
         self.opening = met = float(apart[0])
         for first in range(0, len(rows), period):

@@ -261,7 +261,7 @@ class Bench:
         twin.held = lambda t: np.full(len(t), _HELD)
         heard = _heard(arm, ["truth_load/grip"])
         loop = self._loop(key, arm)
-        pieces = loop.setpoints(arm, GripControl(loop, arm.robot).pieces(path, wanted))
+        pieces = loop.setpoints(arm, GripControl(loop, arm.robot).pieces(path, wanted, arm.rate))
         arm.stream(pieces, len(path) * SETPOINT_DT, "grip").wait()
         return np.concatenate(heard)[-len(path) :, 0]
 
