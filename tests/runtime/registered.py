@@ -11,7 +11,7 @@ import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators import registry, two_mass
+from truejoint.estimators import cable_filter, registry, two_mass
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
@@ -19,6 +19,8 @@ from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies.wrist import motions
 
 from . import streams
 
@@ -32,6 +34,16 @@ def forceps() -> tuple[Recording, Recording]:
         for seed, motion in enumerate(motions)
     )
     return calibration, verification
+
+
+@cache
+def wrist() -> tuple[Recording, ...]:
+    """Virtual wrist, free and under loads, and on another motion, at 100 Hz."""
+    twin = WristTwin(seed=2)
+    twin.home()
+    runs = [motions.record(twin, motions.paused_sines, 16.0, 4, load) for load in (False, True)]
+    runs.append(motions.record(twin, motions.steps, 16.0, 5, load=True))
+    return tuple(run.rows(np.arange(0, len(run), 2)) for run in runs)
 
 
 def in_loop() -> list[str]:
@@ -54,6 +66,8 @@ def at_the_motor(name: str) -> bool:
 @cache
 def training(name: str) -> tuple[Recording, ...]:
     """Recordings that the estimator called `name` can be fitted to."""
+    if "motor/jaw1" in inputs(name):
+        return wrist()[:2]
     if "driver/jaw" in inputs(name):
         return tuple(grasper_recording(seed) for seed in range(4))
     return (forceps()[0],) if at_the_motor(name) else (streams.recording(streams.MINUTE),)
@@ -69,6 +83,7 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
         patch.dict(registry._TREES["boosted_trees"].params, max_iter=5),
         patch.dict(registry._TREES["random_forest"].params, n_estimators=4),
         patch.dict(registry._ESTIMATORS["dnn"].params, network),
+        patch.object(cable_filter, "_ROUNDS", 2),
         patch.object(two_mass, "_ROWS", 900),
     ):
         if inputs(name):
@@ -84,6 +99,8 @@ def model(name: str) -> Calibration:
 
 def unseen(name: str) -> Recording:
     """Recording that the estimator was not fitted to, of the time step of its training."""
+    if "motor/jaw1" in inputs(name):
+        return wrist()[2]
     if "driver/jaw" in inputs(name):
         return grasper_recording(50)
     if at_the_motor(name):

@@ -1,4 +1,5 @@
 from .base import JointRegressor as JointRegressor
+from .cable_filter import CableFilter as CableFilter
 from .combination import Combination as Combination
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter

@@ -166,8 +166,8 @@ class NeuralNetwork(JointRegressor):
             losses = []
             for start in range(0, len(X), self.batch_size_):
                 rows = order[start : start + self.batch_size_]
-                batch = [table.take(rows, axis=0, mode="clip") for table in (X, y)]  # the fastest
-                losses.append(loss_and_gradient(layers, *batch, decay, gradient, more))
+                inputs, wanted = (one.take(rows, axis=0, mode="clip") for one in (X, y))  # fastest
+                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more))
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
             check_loss(self.loss_curve_, epochs, rate)

@@ -106,7 +106,7 @@ class FaultyBackend:
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
         """Stream set-points (n, n_joints) [rad or m] until there is a fault or the link is lost."""
         taken = 0
-        for piece in in_grains(position):
+        for piece in in_grains(position, max(round(self.grain * self.rate), 1)):
             self._check_link("servo_jp")
             if not self.operating_state().is_ready:
                 break
