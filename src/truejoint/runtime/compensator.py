@@ -363,9 +363,9 @@ def motor_loop(robot: Robot, rate: float = 50.0) -> Compensator:
 
     Examples
     --------
-    >>> from truejoint.motion import follow, zigzag
-    >>> path = zigzag(arm.robot, "J2", 1 / 2)
-    >>> (follow(arm, path, steering=motor_loop(arm.robot)).rms < follow(arm, path).rms)[1]
+    >>> path = truejoint.motion.Trajectory(("elbow",), ("rad",), np.array([[1.5], [1.52]]))
+    >>> report = truejoint.motion.follow(arm, path, steering=motor_loop(arm.robot))
+    >>> bool(report.rms[0] < 1e-3)
     True
     """
     return Compensator(Uncorrected(robot), robot, rate=rate)
