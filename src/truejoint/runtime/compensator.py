@@ -355,7 +355,7 @@ class Uncorrected:
         """Nothing is held that belongs to a thread."""
 
 
-def motor_loop(robot: Robot, rate: float = 50.0) -> Compensator:
+def motor_loop(robot: Robot, rate: float = 100.0) -> Compensator:
     """Loop for `truejoint.motion.follow` that keeps what an arm reports to a trajectory.
 
     It makes up for what friction and the robot's own controller leave between set-point and
