@@ -390,7 +390,7 @@ class Uncorrected:
         """Nothing is held that belongs to a thread."""
 
 
-def motor_loop(robot: Robot, rate: float = 50.0) -> Compensator:
+def motor_loop(robot: Robot, rate: float = 100.0) -> Compensator:
     """Loop for `truejoint.motion.follow` that keeps what an arm reports to a trajectory.
 
     It makes up for what friction and the robot's own controller leave between set-point and
@@ -398,9 +398,9 @@ def motor_loop(robot: Robot, rate: float = 50.0) -> Compensator:
 
     Examples
     --------
-    >>> from truejoint.motion import follow, zigzag
-    >>> path = zigzag(arm.robot, "J2", 1 / 2)
-    >>> (follow(arm, path, steering=motor_loop(arm.robot)).rms < follow(arm, path).rms)[1]
+    >>> path = truejoint.motion.Trajectory(("elbow",), ("rad",), np.array([[1.5], [1.52]]))
+    >>> report = truejoint.motion.follow(arm, path, steering=motor_loop(arm.robot))
+    >>> bool(report.rms[0] < 1e-3)
     True
     """
     return Compensator(Uncorrected(robot), robot, rate=rate)
