@@ -343,7 +343,10 @@ class ToolMotion:
 
     @classmethod
     def of(cls, name: str, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
-        """Find the joints' measured positions among the features called `names`."""
+        """Find the joints' measured positions among the features called `names`.
+
+        Raises CalibrationError as `PoseNetwork.for_features`.
+        """
         if robot.kinematics is None:
             raise CalibrationError(
                 f"{name} needs the kinematics of {robot.title}, which are not known; add them to "
@@ -502,7 +505,7 @@ def _slopes_of_weighted_squares(found: Floats, y: Floats, weights: Floats, sums:
             total += difference[j] * pull
             found[i, j] = 0.0 if math.isnan(y[i, j]) else 2.0 * pull / n
             sums[j] += found[i, j]
-    return total / n
+    return float(total / n)
 
 
 @compiled

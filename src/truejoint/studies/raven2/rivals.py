@@ -107,15 +107,15 @@ def compare(
     return PartResult(
         {
             when: {
-                RAW: _judged(test.columns("measured", s.JOINTS), test),
-                **{name: _judged(model.correct(test), test) for name, model in fitted.items()},
+                RAW: errors_of(test.columns("measured", s.JOINTS), test),
+                **{name: errors_of(model.correct(test), test) for name, model in fitted.items()},
             }
             for when, test in zip(WHEN, tests, strict=True)
         }
     )
 
 
-def _judged(estimate: Array, test: Recording) -> dict[str, list[float]]:
+def errors_of(estimate: Array, test: Recording) -> dict[str, list[float]]:
     """RMSE of the joints (3,) [rad, rad, m] and of the tool (x, y, z, distance) [m]."""
     truth, robot = test.columns("truth", s.JOINTS), test.robot
     known = np.isfinite(truth).all(axis=1)
