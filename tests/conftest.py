@@ -44,14 +44,15 @@ class LaggingBackend:
     can predict. Truth is the measured position at every tenth sample.
     """
 
-    def __init__(self, lag: float) -> None:
+    def __init__(self, lag: float, rate: float = 1000.0) -> None:
+        self.rate, self.grain = rate, 0.01
         self.robot = get_robot("raven2", "left")
         self.time = 0.0
         self.homing_id = "lagging"
         self.sent: list[np.ndarray] = []
         self.waited = 0.0
         self.state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=0.0)
-        self._decay = np.exp(-1e-3 / lag)
+        self._decay = np.exp(-1.0 / (rate * lag))
         self._listener: Callable[[StateBlock | TruthBlock], None] = lambda block: None
         self._measured = self.robot.home.copy()
 
@@ -89,7 +90,7 @@ class LaggingBackend:
         for i, target in enumerate(position):
             self._measured = target + (self._measured - target) * self._decay
             measured[i] = self._measured
-        t = self.time + 1e-3 * np.arange(1, len(position) + 1)
+        t = self.time + 1.0 / self.rate * np.arange(1, len(position) + 1)
         self.time = float(t[-1])
         columns = [self.robot.channels.index(name) for name in self.robot.joint_names]
         arrays = np.zeros((2, len(position), len(self.robot.channels)))
