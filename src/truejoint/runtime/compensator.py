@@ -184,7 +184,7 @@ class Compensator:
         """Those that it takes where they are wanted."""
         return self.corrector.joints
 
-    def around(self, corrector: Corrector) -> Compensator:
+    def around(self, corrector: Corrector | Uncorrected) -> Compensator:
         """Give the same loop, before its start, around another corrector of the same joints."""
         return Compensator(corrector, self._robot, **self._how)
 
