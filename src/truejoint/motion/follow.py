@@ -22,11 +22,13 @@ from truejoint.crtk import (
 )
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, MotionStopped, TrajectoryError
-from truejoint.motion.trajectory import Trajectory, workspace_of
+from truejoint.motion.trajectory import Trajectory, as_trajectory, workspace_of
 from truejoint.robots import Robot
+from truejoint.robots.robot import as_robot
 from truejoint.units import display_unit
 
 _POLL: Final = 0.02  # [s] between two looks at the state of a paused arm
+_SHORTEST_LEG: Final = 1e-3  # [s], a set-point
 _SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
 
 
@@ -168,7 +170,7 @@ def follow(
     ('shoulder', 'elbow', 'insertion')
     """
     check_ready(arm.operating_state(), "follow")
-    trajectory.check_within(arm.robot)
+    as_trajectory(trajectory).check_within(arm.robot)
     law, caps = _timed(arm.robot, trajectory, speed_scale, speed)
     columns = arm.robot.index(trajectory.joints)
     pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
@@ -290,6 +292,10 @@ def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajecto
     4
     """
     law = _timed(robot, trajectory, 1.0, None)[0]
+    if not duration >= _SHORTEST_LEG:
+        raise TrajectoryError(
+            f"{trajectory.name}: legs of {duration:g} s; give {_SHORTEST_LEG:g} s or more"
+        )
     marks = np.arange(0.0, law.times[-1], duration)
     cuts = sorted({*np.searchsorted(law.times, marks).tolist(), len(law.times) - 1})
     return [
@@ -316,7 +322,7 @@ def _timed(
     """Time law of a trajectory, and the speed (n_joints,) that its set-points stay below."""
     if not 0.0 < speed_scale <= 1.0:
         raise TrajectoryError(f"{trajectory.name}: speed scale {speed_scale} must be in (0, 1]")
-    top = np.array([robot.joint(name).max_speed for name in trajectory.joints])
+    top = np.array([as_robot(robot).joint(j).max_speed for j in as_trajectory(trajectory).joints])
     if trajectory.times is not None:
         if speed is not None:
             raise TrajectoryError(f"{trajectory.name}: has times; give no speed, or speed_scale")

@@ -15,18 +15,19 @@ from typing import Any, Final, NoReturn, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.calibration.sessions import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import checked_rows
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
+from truejoint.runtime.feed_forward import FeedForward
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
@@ -39,6 +40,7 @@ SETTLING: Final = 0.1
 backlash would make a loop swing there that is quick enough for reversals."""
 _LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are moved
 _PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
+_UNREAD: Final = Status.WRONG_SIZE | Status.OTHER_THREAD  # of a sample that may be anything
 _INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
 
 
@@ -79,6 +81,9 @@ class Compensator:
     dead_band : float
         Error [rad or m] that is let be where a joint is wanted to stand still: friction would make
         the loop hunt for the rest of it.
+    forward : FeedForward, optional
+        Says what will be lost at set-points that take the joints where they are wanted: that is
+        made up for at once, and by `lost` only what differs from it.
     believed : Status
         Bits with which a sample is corrected all the same, where the estimator is known to hold:
         ``Status.OUT_OF_DOMAIN | Status.IMPLAUSIBLE`` for one that knows loads that it never saw.
@@ -88,7 +93,7 @@ class Compensator:
     setpoint : ndarray, shape (n_joints,)
         For the corrector's joints [rad or m]; copy what you want to keep.
     lost : ndarray, shape (n_joints,)
-        True less measured position, as it is made up for [rad or m].
+        True less measured position, as it is made up for [rad or m], beyond what is fed forward.
     measured : list of int
         Where the joints' measured positions stand in a sample.
     is_limited : ndarray of int, shape (n_joints,)
@@ -125,7 +130,11 @@ class Compensator:
         integral_time: float = 0.5,
         dead_band: float = 0.0,
         believed: Status = Status.OK,
+        forward: FeedForward | None = None,
     ) -> None:
+        if not hasattr(corrector, "made_for"):
+            advice = "give Corrector(model)"
+            raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         for name, value in numbers.items():
             if not 0.0 <= value < math.inf:
@@ -136,6 +145,11 @@ class Compensator:
             )
         check_rate(rate, lag, gain)
         check_robot(corrector.made_for, robot)
+        if forward is not None and forward.joints != corrector.joints:
+            raise CommandRefused(
+                f"compensator: what is fed forward is of {', '.join(forward.joints)}, the "
+                f"corrector of {', '.join(corrector.joints)}; calibrate both on the same joints"
+            )
         if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
             raise CommandRefused(
                 f"compensator: the corrector checks {', '.join(written)}, which a compensator "
@@ -147,12 +161,16 @@ class Compensator:
         self._how: dict[str, Any] = {
             "rate": rate, "lag": lag, "gain": gain, "time_constant": time_constant,
             "integral_time": integral_time, "dead_band": dead_band, "believed": believed,
+            "forward": forward,
         }  # fmt: skip
         self._robot = robot
         joints = robot.index(corrector.joints)
         top = np.array([robot.joints[i].max_speed for i in joints])
         zeros = np.zeros(len(joints))
-        arrays = ("wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up")
+        arrays = (
+            "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
+            "expected", "forward",
+        )  # fmt: skip
         self.memory: Final = at.LAYOUT.pack(
             n_joints=len(joints), doubted=~int(believed), lead=lag * rate, gain=gain,
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
@@ -168,6 +186,9 @@ class Compensator:
         self._lower, self._upper = view("lower"), view("upper")
         self._wanted, self._measured = view("wanted"), view("measured")
         self._correction = view("correction")
+        self._expected, self._forward = view("expected"), view("forward")
+        self._last_wanted = view("last_wanted")
+        self.forward: Final = forward
         self.measured: Final = [corrector.signals.index(f"measured/{n}") for n in corrector.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
@@ -198,6 +219,11 @@ class Compensator:
         self.memory.memory[at.GAIN] = share
 
     @property
+    def known(self) -> Array:
+        """Where the joints are (n_joints,) [rad or m], by the last sample; NaN before it."""
+        return np.asarray(self._measured + self._correction)
+
+    @property
     def knows_lost(self) -> bool:
         """Whether the corrector was believed since the start."""
         return bool(self.memory.numbers[at.KNOWS_LOST])
@@ -205,19 +231,27 @@ class Compensator:
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest from set-points (n_joints,) [rad or m] that the arm already has."""
         self.setpoint[:] = setpoint
+        if self.forward is not None:
+            self.forward.start(setpoint)
         begin(self.memory.numbers, self.memory.memory)
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.
 
         The `sample` (n_signals,) of the corrector was taken at `t` [s]; where a wanted position is
-        not finite, the one before goes on. Raises nothing; see `status` and `is_limited`.
+        not finite, the one before goes on. No sample makes it raise; see `status` and `is_limited`.
         """
         self.status = self.corrector.step(t, sample)
         self.memory.numbers[at.STATUS] = self.status
         self._wanted[:] = wanted
-        self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
+        if not self.status & _UNREAD:
+            self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
         np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
+        if self.forward is not None:
+            last = np.where(np.isfinite(self._last_wanted), self._last_wanted, self._wanted)
+            ahead = self._wanted + self.memory.memory[at.LEAD] * (self._wanted - last)
+            self.forward.step(1.0 / self.rate, self._measured, ahead)
+            self._expected[:], self._forward[:] = self.forward.expected, self.forward.forward
         compensate(self.memory.numbers, self.memory.memory)
         return self.setpoint
 
@@ -339,6 +373,7 @@ class Uncorrected:
         self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
         self.spike_speed: Final = np.full(len(self.joints), math.inf)
         self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
+        self.beside: Final[dict[str, Array]] = {}
         self._t = -math.inf
 
     def step(self, t: float, sample: ArrayLike) -> Status:
@@ -486,8 +521,8 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     Raises
     ------
     CommandRefused
-        If the arm is not ready or does not report a signal, a row is not finite, or the
-        compensator's rate does not divide the arm's.
+        If the arm is not ready or does not report a signal, a row is not finite or of other joints,
+        or the compensator's rate does not divide the arm's.
 
     Examples
     --------
@@ -498,9 +533,17 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     >>> compensated_motion(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """
-    rows = np.atleast_2d(np.asarray(wanted, dtype=np.float64))
+    rows, joints = (
+        floats(wanted, "compensated_motion", CommandRefused),
+        compensator.corrector.joints,
+    )
+    if rows.ndim != 2 or rows.shape[1] != len(joints) or not len(rows):
+        raise CommandRefused(
+            f"compensated_motion: wanted positions of shape {rows.shape}; give a row or more of "
+            f"{', '.join(joints)}"
+        )
     full = np.tile(arm.setpoint_js(math.inf).position, (len(rows), 1))
-    full[:, arm.robot.index(compensator.corrector.joints)] = rows
+    full[:, arm.robot.index(joints)] = rows
     checked_rows(arm.robot, full, "compensated_motion")
     told: list[tuple[float, Array, Array, Array, int]] = []
 
