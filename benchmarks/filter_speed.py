@@ -16,6 +16,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from truejoint.estimators.cable_filter import STARTS, constants, filter_inputs
 from truejoint.filters import UnscentedFilter
 from truejoint.filters.state_space import (
     StateSpaceModel,
@@ -23,9 +24,10 @@ from truejoint.filters.state_space import (
     linear_model,
     van_loan,
 )
+from truejoint.models import cable_loops
+from truejoint.models.cable_filter import cable_filter, cable_prior
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.wrist import motions, reduced
-from truejoint.studies.wrist.physical import STARTS, Physical, Signals, constants
+from truejoint.studies.wrist import motions
 
 ROWS = 20_000
 RECORD = 10_000  # rows: short enough to be timed between two interruptions
@@ -200,7 +202,7 @@ def main() -> None:
         start = time.perf_counter_ns()
         estimator.step(state, effort, given, 5e-3)
         laps[k] = time.perf_counter_ns() - start
-    print(f"ours, a wrist: 12 states, 3 efforts | {_percentiles(laps * 1e-3)} |", flush=True)
+    print(f"ours, a wrist: 15 states, 3 efforts | {_percentiles(laps * 1e-3)} |", flush=True)
     for name, peer in PEERS.items():
         if importlib.util.find_spec(name) is None:
             print(f"{name} is not installed | | | | |")
@@ -217,11 +219,13 @@ def wrist() -> tuple[UnscentedFilter, tuple[np.ndarray, np.ndarray], np.ndarray,
     """Filter of a wristed instrument, its prior, and efforts and inputs of half a minute."""
     twin = WristTwin(seed=1)
     twin.home()
-    signals = Signals.of(motions.record(twin, motions.multi_sine, 30.0, 1, load=True))
+    recording = motions.record(twin, motions.paused_sines, 30.0, 1, load=True)
+    X = np.hstack([recording.columns(kind, twin.robot.joint_names) for kind in ("motor", "effort")])
     parameters = constants(twin.robot.cable_mechanism, STARTS)  # type: ignore[arg-type]
-    parameters[reduced.LOAD_RATE : reduced.LOAD_RATE + reduced.N] = 1e-3
-    made = Physical({}, parameters, np.zeros((10, 3)), np.full(3, 3e-3), np.ones((2, 2, 3)))
-    return made.unscented(signals.dt), made.prior, signals.effort, signals.inputs
+    parameters[cable_loops.LOAD_RATE : cable_loops.LOAD_RATE + cable_loops.N] = 1e-3
+    arrays = {"parameters": parameters, "effort_misfit": np.full(3, 3e-3), "dt": np.array([5e-3])}
+    inputs = filter_inputs(X, np.diff(recording.t, prepend=recording.t[0]))
+    return cable_filter(arrays), cable_prior(parameters), X[:, cable_loops.N :], inputs
 
 
 def _percentiles(laps: np.ndarray) -> str:

@@ -6,9 +6,10 @@ import json
 
 import pytest
 from tests.cli.conftest import Call
+from tests.runtime.registered import model, wrist
 from tests.synthetic import build_recording
 
-from truejoint.calibration import read_calibration
+from truejoint.calibration import read_calibration, write_calibration
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording, write_parquet
 
@@ -73,3 +74,22 @@ def test_a_setting_needs_an_estimator(call: Call, sessions, tmp_path):
     )
     assert (done.code, done.out) == (2, "")
     assert "--set 'epochs=3' needs one estimator; name it with -e" in done.err
+
+
+def test_what_was_identified_is_shown_with_its_deviation(call: Call, tmp_path):
+    path = tmp_path / "cables.st"
+    write_calibration(model("ukf_cables"), path)
+    text = call("show", path).out
+    assert "deviation" in text
+    assert "jaw1_stiffness" in text
+    assert "tip_second_dead_band" in text
+    (shown,) = json.loads(call("show", path, "--json").out)["shown"]
+    assert shown["identified"]["tension"][2] == "N"
+
+
+def test_a_wrist_without_a_load_is_refused_in_one_line(call: Call, tmp_path):
+    path = tmp_path / "free.parquet"
+    write_parquet(wrist()[0], path)
+    result = call("calibrate", path, "-e", "ukf_cables", "-o", tmp_path / "m.st")
+    assert result.code == 2
+    assert "add a minute under known loads" in result.err

@@ -38,7 +38,10 @@ def test_each_joint_of_three_is_compensated_as_if_it_were_alone():
     scalars = {"doubted": 1, "lead": 4.0, "gain": 0.5, "share": 0.3, "integral": 0.1,
                "settle": 0.05, "dead_band": 0.01}  # fmt: skip
     limits = {"lower": [-0.2, -0.5, -0.1], "upper": [0.3, 0.1, 0.6], "step": [0.05, 0.02, 0.1]}
-    states = ("wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up")
+    states = (
+        "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
+        "expected", "forward",
+    )  # fmt: skip
 
     def packed(joints):
         n = len(joints)
@@ -54,7 +57,9 @@ def test_each_joint_of_three_is_compensated_as_if_it_were_alone():
     seen = {"is_limited": set(), "rests": set()}
     for goal in goals:
         told = {"wanted": goal, "measured": goal + rng.normal(0.0, 0.02, 3),
-                "correction": rng.normal(0.02, 0.005, 3)}  # fmt: skip
+                "correction": rng.normal(0.02, 0.005, 3),
+                "expected": rng.normal(0.01, 0.005, 3),
+                "forward": rng.normal(0.01, 0.005, 3)}  # fmt: skip
         for joints, memory in loops:
             for name, values in told.items():
                 memory.view(name)[:] = values[joints]

@@ -16,7 +16,13 @@ from truejoint.calibration.interval import Interval, decode_interval
 from truejoint.calibration.model_file import encode_arrays
 from truejoint.calibration.parity import ParityEquations, decode_parity_equations
 from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
-from truejoint.errors import CalibrationError, ModelFileError, RobotError, other_kind
+from truejoint.errors import (
+    CalibrationError,
+    ModelFileError,
+    RecordingError,
+    RobotError,
+    other_kind,
+)
 from truejoint.models.family import EstimatorData, Target, is_number
 from truejoint.models.features import FeatureSet, is_signal
 from truejoint.robots import adopt_robot, get_robot
@@ -27,6 +33,7 @@ if TYPE_CHECKING:  # a control loop decodes without scikit-learn
 
 Model = TypeVar("Model")
 Data = TypeVar("Data")
+Recorded = TypeVar("Recorded")
 
 MAX_JOINTS: Final = 64
 
@@ -141,6 +148,13 @@ def as_calibration(value: Data) -> Data:
         return value
     advice = "give what `calibrate` gives, or read_calibration(path)"
     raise CalibrationError(other_kind(value, "Calibration", advice))
+
+
+def as_recorded(value: Recorded) -> Recorded:
+    """Give back a recording, known by its columns: what runs does without the tables of one."""
+    if hasattr(value, "column"):
+        return value
+    raise RecordingError(other_kind(value, "Recording", "read_recording(path) gives one"))
 
 
 def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[str, Array]]:

@@ -194,6 +194,7 @@ def calibrate(
             "unused_features": unused,
             "baseline_notes": notes,
             "zeros": second.zeros,
+            **({"identified": own.identified} if own.identified else {}),
         },
     )
     used = fitted.fitted_for(rezeroing=True)
@@ -407,8 +408,8 @@ def _choose(
         parts = map(rules.rows, recordings, outlying)
         own_target = targets.get(feature_set, target or TARGETS[0])
         rows = [Rows.of(part, own_target, MOST_ROWS // len(recordings)) for part in parts]
-        known = [one.for_features(feature_set.names) for one in candidates]
-        groups.append(Group(feature_set, rows, known, own_target))
+        told = [one.for_features(feature_set.names) for one in candidates]
+        groups.append(Group(feature_set, rows, told, own_target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 
@@ -461,7 +462,17 @@ def _fit_model(
         np.concatenate(values)
         for values in zip(*((p.features, p.targets(target), p.dt) for p in parts), strict=True)
     )
-    return model.fit(inputs, targets, report, dt)
+    beside = model.truth_beside()
+    if not beside:
+        return model.fit(inputs, targets, report, dt)
+    loads = np.concatenate([known_loads(part.recording, beside) for part in parts])
+    return model.fit(inputs, targets, report, dt, loads=loads)  # type: ignore[call-arg]  # it says so
+
+
+def known_loads(recording: Recording, names: Sequence[str]) -> Array:
+    """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none."""
+    none = np.zeros(len(recording))
+    return np.column_stack([recording.table.get(name, none) for name in names])
 
 
 def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers] | None:

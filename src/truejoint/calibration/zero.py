@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.encoding import as_calibration
+from truejoint.calibration.encoding import as_calibration, as_recorded
 from truejoint.errors import CalibrationError
-from truejoint.recordings.recording import as_recording
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -174,7 +173,7 @@ def known_error(
 
     Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
     """
-    source = as_recording(recording).provenance.source or "recording"
+    source = as_recorded(recording).provenance.source or "recording"
     without = [
         j for j in as_calibration(calibration).joints if f"truth/{j}" not in recording.table.columns
     ]

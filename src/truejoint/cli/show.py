@@ -43,7 +43,14 @@ def show(
         result_json({"shown": [{**facts, "columns": columns} for facts, columns in shown]})
         return
     for facts, columns in shown:
+        found = facts.pop("identified", {})
         print_facts(name, _texts(facts))
+        if found:
+            rows = [
+                [key, unit, f"{value:.4g}", f"{deviation:.2g}"]
+                for key, (value, deviation, unit) in found.items()
+            ]
+            print_table(("identified", "unit", "value", "deviation"), rows)
         header = ("column", "unit", "lowest", "highest", "missing")
         print_table(header, [_column_texts(column) for column in columns])
 

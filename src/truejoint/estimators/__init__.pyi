@@ -1,4 +1,5 @@
 from .base import JointRegressor as JointRegressor
+from .cable_filter import CableFilter as CableFilter
 from .combination import Combination as Combination
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
@@ -19,6 +20,7 @@ from .registry import estimator_names as estimator_names
 from .rich_play import RichPlay as RichPlay
 from .sequence import RecurrentNetwork as RecurrentNetwork
 from .sequence import TemporalConvolution as TemporalConvolution
+from .two_mass import TwoMassFilter as TwoMassFilter
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
 from .wrapped import candidates as candidates

@@ -137,6 +137,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return self.family.memory(self.data, int(self.n_features_in_), int(self.n_outputs_))
 
     @property
+    def identified(self) -> dict[str, tuple[float, float, str]]:
+        """Quantities of the robot that it found while it was fitted: value, deviation, unit."""
+        return {}
+
+    @property
     def data(self) -> EstimatorData:
         """The fitted estimator as data."""
         return EstimatorData(self.family.name, self.model_params(), self.arrays_)
@@ -208,6 +213,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         Raises CalibrationError when they cannot serve to fit it.
         """
         return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+
+    def truth_beside(self) -> tuple[str, ...]:
+        """Columns of known loads, 0 where there are none, that `fit` takes as `loads`, (n, k)."""
+        return ()
 
     def for_features(self, _names: Sequence[str]) -> Self:
         """Unfitted copy that knows what its features are."""

@@ -45,7 +45,7 @@ from truejoint.export.c_values import (
 
 FUNCTIONS: Final = frozenset(
     {"sqrt", "exp", "expm1", "log", "log1p", "sin", "cos", "tan", "atan", "atan2", "tanh", "ceil",
-     "floor", "hypot"}
+     "floor", "hypot", "copysign"}
 )  # fmt: skip
 _C_AND_CPP: Final = """
 auto break case char const continue default do double else enum extern float for goto if inline int
@@ -436,11 +436,13 @@ class Expressions:
 
     # ------------------------------------------------------------------ calls
 
-    def _call(self, node: ast.Call) -> Any:  # noqa: PLR0911  # one kind of call after the other
+    def _call(self, node: ast.Call) -> Any:  # noqa: C901, PLR0911  # one kind of call after the other
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
             view = self.value(node.func.value)
             return replace(view, shape=tuple(self.value(a) for a in node.args))
         function = self.lookup(node.func)
+        if function is np.empty:
+            return self.room(node)
         arguments = [self.value(a) for a in node.args]
         if node.keywords:
             raise self.fail(node, "keywords have no C")
@@ -466,6 +468,14 @@ class Expressions:
         if isinstance(function, Dispatcher):
             return self.call(function, arguments, node)
         return self.builtin(name, arguments, node)
+
+    def room(self, node: ast.Call) -> View:
+        """Room for numbers of a known count, which gets the name that it is assigned to."""
+        size = node.args[0]
+        shape = tuple(self.value(n) for n in (size.elts if isinstance(size, ast.Tuple) else [size]))
+        if not all(isinstance(n, Known) for n in shape):
+            raise self.fail(node, "its size is not known")
+        return View("", Known(0), shape, "real", (self, ""), Known(0))
 
     def builtin(  # noqa: C901, PLR0911  # one function after the other
         self, name: str, arguments: list[Any], node: ast.AST

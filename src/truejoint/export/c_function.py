@@ -216,7 +216,7 @@ class Function(Expressions):
         held = self.env.get(name)
         variable = held if isinstance(held, Variable) else None
         if isinstance(value, View):
-            self.env[name] = self.pointer(name, value)
+            self.env[name] = self.pointer(name, value) if value.text else self.array(name, value)
         elif variable is None and isinstance(value, (Known, Handle)):
             self.env[name] = value
         elif value is None:
@@ -242,6 +242,14 @@ class Function(Expressions):
         if kind == "real" and value.kind == "time" and not isinstance(value, Known):
             return f"({self.style.real}){self.style.text(value, UNARY)}"
         return self.style.text(value, kind=kind)
+
+    def array(self, name: str, view: View) -> View:
+        """Declare a local array, for a name."""
+        local, size = self._local(name), 1
+        for length in view.shape:
+            size *= length.value  # type: ignore[union-attr]  # `room` knows it
+        self.emit(f"{self.style.type(view.kind)} {local}[{size}]")
+        return replace(view, text=local, root=(self, local))
 
     def pointer(self, name: str, view: View) -> View:
         """View for a name: itself where its place is known, else through a local pointer."""

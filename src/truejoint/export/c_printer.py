@@ -6,8 +6,8 @@ between them are made here. What kernels write becomes a named field of a C stru
 floating-point operation stays where it stands in the Python, so that the C gives the same bits.
 
 The subset of Python: assignment, ``for ... in range``, ``if``, ``return``, ``continue``, ``break``,
-arithmetic, comparisons, views and slices of arrays, calls of other kernels, a few functions of
-`math`. Anything else raises `Unprintable`.
+arithmetic, comparisons, views and slices of arrays, ``np.empty`` of a known size, calls of other
+kernels, a few functions of `math`. Anything else raises `Unprintable`.
 """
 
 from __future__ import annotations

@@ -14,7 +14,13 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers, floats
-from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
+from truejoint.calibration.encoding import (
+    CalibrationData,
+    as_calibration,
+    as_recorded,
+    decode,
+    encode,
+)
 from truejoint.calibration.interval import check_level
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
@@ -269,9 +275,7 @@ class Corrector(Summarised):
         Raises RecordingError if it is none or lacks a signal, and CalibrationError while another
         thread has the corrector.
         """
-        from truejoint.recordings.recording import as_recording  # noqa: PLC0415  # not in the loop
-
-        as_recording(recording)
+        as_recorded(recording)
         if not self._take():
             raise CalibrationError("another thread has this corrector; make one for this thread")
         forget(self._numbers, self._memory)

@@ -27,7 +27,7 @@ from truejoint.calibration.effort_baseline import (
     effort_terms,
     travelled,
 )
-from truejoint.calibration.encoding import CalibrationData, as_calibration
+from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
@@ -296,9 +296,7 @@ class Monitor:
 
     def run(self, recording: Recording) -> MonitorTrace:
         """Watch a whole recording, from a fresh start; RecordingError if it lacks a signal."""
-        from truejoint.recordings.recording import as_recording  # noqa: PLC0415  # not in the loop
-
-        as_recording(recording)
+        as_recorded(recording)
         self.reset()
         t = np.array(recording.t)
         signals = self._calibration.signals

@@ -84,8 +84,12 @@ class FaultyBackend:
 
     def connect(self, listener: Listener) -> None:
         """Deliver all blocks that the faults let pass."""
-        self._backend.connect(self._pass_on)
-        self._listener = listener
+        before, self._listener = self._listener, listener
+        try:
+            self._backend.connect(self._pass_on)
+        except BaseException:
+            self._listener = before
+            raise
 
     def operating_state(self) -> OperatingState:
         """State as the robot reports it, FAULT or PAUSED by then."""

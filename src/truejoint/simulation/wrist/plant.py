@@ -20,6 +20,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.compiled import borrow, compiled, jit
+from truejoint.mechanics import dahl, solve
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.friction import N_ELEMENTS, guide_travel, maxwell_slip
 from truejoint.simulation.wrist.constants import PlantConstants
@@ -111,15 +112,6 @@ def empty_log(rows: int, c: PlantConstants) -> Log:
 
 
 @jit(inline="always")
-def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
-    """Friction [Nm] after `way` [rad] of Dahl's model, exact for one direction."""
-    if way == 0.0 or level <= 0.0:
-        return friction
-    end = math.copysign(level, way)
-    return end + (friction - end) * math.exp(-stiffness * abs(way) / level)
-
-
-@jit(inline="always")
 def slide_over(
     number: int, node: int, start: float, end: float, c: PlantConstants, nodes: Array, w: Work
 ) -> bool:
@@ -192,22 +184,6 @@ def pull_cable(
         if not moved:
             break
     return tangent(number, c, w)
-
-
-@jit(inline="always")
-def solve(matrix: Array, right: Array) -> None:
-    """Solve a small symmetric positive system in place: `right` becomes the solution."""
-    n = right.shape[0]
-    for i in range(n):
-        for row in range(i + 1, n):
-            share = matrix[row, i] / matrix[i, i]
-            for k in range(i + 1, n):
-                matrix[row, k] -= share * matrix[i, k]
-            right[row] -= share * right[i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            right[i] -= matrix[i, k] * right[k]
-        right[i] /= matrix[i, i]
 
 
 @jit(inline="always")

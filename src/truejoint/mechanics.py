@@ -1,0 +1,33 @@
+"""Kernels that a simulated mechanism shares with a filter's model of one."""
+
+from __future__ import annotations
+
+import math
+
+from truejoint.array_types import Array
+from truejoint.compiled import jit
+
+
+@jit(inline="always")
+def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
+    """Friction [Nm] after `way` [rad] of Dahl's model, exact for one direction."""
+    if way == 0.0 or level <= 0.0:
+        return friction
+    end = math.copysign(level, way)
+    return end + (friction - end) * math.exp(-stiffness * abs(way) / level)
+
+
+@jit(inline="always")
+def solve(matrix: Array, right: Array) -> None:
+    """Solve a small positive definite system in place: `right` becomes the solution."""
+    n = right.shape[0]
+    for i in range(n):
+        for row in range(i + 1, n):
+            share = matrix[row, i] / matrix[i, i]
+            for k in range(i + 1, n):
+                matrix[row, k] -= share * matrix[i, k]
+            right[row] -= share * right[i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            right[i] -= matrix[i, k] * right[k]
+        right[i] /= matrix[i, i]

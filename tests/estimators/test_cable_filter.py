@@ -1,0 +1,82 @@
+"""The physical filter of a wrist: what it finds, states and refuses."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.registered import model, ready, unseen, wrist
+
+from truejoint.calibration import calibrate
+from truejoint.errors import CalibrationError
+from truejoint.estimators import CableFilter
+from truejoint.estimators import cable_filter as own
+from truejoint.models import cable_loops as r
+from truejoint.models.features import time_steps
+from truejoint.robots import get_robot
+
+
+def test_deviations_of_least_squares_hold_what_rows_have_in_common():
+    rng = np.random.default_rng(3)
+    blocks = np.repeat(np.arange(400), 10)
+    common = rng.normal(size=400)[blocks]  # each draw counts ten times, and tells once
+    jacobian = np.ones((4000, 1))
+    assert own.robust_deviations(jacobian, common, blocks)[0] == pytest.approx(0.05, rel=0.15)
+
+
+def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
+    rng = np.random.default_rng(4)
+    true, noise = np.zeros((1000, 3)), 1e-3 * rng.normal(size=(1000, 3))
+    run = own.Run(np.zeros((1000, 6)), noise, true, np.full(1000, 5e-3))
+    one, load = np.full((1000, 3), 1e-3), 0.01 * rng.normal(size=(1000, 3))
+    found = own.CableStates(true, one, load, one, np.zeros((1000, r.STATES)))
+    structure = own.structure([run], [found])
+    assert structure.shape == (4, 3)
+    assert (structure.reshape(2, 2, 3).sum(axis=1) > 0.0).all()
+
+
+def test_its_row_states_what_its_estimate_of_a_whole_record_states():
+    calibration, recording = model("ukf_cables"), unseen("ukf_cables")
+    X = calibration.feature_set.compute(recording, calibration.gap_limit)
+    found = calibration.model.states(X, time_steps(recording.t, calibration.gap_limit))
+    corrector = ready(calibration, range_margin=1.0)
+    trace = corrector.run(recording)
+    good = trace.status == 0
+    assert good.mean() > 0.5
+    np.testing.assert_allclose(trace.position[good], found.angle[good], atol=1e-12)
+    grip, half_width = trace.beside["grip"][good].T
+    np.testing.assert_allclose(grip, found.load[good, 0], atol=1e-12)
+    np.testing.assert_allclose(half_width / found.load_deviation[good, 0], half_width[0]
+                               / found.load_deviation[good][0, 0], rtol=1e-9)  # fmt: skip
+
+
+def test_what_it_identified_has_names_and_deviations():
+    found = model("ukf_cables").model.identified
+    assert next(iter(found)) == "pitch_stiffness"
+    assert all(value > 0.0 and deviation >= 0.0 for value, deviation, _unit in found.values())
+
+
+def test_a_dead_band_is_the_friction_of_the_pin_that_gives_way_first():
+    found = model("ukf_cables").model.identified
+    assert found["grip_dead_band"] == found["jaw_pin"]
+    assert found["tip_first_dead_band"] == found["pitch_pin"]
+    # A yaw torque turns both jaws by half.
+    assert found["tip_second_dead_band"][0] == pytest.approx(2.0 * found["jaw_pin"][0])
+
+
+def test_a_calibration_without_a_load_is_not_asked_for_loads():
+    with pytest.raises(CalibrationError, match="add a minute under known loads"):
+        calibrate(wrist()[:1], "ukf_cables")
+
+
+def test_recordings_too_short_are_refused():
+    recording = wrist()[1]
+    few = recording.rows(np.arange(390))
+    with pytest.raises(CalibrationError, match="390 rows"):
+        calibrate(few, "ukf_cables")
+
+
+def test_cables_of_another_kind_are_refused():
+    forceps = get_robot("forceps")
+    assert forceps.cable_mechanism is None
+    with pytest.raises(CalibrationError, match="knows no cables"):
+        CableFilter().fit(np.zeros((500, 6)), np.zeros((500, 3)), loads=np.ones((500, 3)))
