@@ -169,7 +169,7 @@ _RAVEN: Final = (
                     "dnn", "linear", "poly2", "ukf_two_mass", "gru", "lstm", "tcn", "gpr", "forest",
                     "network_forest", "rich_play", "rich_trees",
                 ),
-                "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
+                "rows of the tables", small=("dnn", "linear", "ukf_two_mass", "gpr", "rich_play"),
             ),
             _LONGEST, replace(_HOURS, small=2), _SESSIONS,
         ),
