@@ -28,6 +28,7 @@ BENCHMARKS = (
     "beyond_chance",
     "clock_offset",
     "histories",
+    "sensor_floors",
     "raven_estimators",
     "grasper",
     "tracker",
