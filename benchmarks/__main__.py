@@ -28,6 +28,7 @@ BENCHMARKS = (
     "beyond_chance",
     "clock_offset",
     "histories",
+    "raven_estimators",
     "grasper",
     "tracker",
     "wrist_tool",

@@ -6,8 +6,7 @@ Splits are those of `benchmarks.automatic_choice`, recommended and harder; nothi
 set but the rate of the rows that are fitted to. Prints, for each split and estimator, the RMSE of
 each joint in degrees or millimetres, the same after the zero of each recording was taken from its
 first two seconds (KUKA: one), and the processor time of the fit; or a dash, as of a filter for
-another robot, and why on standard error. `filter_then_trees` is rich plays with trees on what
-`ukf_elastic` leaves.
+another robot, and why on standard error.
 """
 
 from __future__ import annotations
@@ -20,13 +19,11 @@ from fnmatch import fnmatch
 from benchmarks.automatic_choice import REZERO, harder, left, recommended
 from truejoint import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import Combination, ElasticJointFilter, RichPlay
 from truejoint.recordings.datasets import DATASETS
 from truejoint.units import display_unit
 
 SHORT = {"kuka_kr300_dual_encoder": 1.0}  # [s] to re-zero from, where a recording takes ten
 RATE = 100.0  # [Hz] that recordings are thinned to
-UNNAMED = {"filter_then_trees": Combination((ElasticJointFilter(), RichPlay("trees")))}
 
 
 def main() -> None:
@@ -43,7 +40,7 @@ def main() -> None:
             began = time.process_time()
             rate = DATASETS[split.dataset].fit_rate
             try:
-                model = calibrate(training, UNNAMED.get(name, name), fit_rate=rate)
+                model = calibrate(training, name, fit_rate=rate)
             except CalibrationError as reason:
                 print(f"{split.title}, {name}: {reason}", file=sys.stderr)
                 print(f"| {split.title} | {name} | - | - | - |", flush=True)

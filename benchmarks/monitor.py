@@ -109,7 +109,7 @@ def evenness(backend: PacedBackend, first: int) -> LoopTiming:
     """How even the arm's loop was since its pass number `first`."""
     starts = backend._starts
     passes = np.arange(max(first, backend._passes - len(starts) + 1), backend._passes)
-    return LoopTiming.of(starts[passes % len(starts)])
+    return LoopTiming.of(starts[passes % len(starts)], backend.period)
 
 
 def print_table(rows: list[tuple[str, str, str]]) -> None:

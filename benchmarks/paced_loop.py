@@ -39,7 +39,7 @@ def empty(seconds: float, pipe: Connection) -> None:
             time.sleep(-late)
         elif late > 0.1:
             due += late
-    pipe.send(LoopTiming.of(starts))
+    pipe.send(LoopTiming.of(starts, PERIOD))
 
 
 def main() -> None:

@@ -24,7 +24,7 @@ import numpy as np
 from tests.ros_master import Master, environment, free_port
 
 import truejoint
-from truejoint.crtk import SERVO_RATE, Arm, SimulatedBackend
+from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE
 from truejoint.crtk.ros import open_transport
 from truejoint.motion import follow, zigzag
@@ -39,7 +39,7 @@ def session() -> truejoint.Recording:
     arm.enable()
     arm.home()
     speed = FASTER * truejoint.motion.workspace_of(arm.robot).speed
-    with truejoint.recordings.Recorder(arm, state_rate=SERVO_RATE) as recorder:
+    with truejoint.recordings.Recorder(arm, state_rate=arm.rate) as recorder:
         follow(arm, zigzag(arm.robot, "J2", 1 / 2), speed=speed)
     return recorder.recording()
 

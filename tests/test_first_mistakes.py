@@ -13,6 +13,9 @@ import truejoint
 from truejoint import Calibration, Recording, TruejointError, write_calibration
 from truejoint.runtime import Corrector
 
+RAVEN = truejoint.get_robot("raven2")
+WAY = truejoint.motion.zigzag(RAVEN, "J2", 1 / 2)
+
 
 def motion(seed: int) -> Recording:
     t = np.arange(200) / 100
@@ -32,7 +35,7 @@ def test_evaluate_takes_one_or_several_and_paths(model: Calibration, tmp_path: P
     write_calibration(model, path)
     test = motion(1)
     rmse = truejoint.evaluate({"linear": [model]}, [test]).score("linear", "jaw").rmse
-    for models in (model, [model], path, str(path), [path]):
+    for models in (model, [model], path, str(path), [path], {"linear": path}):
         for recordings in (test, [test]):
             found = truejoint.evaluate(models, recordings)
             assert found.score("linear", "jaw").rmse == rmse
@@ -55,7 +58,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: model.correct([motion(1)]), "list, not a Recording"),
         (lambda model: truejoint.calibrate("run.parquet"), "read_recording"),
         (lambda model: truejoint.calibrate(motion(1), "lin"), "did you mean 'linear'?"),
-        (lambda model: truejoint.evaluate(motion(1), model), "no model"),
+        (lambda model: truejoint.evaluate(motion(1), model), "not a Calibration"),
         (lambda model: truejoint.evaluate(model, "run.parquet"), "read_recording"),
         (lambda model: truejoint.evaluate("nothing.st", motion(1)), "nothing.st"),
         (lambda model: Recording.from_columns({"t": [0, 1]}, "raven"), "did you mean 'raven2'?"),
@@ -63,13 +66,54 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: Recording(motion(1).table, {}, "bros"), "from_columns"),
         (lambda model: truejoint.read_recording(motion(1).table), "is no path"),
         (lambda model: truejoint.write_parquet(motion(1).table, "x.parquet"), "not a Recording"),
-        (lambda model: truejoint.write_report(model, "x.html"), "no Evaluation"),
+        (lambda model: truejoint.write_report(model, "x.html"), "not an Evaluation"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance=0.2), "{'jaw': 0.2}"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jaw": "1"}), "positive"),
         (lambda model: truejoint.evaluate(model, motion(1), tolerance={"jw": 1}), "'jaw'?"),
-        (lambda model: write_calibration("jaw.safetensors", model), "a str is no Calibration"),
+        (lambda model: write_calibration("jaw.safetensors", model), "str, not a Calibration"),
         (lambda model: truejoint.calibrate(motion(1), joints="jw"), "called 'jw'; did you mean"),
         (lambda model: write_calibration(model, "model.onnx"), "call it model.safetensors"),
+        (
+            lambda model: truejoint.calibration.find_zero("m.st", motion(1)),
+            "read_calibration(path)",
+        ),
+        (lambda model: truejoint.calibration.rezeroed(model, "run.csv"), "read_recording"),
+        (lambda model: truejoint.calibration.adapted("m.st", motion(1)), "not a Calibration"),
+        (lambda model: truejoint.calibration.with_interval(model, motion(0)), "used in the fit"),
+        (lambda model: truejoint.calibration.with_interval(model, [], levels=0.9), "too few"),
+        (lambda model: truejoint.calibration.measure_coverage(model, []), "at least one"),
+        (lambda model: truejoint.calibration.cross_interval([]), "at least one"),
+        (lambda model: truejoint.calibration.read_plate("none.toml"), "none.toml: cannot be read"),
+        (lambda model: truejoint.calibration.Touches(1.0, "1"), "a time and a name"),
+        (lambda model: truejoint.calibration.tracked_truth(motion(1), "p.csv"), "read_track(path)"),
+        (lambda model: Corrector(motion(1)), "Recording, not a Calibration"),
+        (lambda model: Corrector(model, level="0.9"), "level '0.9'"),
+        (lambda model: Corrector(model).rezero("0.1 deg"), "could not convert"),
+        (lambda model: Corrector(model).run("run.csv"), "read_recording"),
+        (lambda model: truejoint.runtime.Monitor("m.st"), "read_calibration(path)"),
+        (lambda model: truejoint.runtime.ReZero("m.st"), "read_calibration(path)"),
+        (lambda model: truejoint.runtime.Compensator(model, motion(1).robot), "Corrector(model)"),
+        (lambda model: truejoint.export.export_c("m.st", "out"), "read_calibration(path)"),
+        (lambda model: truejoint.export.export_ros("m.st", "out"), "read_calibration(path)"),
+        (lambda model: truejoint.motion.zigzag("raven2"), "get_robot(name) gives one"),
+        (lambda model: truejoint.motion.zigzag(RAVEN, "J2", "1/4"), "sparsity '1/4'"),
+        (lambda model: truejoint.motion.random_motion(RAVEN, 10.0, 1.5), "a whole number"),
+        (lambda model: truejoint.motion.legs(WAY, RAVEN, 0.0), "0.001 s or more"),
+        (lambda model: truejoint.motion.plot_trajectories([], "way.html"), "at least one"),
+        (lambda model: truejoint.motion.write_trajectory("way.csv", WAY), "not a Trajectory"),
+        (lambda model: truejoint.evaluation.split_by_time([motion(1)]), "list, not a Recording"),
+        (lambda model: truejoint.evaluation.compare([], []), "one at least"),
+        (lambda model: truejoint.evaluation.to_deploy([]), "the traces of one"),
+        (lambda model: truejoint.evaluation.tool_error(RAVEN, [0], [0]), "not a Kinematics"),
+        (lambda model: truejoint.evaluation.write_tables(model, "tables"), "not an Evaluation"),
+        (lambda model: truejoint.evaluate(model, motion(1)).score("lin", "jaw"), "'linear'?"),
+        (lambda model: truejoint.evaluate(model, motion(1)).score("linear", "jw"), "'jaw'?"),
+        (lambda model: truejoint.evaluate(model, motion(1), rezero="1"), "'1' s"),
+        (lambda model: motion(1).rows([True, False]), "a mask of all"),
+        (lambda model: truejoint.recordings.join_truth(motion(1), motion(2)), "read_truth(path)"),
+        (lambda model: truejoint.recordings.Stream([0.0], {"truth/jaw": ["a"]}), "give numbers"),
+        (lambda model: truejoint.recordings.write_corrected([1.0], "c.parquet"), "correct_table"),
+        (lambda model: truejoint.robots.Joint("jaw", "rotary"), "revolute or prismatic"),
     ],
 )
 def test_mistakes_are_one_line(

@@ -144,6 +144,7 @@ def robot(ros, simulator, package) -> Iterator[Arm]:
     patience, valid = pytest.MonkeyPatch(), Arm._valid  # others may have the processor for seconds
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         patience.setattr(ros_backend, name, LONG)
+    patience.setattr("truejoint.crtk.arm.SILENCE", LONG)
     patience.setattr(Arm, "_valid", lambda arm, name, age: valid(arm, name, max(age, LONG)))
     with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC)) as arm:
         yield arm

@@ -26,8 +26,32 @@ def meant(name: str, known: Iterable[str]) -> str:
     >>> meant("elbo", ["shoulder", "elbow"])
     " did you mean 'elbow'?"
     """
-    near = get_close_matches(name, list(known), 1)
+    near = get_close_matches(str(name), list(known), 1)
     return f" did you mean {near[0]!r}?" if near else ""
+
+
+def words(error: BaseException, most: int = 100) -> str:
+    r"""Give what an exception says in one line, at most so many characters; its kind if nothing.
+
+    Examples
+    --------
+    >>> words(OSError("cut\nshort")), words(AssertionError())
+    ('cut short', 'AssertionError')
+    """
+    return (" ".join(str(error).split()) or type(error).__name__)[:most]
+
+
+def other_kind(value: object, wanted: str, advice: str) -> str:
+    """Say in one line that a value is not what is wanted, and what to do.
+
+    Examples
+    --------
+    >>> other_kind("raven2", "Robot", "get_robot(name) gives one")
+    "'raven2' is a str, not a Robot; get_robot(name) gives one"
+    """
+    what = repr(value) if isinstance(value, str) else "this"
+    article = "an" if wanted[0] in "AEIO" else "a"
+    return f"{what:.60} is a {type(value).__name__}, not {article} {wanted}; {advice}"
 
 
 class TruejointError(ValueError):

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint.errors import TruejointError
+from truejoint.errors import TruejointError, words
 from truejoint.files import read_small
 
 MAX_BYTES: Final = 1 << 20
@@ -18,4 +18,4 @@ def read_toml(path: Path, error: type[TruejointError]) -> dict[str, Any]:
     try:
         return tomllib.loads(data.decode("utf-8"))
     except (ValueError, RecursionError) as fault:
-        raise error(f"{path}: is not TOML ({' '.join(str(fault).split())[:120]})") from None
+        raise error(f"{path}: is not TOML ({words(fault, 120)})") from None

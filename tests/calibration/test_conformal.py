@@ -303,3 +303,18 @@ def test_calibrations_of_different_joints_are_not_compared(calibration, recordin
     elbow = calibrate(recording, "linear", features=FEATURES, joints=["elbow"])
     with pytest.raises(CalibrationError, match="compare two of the same joints"):
         compare_calibrations(calibration, elbow, motions[0])
+
+
+def test_levels_may_be_an_array(calibration, motions):
+    stated = with_interval(calibration, motions[:9], levels=np.array([0.9, 0.8]))
+    assert stated.interval.levels.tolist() == [0.8, 0.9]
+
+
+def test_single_readings_of_the_truth_make_no_interval(calibration, motions):
+    brief = []
+    for motion in motions[:9]:
+        table = motion.table.copy()
+        table.loc[1:, [name for name in table if name.startswith("truth/")]] = np.nan
+        brief.append(replace(motion, table=table))
+    with pytest.raises(CalibrationError, match="no recording has the truth of two rows"):
+        with_interval(calibration, brief)

@@ -232,6 +232,25 @@ def test_a_lie_is_refused_by_its_field(tmp_path, saved, field, lie):
     refused(tmp_path, to_bytes({**description, field: lie}, arrays), field)
 
 
+def test_no_name_of_a_column_becomes_source(tmp_path, saved):
+    description, arrays = from_bytes(saved)
+    hostile = {"motor/a }; int main(void) { return 1; } enum { b": "rad"}
+    refused(tmp_path, to_bytes({**description, "redundant": hostile}, arrays), "is called as none")
+
+
+@pytest.mark.parametrize(
+    ("key", "lie"),
+    [("sessions", 5), ("sessions", [1]), ("sessions", [{}]), ("interval_sessions", ["x"]),
+     ("sessions", [{"sha256": "", "first": 0.0, "last": "late"}]),
+     ("sessions", [{"sha256": "", "first": 0.0, "last": 1.0, "load": "heavy"}]),
+     ("baseline_notes", []), ("rezeroed", 5), ("homing_ids", "h1"), ("accepted", [1])],
+)  # fmt: skip
+def test_metadata_of_the_wrong_kind_are_refused_by_their_key(tmp_path, saved, key, lie):
+    description, arrays = from_bytes(saved)
+    metadata = {**description["metadata"], key: lie}
+    refused(tmp_path, to_bytes({**description, "metadata": metadata}, arrays), key)
+
+
 @pytest.mark.parametrize("dt", [-1.0, 0.0, "30"])
 def test_a_model_that_counts_samples_states_its_time_step(tmp_path, saved, dt):
     description, arrays = from_bytes(saved)
@@ -258,7 +277,7 @@ def paths(value: Any, here: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [here] * bool(here) + [p for key, v in inner for p in paths(v, (*here, key))]
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=250, deadline=None)
 @given(st.data())
 def test_signed_lies_give_an_error_or_a_working_model(tmp_path_factory, saved, recording, data):
     """A forger who also makes the hash right: every field is checked on its own."""

@@ -128,6 +128,17 @@ def test_the_joint_itself_is_taken_along(call, motion, tmp_path):
     assert "the calibration of forceps is not for raven2 (left arm); give one" in refused.err
 
 
+def test_what_is_reported_keeps_to_the_trajectory(call, tmp_path):
+    path, errors = tmp_path / "short.csv", []
+    path.write_text("0.5,1.55,0.4\n0.55,1.60,0.405\n0.5,1.55,0.4\n")  # there and back
+    for number, options in enumerate(((), ("--closed-loop",))):
+        made = call("collect", path, "-o", tmp_path / str(number), *options, "--json")
+        assert made.code == 0, made.err
+        errors.append(json.loads(made.out)["recordings"][0]["tracking"]["rms"])
+    assert "steps of the loop by what was said of the sample: OK 100.0 %" in made.err
+    assert (np.array(errors[1]) < 0.5 * np.array(errors[0])).all()
+
+
 class FakeEncoders:
     """Says what is asked of joint encoders on a serial line, and tells one reading."""
 
@@ -180,6 +191,7 @@ def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, m
         (("--robot", "forceps", "--state-rate-hz", "nan"), "rate nan Hz"),
         (("--robot", "forceps", "--encoders", "x"), "no encoders are stated for this robot"),
         (("--robot", "forceps", "--rezero-s", "5"), "for --compensate alone"),
+        (("--robot", "forceps", "--closed-loop", "--compensate", "m"), "around joints: give one"),
         (("--robot", "forceps", "--topic", "measured_js"), "write NAME=HZ"),
         (("--robot", "forceps", "--topic", "measured_j=9"), "did you mean 'measured_js'?"),
         (("--robot", "forceps", "--topic", "measured_js=0"), "rate 0.0 Hz; give one above 0 Hz"),

@@ -1,11 +1,13 @@
 """Tests of the limits that an arm enforces."""
 
+import re
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.crtk.limits import check_range, check_steps
+from truejoint.crtk.limits import check_range, check_steps, jump_of
 from truejoint.errors import CommandRefused
 from truejoint.robots import get_robot
 
@@ -42,12 +44,23 @@ def test_steps_are_limited_per_millisecond(joint, limit, shown):
     # Limits: branch crtk of uw-biorobotics/raven2.
     rows = np.tile(HOME, (3, 1))
     rows[1:, joint] += limit
-    check_steps(ROBOT, HOME, rows, "servo_jp_stream")
+    check_steps(ROBOT, 1000.0, HOME, rows, "servo_jp_stream")
     rows[1:, joint] += 1e-6
     with pytest.raises(CommandRefused, match=f"in 1 ms at sample 1 of 3, more than {shown}"):
-        check_steps(ROBOT, HOME, rows, "servo_jp_stream")
+        check_steps(ROBOT, 1000.0, HOME, rows, "servo_jp_stream")
 
 
 def test_first_step_counts_from_the_start():
     with pytest.raises(CommandRefused, match="elbow would step"):
-        check_steps(ROBOT, HOME - [0, 0.01, 0, 0, 0, 0, 0], HOME[None], "servo_jp")
+        check_steps(ROBOT, 1000.0, HOME - [0, 0.01, 0, 0, 0, 0, 0], HOME[None], "servo_jp")
+
+
+def test_a_report_that_jumps_further_than_its_joint_moves_is_named():
+    still = np.tile(HOME, (4, 1))
+    t = 1e-3 * np.arange(4)
+    most = 2e-3 * ROBOT.joints[1].max_speed  # twice a millisecond's way
+    for size, match in ((0.99 * most, ""), (1.01 * most, "elbow jumped by .* at t = 0.002 s")):
+        rows = still + np.outer([0, 0, 1, 1], size * np.eye(7)[1])
+        assert re.match(match or "$", jump_of(ROBOT, 1000.0, t, rows))
+    gap = np.array([0.0, 1e-3, 2.0, 2.001])  # it may have moved meanwhile
+    assert jump_of(ROBOT, 1000.0, gap, rows) == ""

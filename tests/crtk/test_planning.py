@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from truejoint.crtk import BLOCK_DURATION, SERVO_RATE, TimeLaw, time_law
+from truejoint.crtk import BLOCK_DURATION, TimeLaw, time_law
 
+RATE = 1000.0
 SPEED = np.array([0.04, 0.05, 0.005])
 ROUNDING = 1e-9
 
@@ -42,8 +43,8 @@ def test_rest_before_and_after_is_exact():
 def test_speed_acceleration_and_hull_are_bounded(knots, blend):
     law = time_law(knots, SPEED, blend)
     path = law.at(np.arange(0.0, law.duration + 2e-3, 1e-3))
-    speed = np.diff(path, axis=0) * SERVO_RATE
-    acceleration = np.diff(speed, axis=0) * SERVO_RATE
+    speed = np.diff(path, axis=0) * RATE
+    acceleration = np.diff(speed, axis=0) * RATE
     assert (np.abs(speed) <= SPEED + 1e-8).all()
     assert (np.abs(acceleration) <= 2 * SPEED / blend + 1e-4).all()
     assert (path >= knots.min(axis=0) - ROUNDING).all()
@@ -52,7 +53,7 @@ def test_speed_acceleration_and_hull_are_bounded(knots, blend):
 
 def test_one_joint_is_always_at_its_cap_between_corners():
     law = time_law([[0, 0, 0], [0.2, 0.1, 0.0], [0.2, 0.1, 0.02]], SPEED)
-    middle = (law.at([2.0 + 1e-3]) - law.at([2.0])) * SERVO_RATE
+    middle = (law.at([2.0 + 1e-3]) - law.at([2.0])) * RATE
     assert middle[0, 0] == pytest.approx(SPEED[0], rel=1e-6)
     assert law.times == pytest.approx([0.0, 0.2 / SPEED[0], 0.2 / SPEED[0] + 0.02 / SPEED[2]])
 
@@ -69,12 +70,12 @@ def test_a_corner_is_cut_by_at_most_an_eighth_or_a_quarter():
 
 def test_blocks_join_to_the_whole_law():
     law = time_law([[0, 0, 0], [0.9, 0.3, 0.05]], SPEED)
-    blocks = list(law.blocks())
+    blocks = list(law.blocks(RATE))
     assert len(blocks) == 3
-    assert max(len(block) for block in blocks) == BLOCK_DURATION * SERVO_RATE
+    assert max(len(block) for block in blocks) == BLOCK_DURATION * RATE
     whole = np.vstack(blocks)
-    assert len(whole) == np.ceil(law.duration * SERVO_RATE)
-    assert np.array_equal(whole, law.at(np.arange(1, len(whole) + 1) / SERVO_RATE))
+    assert len(whole) == np.ceil(law.duration * RATE)
+    assert np.array_equal(whole, law.at(np.arange(1, len(whole) + 1) / RATE))
     assert whole[-1] == pytest.approx([0.9, 0.3, 0.05], abs=1e-15)
 
 
@@ -89,4 +90,4 @@ def test_hours_keep_precision():
 
 def test_standing_still_is_a_law_too():
     law = time_law([[0.1, 0.2, 0.3]] * 3, SPEED)
-    assert np.array_equal(np.vstack(list(law.blocks()))[-1], [0.1, 0.2, 0.3])
+    assert np.array_equal(np.vstack(list(law.blocks(RATE)))[-1], [0.1, 0.2, 0.3])

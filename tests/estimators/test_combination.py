@@ -162,6 +162,23 @@ def test_the_registered_one_is_called_so():
     assert Combination((LinearRegressor(),)).name == "combination"
 
 
+def test_other_members_make_another_family_of_it():
+    changed = Combination().set_params(members=(GRU, "linear"))
+    assert changed.family is Combination((GRU, "linear")).family
+    assert changed.family is not Combination().family
+    again = clone(changed).set_params(members=("linear", NETWORK))
+    assert again.family is Combination().family
+
+
+def test_names_stay_where_nothing_else_is_known_of_their_members():
+    names = ("measured/jaw", "effort/jaw")
+    plain, paired = get_estimator("linear_trees"), get_estimator("hybrid")
+    assert plain.for_features(names).members == plain.members
+    told = paired.for_features(names)
+    assert told.name == "hybrid"
+    assert told.members[1].pairs == ((0, 1),)
+
+
 def test_what_a_physical_filter_leaves_is_learnt_from_its_features():
     training = [grasper_recording(seed) for seed in range(3)]
     both = calibrate(training, Combination((ElasticJointFilter(elements=2), RichPlay())))

@@ -30,8 +30,8 @@ NAMING = (
     "studies/",
     "evaluation/forceps/",
 )
-WORDS = {"offset", "linear"}
-"""Names that are words of their own, also of arrays and of text."""
+WORDS = {"offset", "linear", "hybrid"}
+"""Names that are words of their own, also of arrays, families and of text."""
 
 
 def test_the_usual_ones_come_first():

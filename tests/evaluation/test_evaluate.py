@@ -270,7 +270,7 @@ def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(
     assert found.to_dict()["rezero"] == 2.0
     assert len(found.traces[0].t) == (~start).sum()
     assert found.verdict.remarks[0].startswith("Re-zeroed from the first 2 s of each recording: ")
-    for rezero, said in ((-1.0, "time to re-zero from is -1 s"), (np.nan, "is nan s")):
+    for rezero, said in ((-1.0, "time to re-zero from is -1.0 s"), (np.nan, "is nan s")):
         with pytest.raises(CalibrationError, match=said):
             evaluate({"dnn": [calibration]}, [test], rezero=rezero)
     with pytest.raises(RecordingError, match="after the 60 s that re-zero it; a test"):

@@ -48,7 +48,7 @@ def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> floa
 
 
 @needs_compiler
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=9, deadline=None)
 @given(data=st.data())
 def test_source_does_what_the_corrector_does(tmp_path_factory, data):
     operations = [

@@ -74,6 +74,22 @@ def test_jaws_open_by_the_sum_of_their_joints():
     assert np.arccos(np.clip(cosine, -1, 1)) == pytest.approx([0.0, 0.7])
 
 
+def test_each_jaw_of_a_wrist_points_where_its_joint_is():
+    robot = get_robot("wrist", "420006")
+    rows = np.radians([[0.0, 0.0, 0.0], [0.0, -10.0, 20.0], [30.0, -10.0, 20.0]])
+    drawing = ArmDrawing(robot).at(rows)
+    fingers = drawing.tubes[:, -2:, 1] - drawing.tubes[:, -2:, 0]
+    lengths = np.linalg.norm(fingers, axis=-1)
+    np.testing.assert_allclose(lengths, 0.01)  # the arm of a push at the tip about the jaws
+    shut, apart, bent = fingers / lengths[..., None]
+    np.testing.assert_allclose(shut, [[0, 0, 1], [0, 0, 1]], atol=1e-12)  # along the shaft
+    turned = np.degrees(np.arccos(np.clip(apart[:, 2], -1.0, 1.0)))
+    np.testing.assert_allclose(sorted(turned), [10.0, 20.0])
+    # Bent, they are turned about the axis of the pitch, 9.1 mm before theirs.
+    np.testing.assert_allclose(apart[0] @ apart[1], bent[0] @ bent[1], atol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(drawing.balls[2, -1] - [0.0, 0.0, 0.03]), 9.1e-3)
+
+
 @pytest.mark.parametrize("name", DRAWN)
 def test_cylinders_lie_on_their_tubes(name):
     robot = get_robot(name)

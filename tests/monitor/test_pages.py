@@ -22,7 +22,7 @@ from truejoint.crtk import Arm, Fault, FaultyBackend
 from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
 from truejoint.monitor import ArmPage, RecordingPage, pages
 from truejoint.monitor.page import is_own_page
-from truejoint.monitor.process import ArmView, PageProcess, _plain, _samples
+from truejoint.monitor.process import PLOT_EVERY, ArmView, PageProcess, _plain, _samples
 from truejoint.monitor.samples import Samples
 from truejoint.monitor.view import Condition
 from truejoint.recordings import Recording
@@ -257,7 +257,8 @@ def test_another_joint_can_be_looked_at_while_the_arm_stands(page, lagging_arm):
     for _ in range(6):
         _move(lagging_arm)
         page._frame()
-    page._frame()  # nothing new
+    for _ in range(PLOT_EVERY):
+        page._frame()  # nothing new
     page._page.page._joint.value = "elbow"
     page._page.page._replot()
     plot = page._page.page._plots["position"]

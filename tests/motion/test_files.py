@@ -221,9 +221,23 @@ def test_one_from_before_there_were_hashes_is_read_and_says_so(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text(GOOD + "a\n1.0\n2.0\n")
     assert "without a content hash" in read_trajectory(path).meta["notes"]
+    path.write_text(GOOD.replace('"meta": {}', '"meta": {"notes": "by hand"}') + "a\n1.0\n2.0\n")
+    assert (
+        read_trajectory(path)
+        .meta["notes"]
+        .startswith("by hand; was written without a content hash")
+    )
 
 
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(TrajectoryError, match="is not a file, but"):
         read_trajectory(tmp_path / "pipe")
+
+
+def test_text_that_is_called_packed_is_refused(tmp_path):
+    path = tmp_path / "path.csv"
+    write_trajectory(zigzag(ROBOT, "J2", 1 / 2), path)
+    packed = path.rename(tmp_path / "path.gz")
+    with pytest.raises(TrajectoryError, match="a row is not 3 numbers"):
+        read_trajectory(packed)

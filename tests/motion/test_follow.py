@@ -18,6 +18,8 @@ from truejoint.motion import (
     zigzag,
 )
 from truejoint.robots import get_robot
+from truejoint.runtime import Compensator, Status
+from truejoint.runtime.compensator import Uncorrected
 
 JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
 LAG = 0.02  # of the lagging arm [s]
@@ -48,6 +50,36 @@ def test_tracking_error_of_a_known_lag(lagging_arm):
     assert 0.9 * expected < report.rms[0] < expected
     assert report.max_speed[0] == pytest.approx(cap, rel=1e-6)
     assert report.duration == pytest.approx(0.1 / cap + 0.25)
+
+
+def test_a_loop_around_the_motors_keeps_their_reports_to_the_trajectory(lagging_arm):
+    at_rest_at(lagging_arm, CENTRE)
+    zigzag_line = line(CENTRE, np.add(CENTRE, [0.1, 0.05, 0.01]), CENTRE)
+    alone = follow(lagging_arm, zigzag_line)
+    said = []
+    lagging_arm.subscribe(said.append)
+    robot = lagging_arm.robot
+    loop = Compensator(Uncorrected(robot), robot, rate=100.0, lag=LAG)
+    report = follow(lagging_arm, zigzag_line, steering=loop)
+    lagging_arm.unsubscribe(said.append)
+    assert (report.rms < 0.3 * alone.rms).all()
+    measured = np.vstack([block.measured for block in said if isinstance(block, StateBlock)])
+    n = round(report.duration * 1000.0)
+    law = zigzag_line.time_law(SPACE.speed)
+    missed = law.at(np.arange(1, n + 1) / 1e3) - measured[-n:, :3]
+    # Told at the steps of the loop, it is what the reports say at each millisecond.
+    assert report.rms == pytest.approx(np.sqrt((missed**2).mean(axis=0)), rel=0.05)
+    assert report.max == pytest.approx(np.abs(missed).max(axis=0), rel=0.05)
+
+
+def test_a_loop_around_motors_believes_no_old_message():
+    loop = Uncorrected(get_robot("forceps"))
+    assert loop.step(1.0, [0.1]) == Status.OK
+    assert loop.step(1.0, [0.2]) == Status.STALE
+    assert loop.step(2.0, [np.nan]) == Status.NOT_FINITE
+    assert loop.step(np.nan, [0.1]) == Status.NOT_FINITE
+    assert loop.step(2.0, [0.3]) == Status.OK
+    assert loop.position == [0.3]
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
@@ -236,7 +268,7 @@ def test_an_arm_that_was_switched_off_for_an_hour_is_followed_with():
     arm.enable()
     arm.home()
     arm.disable()
-    arm.wait(3600.0)  # it stands on its brakes, and reports nothing
+    arm.wait(3600.0)
     arm.enable()
     stroke = Trajectory(("jaw",), ("rad",), np.array([[0.0], [0.1]]))
     assert follow(arm, stroke).rms[0] < 0.05

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.errors import TrajectoryError
+from truejoint.errors import RobotError, TrajectoryError
 from truejoint.motion import DIRECTIONS, nominal_duration, workspace_of, zigzag
 from truejoint.motion.calibration_motions import zigzag_box
 from truejoint.robots import Workspace, get_robot
@@ -161,3 +161,11 @@ def test_another_robot_needs_a_workspace_of_its_own():
     assert path.joints == joints
     assert path.units == ("rad", "rad", "m")
     assert path.positions.mean(axis=0) == pytest.approx(space.centre)
+
+
+def test_a_workspace_in_degrees_and_millimetres_is_refused():
+    space = ROBOT.workspace
+    scale = np.array([np.rad2deg(1.0), np.rad2deg(1.0), 1e3])
+    shown = Workspace(space.joints, space.lower * scale, space.upper * scale, space.speed * scale)
+    with pytest.raises(RobotError, match=r"beyond what the joint can: 0 to 1\.57"):
+        zigzag(ROBOT, "J1", workspace=shown)

@@ -11,6 +11,7 @@ from truejoint.recordings import DataCheck, Finding, check_data
 from truejoint.recordings.checks.coverage import joint_coverage
 from truejoint.recordings.data_check import outside_share
 from truejoint.recordings.recording import Provenance, Recording
+from truejoint.robots import Joint, Robot, adopt_robot
 
 
 @pytest.fixture
@@ -189,6 +190,19 @@ def test_extrapolation_is_counted_by_signal(clean: Recording) -> None:
     assert not _found(check_data([clean], model=wide), "outside the range")
     narrow = replace(trained, upper=np.array([-8.0, 9.0, 9.0]))
     assert check_data([clean], model=narrow).failed
+
+
+def test_a_signal_whose_name_begins_as_another_is_counted_by_itself() -> None:
+    t = np.arange(400) / 100
+    names = ("joint1", "joint12")
+    adopt_robot(Robot("long_arm", tuple(map(Joint, names))).to_dict(), "a test")
+    way = np.sin(2 * t)
+    columns = {"t": t} | {f"{q}/{name}": way for q in ("measured", "truth") for name in names}
+    recording = Recording.from_columns(columns, "long_arm")
+    features = FeatureSet.parse([f"measured/{name}" for name in names])
+    narrow = _Trained(names, features, np.full(2, -0.1), np.full(2, 0.1))
+    findings = _found(check_data([recording], model=narrow), "outside the range")
+    assert [f.where for f in findings] == ["measured/joint1", "measured/joint12"]
 
 
 def test_a_hundredth_of_the_range_is_forgiven() -> None:

@@ -3,8 +3,10 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -18,8 +20,10 @@ from truejoint.recordings import (
     Recording,
     read_parquet,
     read_recording,
+    write_corrected,
     write_parquet,
 )
+from truejoint.recordings.parquet import METADATA_KEY, _write
 from truejoint.robots import catalogue, get_robot
 
 Refusal = Callable[[Callable[[], object]], str]
@@ -255,3 +259,19 @@ def test_a_damaged_robot_is_refused_in_one_line(
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
     assert message.count(path.name) == 1
+
+
+def test_a_header_without_units_describes_stamps_alone(tmp_path: Path) -> None:
+    path = tmp_path / "stamps.parquet"
+    write_parquet(Recording.from_columns({"t": [0.0, 1.0]}, "bros"), path)
+    header = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
+    del header["units"], header["sha256"]
+    bare = tmp_path / "bare.parquet"
+    _write(bare, header, {"t": np.array([0.0, 1.0])}, overwrite=False)
+    assert not read_parquet(bare).units
+
+
+@pytest.mark.parametrize("table", [np.zeros(3), pd.DataFrame({"t": [0.0], "note": ["a"]})])
+def test_only_a_table_of_numbers_is_one_of_corrected_positions(tmp_path: Path, table: Any) -> None:
+    with pytest.raises(RecordingError, match="give a table of numbers"):
+        write_corrected(table, tmp_path / "corrected.parquet")

@@ -17,8 +17,8 @@ from truejoint.errors import RecordingError
 from truejoint.motion import follow
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recorder, read_parquet, read_recorded_topics, read_recording
-from truejoint.recordings.recorder import PAST_END, Decimator
-from truejoint.recordings.synchronise import AFTER, BACK
+from truejoint.recordings.recorder import PAST_END, Decimator, _Rows
+from truejoint.recordings.synchronise import AFTER, BACK, Stream
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
 
@@ -359,3 +359,20 @@ def test_topics_of_a_recording_that_is_replaced_go_with_it(arm: Any, tmp_path: P
     with Recorder(arm, path=path, overwrite=True):
         arm.state(np.arange(600) * 1e-3)
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_comes_while_rows_are_joined_waits_for_the_next_time() -> None:
+    rows = _Rows("state", math.inf)
+
+    class Late(dict[str, Any]):
+        def __getitem__(self, name: str) -> Any:
+            rows.pieces.append(Stream(np.array([2.0]), {"measured/jaw": np.array([0.2])}))
+            return super().__getitem__(name)
+
+    first = Stream(np.array([1.0]), {"measured/jaw": np.array([0.1])})
+    object.__setattr__(first, "columns", Late(first.columns))
+    rows.pieces.append(first)
+    joined = rows.joined()
+    assert joined is not None
+    assert joined.t.tolist() == [1.0]
+    assert len(rows) == 2

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
+import json
 import math
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -148,3 +150,35 @@ def test_arrays_are_copied_unless_they_are_handed_over() -> None:
     kept = Recording.from_columns(columns, "davinci_grasper", copy=False)
     assert not np.shares_memory(copied.column("measured/jaw"), columns["measured/jaw"])
     assert np.shares_memory(kept.column("measured/jaw"), columns["measured/jaw"])
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [{"load": "500 g"}, {"load": math.inf}, {"session": 5}, {"rates": None}, {"dropped": [1]}],
+)
+def test_provenance_that_no_file_could_keep_is_refused_when_it_is_made(stated: Any) -> None:
+    with pytest.raises(RecordingError, match=f"provenance: '{next(iter(stated))}' is"):
+        Provenance("bros", **stated)
+
+
+def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
+    made = Provenance("bros", load=np.float32(0.5), dropped={"x": np.int64(3)})
+    assert json.loads(json.dumps(made.to_dict()))["dropped"] == {"x": 3}
+    assert made.load == 0.5
+
+
+def test_a_unit_that_is_not_of_si_is_refused_with_what_to_do() -> None:
+    with pytest.raises(RecordingError, match=r"'deg', not SI; multiply it by 0.01745\d+ and state"):
+        Recording.from_columns(columns(), BROS, {"measured/joint1": "deg"})
+    with pytest.raises(RecordingError, match="unit of 'measured/joint1' is 5, not SI"):
+        Recording.from_columns(columns(), BROS, {"measured/joint1": 5})  # type: ignore[dict-item]
+
+
+def test_columns_of_no_joint_are_none(recording: Recording) -> None:
+    assert recording.columns("truth", []).shape == (len(recording), 0)
+
+
+@pytest.mark.parametrize("selection", [[True, False], np.array([10**6]), "a"])
+def test_rows_that_a_recording_has_not_are_refused(recording: Recording, selection: Any) -> None:
+    with pytest.raises(RecordingError, match="give a slice, numbers of rows, or a mask of all"):
+        recording.rows(selection)

@@ -177,3 +177,22 @@ def test_no_bytes_break_a_parser(pieces):
         for piece in pieces:
             sensor._take(piece)
         assert len(sensor._waiting) <= 4096
+
+
+def read_into_a_full_disk(line, raised=None):
+    def full(block):
+        raise RecordingError("the disk is full")
+
+    with ForceGauge(line.port) as gauge:
+        gauge.subscribe(full)
+        line.send("+01.23")
+        reached(lambda: gauge.messages == 1)
+        if raised is not None:
+            raise raised
+
+
+def test_what_a_listener_raises_is_raised_on_leaving(line):
+    with pytest.raises(RecordingError, match="the disk is full"):
+        read_into_a_full_disk(line)
+    with pytest.raises(KeyError):  # what ended the block goes before
+        read_into_a_full_disk(line, KeyError())

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from truejoint.robots import Workspace, get_robot, robot_names
+from truejoint.errors import RobotError
+from truejoint.robots import Transmission, Workspace, get_robot, robot_names
 
 BOX = Workspace(("a", "b"), np.array([-1.0, 0.1]), np.array([1.0, 0.3]), np.array([0.2, 0.01]))
 
@@ -33,3 +34,23 @@ def test_every_workspace_lies_within_its_robots_limits(name):
     assert ((crawl > 0) & (crawl < slowest) & (slowest <= fastest)).all()
     top = np.array([robot.joints[column].max_speed for column in columns])
     assert ((space.speed > 0) & (space.speed < top)).all()
+
+
+def test_lists_are_as_good_as_arrays():
+    assert Workspace(("a",), [0.0], [1.0], [0.1]).extent == pytest.approx([1.0])
+    assert Transmission([[2.0]]).motor_from_joint([3.0]) == pytest.approx([6.0])
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        (([0.0, 0.0], [1.0], [0.1]), r"lower is \[0.0, 0.0\]; want a finite number for each of a"),
+        (([0.0], [np.inf], [0.1]), "upper is"),
+        (([1.0], [0.0], [0.1]), "workspace.a: lower must be below upper"),
+        (([0.0], [1.0], [0.0]), "speed above 0"),
+        ((["low"], [1.0], [0.1]), "workspace: lower: could not convert"),
+    ],
+)
+def test_a_workspace_that_is_none_is_refused(rows, said):
+    with pytest.raises(RobotError, match=said):
+        Workspace(("a",), *rows)

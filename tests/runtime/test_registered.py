@@ -319,8 +319,9 @@ def test_an_impossible_level_is_refused(level):
 def test_a_fault_of_the_filter_is_no_estimate(name):
     data = decode(*encode(model(name)))
     family = find_family(data.model.family)
-    memory = family.memory(data.model, 2, 1)
-    out, width = np.empty(1), np.full(1, np.inf)
+    k, n = len(data.feature_set.names), len(data.joints)
+    memory = family.memory(data.model, k, n)
+    out, width = np.empty(n), np.full(n, np.inf)
 
     def predict(dt, x):
         family.row(memory.numbers, memory.memory, dt, x, out, width)
@@ -332,7 +333,7 @@ def test_a_fault_of_the_filter_is_no_estimate(name):
     assert np.isfinite(fresh).all()
     assert np.isnan(predict(np.inf, X[20]))
     assert [predict(0.005 * (i > 0), X[i]) for i in range(20)] == fresh
-    assert np.isnan(predict(0.005, np.full(2, 1e200)))
+    assert np.isnan(predict(0.005, np.full(k, 1e200)))
     again = [predict(0.005 * (i > 0), X[i]) for i in range(20)]
     assert again == fresh  # a new history leaves nothing of it
 

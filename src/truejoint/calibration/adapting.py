@@ -12,6 +12,7 @@ from scipy.spatial import KDTree
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.fitting import origin
 from truejoint.calibration.selection import common_robot
 from truejoint.calibration.sessions import session_of, trained_on
@@ -83,7 +84,7 @@ def adapted(
     """
     recordings, reference = as_recordings(recordings), as_recordings(reference)
     robot = common_robot(recordings)
-    if robot.name != prior.robot:
+    if robot.name != as_calibration(prior).robot:
         raise CalibrationError(
             f"the prior is of {prior.title}, the recordings are of {robot.title}; give a prior of "
             "the same robot"

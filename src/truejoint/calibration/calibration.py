@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
 from truejoint.calibration.interval import Interval, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.calibration.sessions import check_arm, check_columns, check_robot, check_unit
@@ -294,11 +294,7 @@ def write_calibration(
     >>> read_calibration("jaw.safetensors").estimator
     'linear'
     """
-    if not isinstance(calibration, Calibration):
-        raise CalibrationError(
-            f"a {type(calibration).__name__} is no Calibration; give what `calibrate` gives"
-        )
-    find_family(calibration.model.family.name)
+    find_family(as_calibration(calibration).model.family.name)
     description, arrays = encode(calibration)
     write_model_file(path, description, arrays, overwrite=overwrite)
 

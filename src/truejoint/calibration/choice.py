@@ -89,7 +89,7 @@ class Automatic:
 class Rows:
     """What one recording gives to a choice: of its `n` rows those that are `kept`."""
 
-    t: Array  # (n,)
+    t: Array  # (n,) [s]
     kept: Integers  # (m,)
     dt: Array  # (m,), time since the row before, 0 where a history starts
     features: Array  # (m, k)

@@ -12,11 +12,13 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.effort_fitting import residual_statistics
+from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.sessions import session_of, source_of, trained_on
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.models.names import OFFSET
+from truejoint.recordings.recording import as_recordings
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -28,7 +30,7 @@ MAX_GROWTH: Final = 100.0
 
 def with_interval(
     calibration: Calibration,
-    recordings: Sequence[Recording],
+    recordings: Recording | Sequence[Recording],
     *,
     levels: Sequence[float] = LEVELS,
     rezero: float = 0.0,
@@ -50,7 +52,7 @@ def with_interval(
     Parameters
     ----------
     calibration : Calibration
-    recordings : sequence of Recording
+    recordings : Recording or sequence of Recording
         With truth. The interval holds for motions, homings and loads like those in them.
     levels : sequence of float
         Probabilities to state. Those that the trajectories are too few for are left out.
@@ -73,8 +75,9 @@ def with_interval(
     9
     """
     check_interval(levels, rezero, growth)
+    recordings = as_recordings(recordings)
     for recording in recordings:
-        if trained_on(calibration.metadata, recording):
+        if trained_on(as_calibration(calibration).metadata, recording):
             raise CalibrationError(
                 f"{source_of(recording)} was used in the fit, so its errors are too small for an "
                 "interval; give recordings that the calibration has not seen"
@@ -90,16 +93,16 @@ def with_interval(
 
 def check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
     """Raise CalibrationError for what no interval can be made with."""
-    if not levels or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
+    if not np.size(levels) or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
         raise CalibrationError(
-            f"interval with levels {list(levels)}, growth {growth!r}, rezero {rezero!r} s; give a "
+            f"interval with levels {levels}, growth {growth!r}, rezero {rezero!r} s; give a "
             f"level, a growth from 0 to {MAX_GROWTH:g} and a time of 0 s or more"
         )
 
 
 def possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
     """Those that so many trajectories are enough for; raises CalibrationError if there are none."""
-    wanted = sorted(set(levels))
+    wanted = np.unique(levels).tolist()
     possible = [level for level in wanted if needed_trajectories(level) <= n_units]
     if not possible:
         raise CalibrationError(
@@ -190,7 +193,7 @@ class Coverage:
 
 
 def measure_coverage(
-    calibration: Calibration, recordings: Sequence[Recording], level: float = 0.9
+    calibration: Calibration, recordings: Recording | Sequence[Recording], level: float = 0.9
 ) -> Coverage:
     """Coverage of the stated interval on recordings that no part of it has seen.
 
@@ -199,14 +202,17 @@ def measure_coverage(
     Raises
     ------
     CalibrationError
-        If there is no such interval, or a recording has no truth.
+        If there is no such interval, no recording, or one has no truth.
 
     Examples
     --------
     >>> measure_coverage(model, [test], level=0.9).level
     0.9
     """
-    interval = calibration.required_interval()
+    recordings = as_recordings(recordings)
+    if not recordings:
+        raise CalibrationError("no recording to measure coverage on; give at least one")
+    interval = as_calibration(calibration).required_interval()
     calibration = calibration.fitted_for(rezeroing=interval.rezero > 0.0)
     row = interval.index(level)
     shares, widths = [], []
@@ -270,7 +276,7 @@ def compare_calibrations(
     >>> compare_calibrations(model, model, test).consistent.tolist()
     [True]
     """
-    if first.joints != second.joints:
+    if as_calibration(first).joints != as_calibration(second).joints:
         raise CalibrationError(
             f"the calibrations correct {', '.join(first.joints)} and {', '.join(second.joints)}; "
             "compare two of the same joints"

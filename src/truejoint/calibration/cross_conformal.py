@@ -21,6 +21,7 @@ from truejoint.calibration.conformal import (
 from truejoint.calibration.fitting import calibrate, within
 from truejoint.calibration.folds import FOLDS, Part, blocks, dealt, wholes, without
 from truejoint.calibration.interval import GROWTH, LEVELS
+from truejoint.calibration.selection import common_robot
 from truejoint.estimators.base import Progress
 from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.wrapped import Regressor
@@ -78,6 +79,7 @@ def cross_interval(
     """
     check_interval(levels, rezero, growth)
     recordings = as_recordings(recordings)
+    common_robot(recordings)
     report = progress or (lambda _fraction: None)
     whole = exchangeable_units(recordings, per_homing=rezero == 0.0)
     is_cut = len(whole) < WHOLE_FROM

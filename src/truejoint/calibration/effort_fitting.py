@@ -22,6 +22,7 @@ from truejoint.calibration.effort_baseline import (
     effort_steps,
     largest_shifts,
 )
+from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -73,7 +74,8 @@ def residual_statistics(
 ) -> tuple[Array, Array]:
     """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
 
-    About each recording's mean; in that time the autocorrelation falls to 1/e.
+    About each recording's mean; in that time the autocorrelation falls to 1/e. Raises
+    CalibrationError if no recording has the truth of two rows.
     """
     errors = []
     for recording in recordings:
@@ -81,6 +83,11 @@ def residual_statistics(
         known = np.isfinite(error).all(axis=1)
         if known.sum() >= 2:
             errors.append((recording.t[known], error[known] - error[known].mean(axis=0)))
+    if not errors:
+        raise CalibrationError(
+            "no recording has the truth of two rows, so nothing tells how errors vary; give one "
+            "with a truth that goes on"
+        )
     sizes = np.sqrt(np.mean(np.concatenate([error for _, error in errors]) ** 2, axis=0))
     times = [[_correlation_time(t, error[:, j]) for j in range(len(sizes))] for t, error in errors]
     smallest = np.finfo(float).tiny

@@ -16,9 +16,15 @@ from truejoint.calibration.interval import Interval, decode_interval
 from truejoint.calibration.model_file import encode_arrays
 from truejoint.calibration.parity import ParityEquations, decode_parity_equations
 from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
-from truejoint.errors import CalibrationError, ModelFileError, RobotError
+from truejoint.errors import (
+    CalibrationError,
+    ModelFileError,
+    RecordingError,
+    RobotError,
+    other_kind,
+)
 from truejoint.models.family import EstimatorData, Target, is_number
-from truejoint.models.features import FeatureSet
+from truejoint.models.features import FeatureSet, is_signal
 from truejoint.robots import adopt_robot, get_robot
 from truejoint.robots.robot import Robot
 
@@ -26,6 +32,8 @@ if TYPE_CHECKING:  # a control loop decodes without scikit-learn
     from truejoint.estimators.base import JointRegressor
 
 Model = TypeVar("Model")
+Data = TypeVar("Data")
+Recorded = TypeVar("Recorded")
 
 MAX_JOINTS: Final = 64
 
@@ -134,6 +142,21 @@ class CalibrationData(Generic[Model]):
         )
 
 
+def as_calibration(value: Data) -> Data:
+    """Give back a calibration; raises CalibrationError for anything else, saying how to get one."""
+    if hasattr(value, "effort_baseline"):  # as anything may have that stands for one
+        return value
+    advice = "give what `calibrate` gives, or read_calibration(path)"
+    raise CalibrationError(other_kind(value, "Calibration", advice))
+
+
+def as_recorded(value: Recorded) -> Recorded:
+    """Give back a recording, known by its columns: what runs does without the tables of one."""
+    if hasattr(value, "column"):
+        return value
+    raise RecordingError(other_kind(value, "Recording", "read_recording(path) gives one"))
+
+
 def encode(data: CalibrationData[JointRegressor]) -> tuple[dict[str, Any], dict[str, Array]]:
     """Give description and arrays for `model_file.write_model_file`."""
     ranges = zip(data.feature_set.names, data.lower, data.upper, strict=True)
@@ -193,6 +216,7 @@ def decode(
     _require(target in get_args(Target), f"target {target!r:.60} is not 'error' or 'position'")
     _require(is_number(gap, 1e-9, 1e9), f"gap limit {gap!r:.60} is not a time in seconds")
     _require(isinstance(metadata, dict), "the metadata is not a JSON object")
+    _check_metadata(metadata)
     robot = _robot(description["robot"])
     data = CalibrationData[EstimatorData](
         robot=robot.name,
@@ -213,6 +237,8 @@ def decode(
     _require(needed, "the units are not those of the columns that the model needs")
     redundant = _units(description["redundant"])
     _require(not set(redundant) & set(data.signals), "a redundant column is an input as well")
+    odd = [name for name in redundant if not is_signal(name)]  # such names stand in C source
+    _require(not odd, f"the redundant column {odd[:1]!r:.60} is called as none is")
     data = replace(data, redundant=redundant)
     n_joints, n_signals = len(joints), len(data.loop_signals)
     shape = n_signals, len(feature_set), n_joints
@@ -288,6 +314,28 @@ def _within(arrays: Mapping[str, Array], name: str) -> dict[str, Array]:
     """Arrays whose names start with `name` and a slash, without these."""
     prefix = name + "/"
     return {key.removeprefix(prefix): a for key, a in arrays.items() if key.startswith(prefix)}
+
+
+def _check_metadata(metadata: Mapping[str, Any]) -> None:
+    """Refuse metadata that are not what is read of them."""
+    for key in ("baseline_notes", "rezeroed"):
+        _require(isinstance(metadata.get(key, {}), dict), f"{key} is not a JSON object")
+    for key in ("homing_ids", "accepted"):
+        names = metadata.get(key, ())
+        good = isinstance(names, list | tuple) and all(isinstance(name, str) for name in names)
+        _require(good, f"{key} is not a list of texts")
+    for key in ("sessions", "interval_sessions"):
+        rows = metadata.get(key, ())
+        good = isinstance(rows, list | tuple) and all(map(_is_session, rows))
+        _require(good, f"{key} are not recordings as `session_of` tells them")
+
+
+def _is_session(row: Any) -> bool:
+    if not (isinstance(row, dict) and isinstance(row.get("sha256"), str)):
+        return False
+    load = row.get("load")
+    numbers = [row.get("first"), row.get("last"), *([] if load is None else [load])]
+    return all(is_number(number, -1e15, 1e15) for number in numbers)
 
 
 def _ranges(value: Any, feature_set: FeatureSet) -> tuple[Array, Array]:

@@ -408,8 +408,8 @@ def _choose(
         parts = map(rules.rows, recordings, outlying)
         own_target = targets.get(feature_set, target or TARGETS[0])
         rows = [Rows.of(part, own_target, MOST_ROWS // len(recordings)) for part in parts]
-        known = [one.for_features(feature_set.names) for one in candidates]
-        groups.append(Group(feature_set, rows, known, own_target))
+        told = [one.for_features(feature_set.names) for one in candidates]
+        groups.append(Group(feature_set, rows, told, own_target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Final
 
 import numpy as np
@@ -77,6 +78,7 @@ class Interval:
 
     def index(self, level: float) -> int:
         """Row of a level in the half-widths; raises CalibrationError as `half_width`."""
+        check_level(level)
         near = np.flatnonzero(np.isclose(self.levels, level, rtol=0.0, atol=1e-9))
         if near.size:
             return int(near[0])
@@ -135,7 +137,7 @@ def needed_trajectories(level: float) -> int:
 
 def check_level(level: float) -> None:
     """Refuse, with CalibrationError, a probability that is not between 0 and 1."""
-    if not 0.0 < level < 1.0:
+    if not (isinstance(level, Real) and 0.0 < level < 1.0):
         raise CalibrationError(f"level {level!r:.60} is not a share between 0 and 1, as 0.9")
 
 

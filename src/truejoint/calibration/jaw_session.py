@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.sessions import source_of
 from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError
@@ -146,7 +147,7 @@ def encoder_rezeroed(
 
 
 def _friction_filter(calibration: Calibration, lacks: str) -> FrictionFilter:
-    if not isinstance(calibration.model, FrictionFilter):
+    if not isinstance(as_calibration(calibration).model, FrictionFilter):
         wanted = name_of(FrictionFilter())
         raise CalibrationError(f"{calibration.estimator} {lacks}; calibrate with -e {wanted}")
     return calibration.model

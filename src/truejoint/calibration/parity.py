@@ -17,6 +17,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration.model_file import decode_arrays
 from truejoint.errors import ModelFileError
+from truejoint.models.features import is_signal
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -51,6 +52,7 @@ def redundant_columns(recordings: Sequence[Recording]) -> dict[str, str]:
         column: unit
         for column, unit in first.items()
         if column.partition("/")[0] in REDUNDANT
+        and is_signal(column)
         and all(recording.units.get(column) == unit for recording in recordings)
     }
 

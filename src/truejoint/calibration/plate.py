@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -12,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.errors import CalibrationError
 from truejoint.files import write_atomically
 from truejoint.toml_file import read_toml
@@ -74,9 +75,14 @@ class Plate:
     translation: Array = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
-        if not self.points:
-            raise CalibrationError(f"plate {self.name}: it has no dimples; give its points")
-        for number, point in self.points.items():
+        if not isinstance(self.points, Mapping) or not self.points:
+            raise CalibrationError(f"plate {self.name}: it has no dimples; give its points by name")
+        points = {
+            name: floats(point, f"dimple {name}", CalibrationError)
+            for name, point in self.points.items()
+        }
+        object.__setattr__(self, "points", points)
+        for number, point in points.items():
             if point.shape != (3,) or not (np.abs(point) < _LARGEST).all():
                 raise CalibrationError(
                     f"plate {self.name}: dimple {number} is at {point.tolist()} m; want three "
@@ -163,7 +169,7 @@ class BlockPose:
         return f"{self.plate.name} in the base of {self.robot} {self.arm}".rstrip()
 
 
-def read_plate(path: Path) -> Plate:
+def read_plate(path: str | os.PathLike[str]) -> Plate:
     """Read a plate file (docs/touch.md); raises CalibrationError naming the key that is wrong.
 
     Examples
@@ -172,6 +178,7 @@ def read_plate(path: Path) -> Plate:
     >>> read_plate(Path("p.toml")).calliper
     0.08
     """
+    path = Path(path)
     values = read_toml(path, CalibrationError)
     _check_keys(values, _PLATE_KEYS, ("name", "robot", "calliper_mm", "points_mm"), path)
     measured = values.get("measured_mm")
@@ -189,14 +196,14 @@ def read_plate(path: Path) -> Plate:
         raise CalibrationError(f"{path}: {error}") from None
 
 
-def write_plate(plate: Plate, path: Path, *, overwrite: bool = False) -> None:
+def write_plate(plate: Plate, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write a plate file; raises CalibrationError where that cannot be.
 
     Examples
     --------
     >>> write_plate(Plate("test", "raven2", {"1": np.zeros(3)}, calliper=0.08), Path("p.toml"))
     """
-    _write(path, plate_text(plate), overwrite)
+    _write(Path(path), plate_text(plate), overwrite)
 
 
 def plate_text(plate: Plate) -> str:
@@ -214,7 +221,7 @@ def plate_text(plate: Plate) -> str:
     )
 
 
-def read_pose(path: Path) -> BlockPose:
+def read_pose(path: str | os.PathLike[str]) -> BlockPose:
     """Read the pose of a bolted block; raises CalibrationError naming the key that is wrong.
 
     Examples
@@ -225,6 +232,7 @@ def read_pose(path: Path) -> BlockPose:
     >>> read_pose(Path("pose.toml")).title
     'test in the base of raven2 left'
     """
+    path = Path(path)
     values = read_toml(path, CalibrationError)
     _check_keys(values, _POSE_KEYS, _POSE_KEYS, path)
     try:
@@ -255,7 +263,7 @@ def read_pose(path: Path) -> BlockPose:
         raise CalibrationError(f"{path}: {error}") from None
 
 
-def write_pose(pose: BlockPose, path: Path, *, overwrite: bool = False) -> None:
+def write_pose(pose: BlockPose, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
     """Write the pose of a bolted block as TOML; raises CalibrationError where that cannot be.
 
     Examples
@@ -276,7 +284,7 @@ def write_pose(pose: BlockPose, path: Path, *, overwrite: bool = False) -> None:
     body += "# Of a turn about the block's axes [rad] and a shift along the base's [m].\n"
     body += f"covariance = {json.dumps(pose.covariance.tolist())}\n"
     body += f"\n[points_mm]\n{_points_text(pose.plate)}"
-    _write(path, body, overwrite)
+    _write(Path(path), body, overwrite)
 
 
 def _write(path: Path, text: str, overwrite: bool) -> None:

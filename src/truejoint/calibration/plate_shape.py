@@ -13,7 +13,7 @@ from truejoint.calibration.plate import Plate
 from truejoint.errors import CalibrationError
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.reach import reach
-from truejoint.robots.robot import Robot
+from truejoint.robots.robot import Robot, as_robot
 
 PITCH: Final = 10e-3  # between dimples [m]
 MOST: Final = 9  # dimples along a side
@@ -96,7 +96,7 @@ def design_plate(robot: Robot) -> PlateShape:
     >>> len(shape.plate().points) > 40
     True
     """
-    chain, space = robot.kinematics, robot.workspace
+    chain, space = as_robot(robot).kinematics, robot.workspace
     if chain is None or space is None:
         raise CalibrationError(
             f"{robot.title}: a block takes known kinematics and a workspace; give its robot file "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -223,7 +224,7 @@ _KEYS: Final[Mapping[str, tuple[str, ...]]] = {
 }
 
 
-def read_registration(path: Path, robot: Robot) -> Registration:
+def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registration:
     r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
 
     Raises CalibrationError naming the key and the rule that it breaks, RobotError for a joint that
@@ -236,6 +237,7 @@ def read_registration(path: Path, robot: Robot) -> Registration:
     >>> read_registration(Path("tracker.toml"), get_robot("raven2")).marker
     array([0.   , 0.   , 0.008])
     """
+    path = Path(path)
     values = read_toml(path, CalibrationError)
     known = (*_KEYS, "touched_sd_mm")
     for key in values:

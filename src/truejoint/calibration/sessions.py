@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from truejoint.errors import CalibrationError, meant
-from truejoint.robots.robot import Robot
+from truejoint.robots.robot import Robot, as_robot
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -71,7 +71,7 @@ def check_arm(recording: Recording, arm: tuple[str, str], other: str) -> None:
 
 def check_robot(made_for: tuple[str, str], robot: Robot) -> None:
     """Raise CalibrationError unless an arm is the one that a calibration was `made_for`."""
-    if (robot.name, robot.arm) != made_for:
+    if (as_robot(robot).name, robot.arm) != made_for:
         raise CalibrationError(
             f"the calibration of {Robot(made_for[0], (), made_for[1]).title} is not for "
             f"{robot.title}; give one that was made on recordings of this arm"

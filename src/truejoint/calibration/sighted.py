@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.calibration.plate import Plate
 from truejoint.calibration.registration import Registration
 from truejoint.calibration.tip_rows import TipPrior, TipRows, TipState, align
@@ -52,6 +53,8 @@ class Shots:
     source: str = "shots"
 
     def __post_init__(self) -> None:
+        point = floats(self.point, f"{self.source}: points", CalibrationError)
+        object.__setattr__(self, "point", point)
         if self.point.shape != (len(self.t), 3) or not np.isfinite(self.point).all():
             raise CalibrationError(f"{self.source}: want a point of three numbers for each time")
         self.rests  # noqa: B018  # checks the times
@@ -62,7 +65,7 @@ class Shots:
         return Touches(self.t, tuple(str(k + 1) for k in range(len(self.t))), self.source, "shot")
 
 
-def read_shots(path: Path) -> Shots:
+def read_shots(path: str | os.PathLike[str]) -> Shots:
     r"""Shots of a CSV file with a header: ``t`` [s], ``x_mm``, ``y_mm``, ``z_mm``.
 
     Raises CalibrationError naming line and value.
@@ -73,7 +76,8 @@ def read_shots(path: Path) -> Shots:
     >>> read_shots(Path("shots.csv")).point[1]
     array([0.001, 0.003, 0.8  ])
     """
-    rows = read_rows(path, ("t", "x_mm", "y_mm", "z_mm"), "shots", "a time [s] and three numbers")
+    columns, want = ("t", "x_mm", "y_mm", "z_mm"), "a time [s] and three numbers"
+    rows = read_rows(Path(path), columns, "shots", want)
     table = np.array([[float(text) for text in row] for row in rows]).reshape(-1, 4)
     return Shots(tuple(table[:, 0].tolist()), table[:, 1:] / 1e3, str(path))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.calibration.plate import TOUCH_SD, BlockPose, Plate
 from truejoint.calibration.sessions import check_columns, source_of
 from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, TipState, align, fit_tip
@@ -76,9 +77,12 @@ class Touches:
     kind: str = "dimple"
 
     def __post_init__(self) -> None:
-        if not self.t or len(self.t) != len(self.dimple):
-            raise CalibrationError(f"{self.source}: no {self.kind}s; write a line for each")
-        if not (np.isfinite(self.t).all() and (np.diff(self.t) > 0.0).all()):
+        t = floats(self.t, f"{self.source}: times", CalibrationError)
+        if not t.size or t.shape != (len(self.dimple),):
+            raise CalibrationError(
+                f"{self.source}: no {self.kind}s; write a line for each: a time and a name"
+            )
+        if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
             raise CalibrationError(f"{self.source}: the times must go up")
 
     def __len__(self) -> int:
@@ -92,7 +96,7 @@ class Touches:
         return "moved meanwhile, or another marker?"
 
 
-def read_touches(path: Path) -> Touches:
+def read_touches(path: str | os.PathLike[str]) -> Touches:
     r"""Touches of a CSV file with a header: ``t`` [s], ``dimple`` and whatever else.
 
     Raises CalibrationError naming line and value.
@@ -105,7 +109,8 @@ def read_touches(path: Path) -> Touches:
     """
     t: list[float] = []
     dimple: list[str] = []
-    for stamp, number in read_rows(path, ("t", "dimple"), "touches", "a time [s] and a dimple", 1):
+    columns, want = ("t", "dimple"), "a time [s] and a dimple"
+    for stamp, number in read_rows(Path(path), columns, "touches", want, 1):
         t.append(float(stamp))
         dimple.append(number)
     return Touches(tuple(t), tuple(dimple), str(path))

@@ -27,14 +27,14 @@ from truejoint.calibration.tracker_fit import (
     equations,
     fit_track,
 )
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.recordings.joining import (
     ClockOffset,
     cover_same_time,
     find_path_offset,
     join_truth,
 )
-from truejoint.recordings.recording import EPOCH, Recording, runs
+from truejoint.recordings.recording import EPOCH, Recording, as_recording, runs
 from truejoint.recordings.synchronise import Stream
 from truejoint.recordings.tracker import Track
 from truejoint.robots import Robot
@@ -116,7 +116,10 @@ def tracked_truth(
     (('shoulder', 'elbow', 'insertion'), True)
     """
     registration = registration or Registration()
-    robot, source = recording.robot, track.source
+    robot = as_recording(recording).robot
+    if not isinstance(track, Track):
+        raise RecordingError(other_kind(track, "Track", "read_track(path) reads one"))
+    source = track.source
     chain, link = carrier(robot, registration.link)
     names = tuple(joints) or robot.positioning[:3]
     robot.index(names)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
+from truejoint.calibration.encoding import as_calibration, as_recorded
 from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ def rezeroed(
     >>> "rezeroed" in rezeroed(model, test).metadata
     True
     """
-    calibration = calibration.fitted_for(rezeroing=True)
+    calibration = as_calibration(calibration).fitted_for(rezeroing=True)
     zero = find_zero(calibration, recording, duration)
     offsets = {
         name: baseline.offset + find_zero(baseline, recording, duration).offset
@@ -172,8 +173,10 @@ def known_error(
 
     Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
     """
-    source = recording.provenance.source or "recording"
-    without = [j for j in calibration.joints if f"truth/{j}" not in recording.table.columns]
+    source = as_recorded(recording).provenance.source or "recording"
+    without = [
+        j for j in as_calibration(calibration).joints if f"truth/{j}" not in recording.table.columns
+    ]
     if without:
         raise CalibrationError(
             f"{source} has no truth of {', '.join(without)}; record it with a sensor at the joint, "

@@ -138,6 +138,14 @@ def collect(
             "the homing [s]; 0 for none. Default: 10.",
         ),
     ] = None,
+    closed_loop: Annotated[
+        bool,
+        typer.Option(
+            "--closed-loop",
+            help="Keep the reported positions to the trajectories, by a loop around them; without "
+            "it the trajectories are set-points, which motors follow late.",
+        ),
+    ] = False,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
     topic: Annotated[
         list[str] | None,
@@ -177,10 +185,10 @@ def collect(
     All trajectories of one call share one homing, as in one session with a robot. A recording in
     place of a trajectory is replayed: the arm follows the set-points in it. Whatever stops the
     command leaves what was recorded; with --resume the same command goes on after it. With
-    --compensate the trajectories are where the joints, not their motors, are to be.
+    --compensate the trajectories are where the joints, not their motors, are to be; with
+    --closed-loop where the motors are to report to be.
     """
-    if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
-        raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
+    _check_loop(compensate, rezero_s, closed_loop=closed_loop)
     topics = _parse_topics(topic or [])
     pairs = _to_record(trajectories, output, topics, resume=resume, force=force)
     if not pairs:
@@ -200,15 +208,11 @@ def collect(
         truejoint.crtk.check_topics(device.robot, topics)
         model = None if compensate is None else _model_for(compensate, device.robot)
         output.mkdir(parents=True, exist_ok=True)
-        truth = None
-        if encoders is not None:
-            from truejoint.recordings.serial_sensors import JointEncoders  # noqa: PLC0415
-
-            stated = device.robot.encoders
-            truth = stack.enter_context(JointEncoders(encoders, stated, clock=lambda: device.time))
+        truth = None if encoders is None else stack.enter_context(_encoders(device, encoders))
         home(device, truth)
-        rezeroing = _REZERO if rezero_s is None else rezero_s
-        loop = None if model is None else steered(device, model, rezeroing, truth)
+        loop = truejoint.runtime.motor_loop(device.robot) if closed_loop else None
+        if model is not None:
+            loop = steered(device, model, _REZERO if rezero_s is None else rezero_s, truth)
         for trajectory, target in pairs:
             recording, report, streams = record(
                 device,
@@ -268,6 +272,14 @@ def _tell(
     say_dropped(recording)
 
 
+def _check_loop(compensate: Path | None, rezero_s: float | None, *, closed_loop: bool) -> None:
+    """Raise CommandRefused where options on the loop do not go together."""
+    if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
+        raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
+    if closed_loop and compensate is not None:
+        raise CommandRefused("--closed-loop is around motors, --compensate around joints: give one")
+
+
 def _parse_topics(texts: list[str]) -> dict[str, float]:
     """Rates [Hz] by topic, of texts like ``measured_cp=100``."""
     rates = {}
@@ -282,6 +294,13 @@ def _parse_topics(texts: list[str]) -> dict[str, float]:
                 f"--topic {text!r:.60}: write NAME=HZ, such as measured_cp=100"
             ) from None
     return rates
+
+
+def _encoders(device: truejoint.crtk.Arm, port: str) -> JointEncoders:
+    """Joint encoders on a serial port, stamped by the arm's clock."""
+    from truejoint.recordings.serial_sensors import JointEncoders  # noqa: PLC0415
+
+    return JointEncoders(port, device.robot.encoders, clock=lambda: device.time)
 
 
 def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:

@@ -8,7 +8,7 @@ from truejoint.crtk.backends.simulated import SimulatedBackend, simulated_arm
 from truejoint.crtk.grasper import Grasper
 from truejoint.crtk.handle import Motion
 from truejoint.crtk.planning import BLEND, TimeLaw, time_law
-from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE, Backend, Listener
+from truejoint.crtk.protocol import BLOCK_DURATION, Backend, Listener
 from truejoint.crtk.ros import open_transport
 from truejoint.crtk.states import STATE_COMMANDS, JointState, OperatingState
 from truejoint.crtk.topics import TOPICS, check_topics
@@ -17,7 +17,6 @@ from truejoint.robots.blocks import StateBlock, TruthBlock
 __all__ = [
     "BLEND",
     "BLOCK_DURATION",
-    "SERVO_RATE",
     "STATE_COMMANDS",
     "TOPICS",
     "Arm",

@@ -16,16 +16,17 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.crtk import cartesian
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.limits import check_range, check_steps, move_speed
+from truejoint.crtk.limits import check_range, check_steps, checked_pace, jump_of, move_speed
 from truejoint.crtk.planning import time_law
-from truejoint.crtk.protocol import SERVO_RATE, Backend, Listener
+from truejoint.crtk.protocol import Backend, Listener
+from truejoint.crtk.ros.transport import SILENCE
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.subscription import Subscription
 from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT, checked_rows, checked_vector
+from truejoint.robots.joint_rows import checked_rows, checked_vector
 from truejoint.robots.parts import Kinematics
 
 MAX_AGE: Final = 0.1
@@ -36,7 +37,6 @@ TIMEOUT: Final = 5.0
 """What a state command may take [s], all but homing."""
 HOMING_TIMEOUT: Final = 120.0
 
-_BRAKING_ROWS: Final = round(BRAKING * SERVO_RATE)
 _STRETCH: Final = 0.5  # [s] that are sent at once at most, where no subscriber wants blocks sooner
 _OPEN: Final[weakref.WeakSet[Arm]] = weakref.WeakSet()
 
@@ -63,11 +63,17 @@ class Arm:
     ----------
     robot : Robot
         What the arm is: joints, limits, kinematics.
+    rate : float
+        Set-points that it takes a second [Hz], as what is behind declares it.
+    grain : float
+        Time [s] within which a motion notices that it is to stop.
 
     Raises
     ------
     CommandRefused
         If another Arm controls what is behind.
+    RobotError
+        If it declares a rate or a grain that no arm can have, or be stopped with.
 
     References
     ----------
@@ -84,17 +90,20 @@ class Arm:
         self._backend = backend
         self._controls = controls
         self.robot: Final[Robot] = backend.robot
+        self.rate, self.grain = checked_pace(backend)
         self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._subscriptions: list[Subscription] = []
         self._watchers: list[Callable[[OperatingState], None]] = []
         self._telling = threading.RLock()  # of who watches
         self._latest: StateBlock | None = None
+        self._before: StateBlock | None = None  # the latest
         self._lock = threading.RLock()  # of what follows
         self._motion: Motion | None = None
         self._driver = 0  # thread that drives the motion
         self._asked = ""  # to stop it: a state command, or hold
         self._sent: Array | None = None  # last two set-points (2, n_joints) of this controller
         self._goal: Array | None = None
+        self._jump = ""  # of a position that was reported, during the motion
         backend.connect(self._on_block)
         _OPEN.add(self)
 
@@ -149,7 +158,7 @@ class Arm:
                 self._sent = None
                 self._backend.state_command(known, limit)
             if command == "unhome":
-                self._latest = None
+                self._latest = self._before = None
         finally:
             self._tell_watchers()
 
@@ -200,9 +209,11 @@ class Arm:
 
     def setpoint_js(self, age: float = MAX_AGE) -> JointState:
         """Latest set-point, its velocity and the effort command; refused as `measured_js`."""
-        block = self._valid("setpoint_js", age)
-        last = block.setpoint[-2:]
-        velocity = (last[-1:] - last[:1]) * SERVO_RATE
+        before, block = self._before, self._valid("setpoint_js", age)
+        first = block.rows(slice(-2, -1)) if len(block.t) > 1 else before or block
+        period = block.t[-1] - first.t[-1]
+        step = block.setpoint[-1:] - first.setpoint[-1:]
+        velocity = step / period if period > 0.0 else np.zeros_like(step)
         return self._joint_state(block, block.setpoint, velocity)
 
     def goal_js(self) -> JointState:
@@ -257,7 +268,7 @@ class Arm:
 
     def servo_jv(self, velocity: ArrayLike) -> None:
         """Go on at `velocity` (n_joints,) [rad/s or m/s] for one servo period; as `servo_jp`."""
-        step = checked_vector(self.robot, velocity, "servo_jv") / SERVO_RATE
+        step = checked_vector(self.robot, velocity, "servo_jv") / self.rate
         self._servo((self._start_of("servo_jv") + step)[None], "servo_jv")
 
     def servo_cp(self, pose: ArrayLike) -> None:
@@ -281,12 +292,12 @@ class Arm:
     def servo_cv(self, twist: ArrayLike) -> None:
         """Move the tool by a `twist` (6,) [m/s, rad/s] for one servo period; as `servo_cp`."""
         kinematics, start = self._kinematics("servo_cv"), self._start_of("servo_cv")
-        step = cartesian.step_of(np.asarray(twist, dtype=float) / SERVO_RATE)
+        step = cartesian.step_of(np.asarray(twist, dtype=float) / self.rate)
         target = cartesian.moved(cartesian.pose(kinematics, start), step)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cv")
 
     def servo_jp_stream(self, positions: ArrayLike) -> None:
-        """Stream `positions` (n, n_joints) [rad or m] at 1 kHz; blocks until all are sent.
+        """Stream `positions` (n, n_joints) [rad or m] at `rate`; blocks until all are sent.
 
         The whole stream is checked before its first sample is sent; raises as `servo_jp`.
         """
@@ -319,7 +330,7 @@ class Arm:
         return self._move(cartesian.straight_line(kinematics, start, pose), speed, "move_cp")
 
     def stream(self, pieces: Iterable[Array], duration: float, command: str) -> Motion:
-        """Stream set-points (n, n_joints) [rad or m] at 1 kHz as `pieces` of them come.
+        """Stream set-points (n, n_joints) [rad or m] at `rate` as `pieces` of them come.
 
         Each piece is checked as `servo_jp` checks, when it is its turn; one that fails ends the
         motion. `duration` [s] is what all will take; `command` names it in messages.
@@ -334,7 +345,7 @@ class Arm:
     def wait(self, duration: float) -> None:
         """Let `duration` [s] of the robot's clock pass; enabled and homed, the arm holds.
 
-        Otherwise it stands on its brakes and reports nothing. A motion under way goes on
+        Otherwise it stands on its brakes. A motion under way goes on
         meanwhile.
         """
         if not (np.isfinite(duration) and duration >= 0.0):
@@ -344,15 +355,15 @@ class Arm:
         end, motion = self.time + duration, self._motion
         while motion is not None and motion.is_busy() and self.time < end:
             with suppress(CommandRefused):
-                motion.wait(min(GRAIN, end - self.time))
+                motion.wait(min(self.grain, end - self.time))
         left = end - self.time
-        if left * SERVO_RATE < 0.5:
+        if left * self.rate < 0.5:
             return
         if not self.operating_state().is_ready:
             self._backend.wait(left)
             return
         hold = self._start_of("wait")
-        rows = np.broadcast_to(hold, (round(left * SERVO_RATE), len(hold)))
+        rows = np.broadcast_to(hold, (round(left * self.rate), len(hold)))
         self._run(self._begin("wait", left), iter([rows]))
 
     def subscribe(self, callback: Listener, every: float = 0.0) -> None:
@@ -396,7 +407,13 @@ class Arm:
 
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
-            self._latest = block
+            before = self._latest
+            if self._motion is not None and before is not None:
+                t = np.append(before.t[-1], block.t)
+                rows = np.vstack([before.measured[-1:], block.measured])
+                rows = rows[:, self._joint_channels]
+                self._jump = self._jump or jump_of(self.robot, self.rate, t, rows)
+            self._before, self._latest = before, block
         broken: BaseException | None = None
         for subscription in tuple(self._subscriptions):
             try:
@@ -450,7 +467,7 @@ class Arm:
         caps = move_speed(self.robot, speed, command)
         check_range(self.robot, knots, command)
         law = time_law(np.vstack([self._start_of(command), knots]), caps)
-        motion = self.stream(law.blocks(), law.duration, command)
+        motion = self.stream(law.blocks(self.rate), law.duration, command)
         self._goal = knots[-1]
         return motion
 
@@ -458,12 +475,12 @@ class Arm:
         check_ready(self.operating_state(), command)
         for _ in self._checked([rows], command):
             pass
-        self._run(self._begin(command, len(rows) / SERVO_RATE), iter([rows]), waits=len(rows) > 1)
+        self._run(self._begin(command, len(rows) / self.rate), iter([rows]), waits=len(rows) > 1)
 
     def _checked(self, pieces: Iterable[Array], command: str) -> Iterator[Array]:
         for rows in pieces:
             check_range(self.robot, rows, command)
-            check_steps(self.robot, self._latest_setpoints()[-1], rows, command)
+            check_steps(self.robot, self.rate, self._latest_setpoints()[-1], rows, command)
             yield rows
 
     def _begin(self, command: str, duration: float) -> Motion:
@@ -471,9 +488,9 @@ class Arm:
         self._check_control(command)
         with self._lock:
             check_ready(self.operating_state(), command)
-            self._asked = ""
+            self._asked = self._jump = ""
             self._motion = motion = Motion(command, duration, self._stop)
-        if duration > SETPOINT_DT:  # who streams single set-points has no time to lose
+        if self._is_stretch(duration):
             self._tell_watchers()
         return motion
 
@@ -510,8 +527,12 @@ class Arm:
             with self._lock:
                 self._motion, self._driver = None, 0
             motion.ended(error)
-            if motion.duration > SETPOINT_DT or error is not None:
+            if self._is_stretch(motion.duration) or error is not None:
                 self._tell_watchers()
+
+    def _is_stretch(self, duration: float) -> bool:
+        """Whether it is more than a set-point: who streams single ones has no time to lose."""
+        return duration * self.rate > 1.5
 
     def _send(self, motion: Motion, rows: Array) -> None:
         """Send set-points, in pieces as long as subscribers want blocks, until asked to stop."""
@@ -520,14 +541,23 @@ class Arm:
             state = self._backend.operating_state()
             if not state.is_ready:  # the robot itself, or another program, has stopped it
                 raise motion.stopped(state.state, state.t)
+            self._check_reports(motion, state.t)
             every = min((s.every for s in tuple(self._subscriptions)), default=_STRETCH)
-            size = round(min(max(every, GRAIN), _STRETCH) * SERVO_RATE)
+            size = max(round(min(max(every, self.grain), _STRETCH) * self.rate), 1)
             piece = rows[taken : taken + size]
             self._sent = path[taken + len(piece) :][:2]  # where it is should a subscriber raise
             done = self._backend.servo_jp(piece, lambda: not self._asked)
             taken += done
             self._sent = path[taken : taken + 2]
-            motion.elapsed += done / SERVO_RATE
+            motion.elapsed += done / self.rate
+
+    def _check_reports(self, motion: Motion, t: float) -> None:
+        """Raise MotionStopped where positions jump, or none came for `SILENCE`."""
+        if self._jump:
+            raise motion.stopped(self._jump, t)
+        silent = 0.0 if self._latest is None else t - float(self._latest.t[-1])
+        if silent > SILENCE and motion.elapsed > SILENCE:
+            raise motion.stopped(f"no state message for {silent:.1f} s; does it report?", t)
 
     def _stand(self, motion: Motion) -> MotionStopped:
         """Brake and carry out what stops the motion; gives the error that says so."""
@@ -548,7 +578,8 @@ class Arm:
         step, start = self._sent[1] - self._sent[0], self._sent[1]
         if not step.any():
             return
-        share = 1.0 - np.arange(1, _BRAKING_ROWS + 1) / _BRAKING_ROWS
+        n = max(int(BRAKING * self.rate), 1)
+        share = 1.0 - np.arange(1, n + 1) / n
         rows = start + np.cumsum(share)[:, None] * step
         rows = np.clip(rows, self.robot.lower, self.robot.upper)
         self._backend.servo_jp(rows, lambda: True)

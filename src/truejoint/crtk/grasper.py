@@ -8,7 +8,6 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.crtk.states import JointState
 from truejoint.errors import RobotError
 
@@ -64,7 +63,7 @@ class Grasper:
 
     def servo_jv(self, velocity: float) -> None:
         """Go on at a `velocity` [rad/s] for one servo period; refused as the arm's."""
-        self.arm.servo_jr(self._shared(velocity / SERVO_RATE))
+        self.arm.servo_jr(self._shared(velocity / self.arm.rate))
 
     def move_jp(self, opening: float) -> Motion:
         """Go to an `opening` [rad]; as the arm's."""

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk.protocol import SERVO_RATE
-from truejoint.errors import CommandRefused
+from truejoint.crtk.protocol import Backend
+from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot
 from truejoint.robots.joint_rows import at_sample, checked_vector
 from truejoint.units import shown, shown_range
@@ -22,6 +23,25 @@ _MOVE_TOOL: Final = np.deg2rad(10.0)
 _MOVE_PRISMATIC: Final = 0.01
 # Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
 _ROUNDING: Final = 1e-9
+_MOST_GRAIN: Final = 0.02  # [s] within which an arm that is stopped begins to brake
+
+
+def checked_pace(backend: Backend) -> tuple[float, float]:
+    """Rate [Hz] and grain [s] that a back end declares; raises RobotError if it cannot be so."""
+    rate = float(backend.rate)
+    if not 0.0 < rate < math.inf:
+        raise RobotError(
+            f"{backend.robot.title}: its back end declares {rate:g} set-points a second; "
+            "it must be a finite number above 0"
+        )
+    grain = float(backend.grain)
+    if not (1.0 - 1e-9) / rate <= grain <= _MOST_GRAIN:
+        raise RobotError(
+            f"{backend.robot.title}: its back end declares a grain of {1e3 * grain:g} ms at "
+            f"{rate:g} Hz; it must be a period, {1e3 / rate:.3g} ms, or more, and at most "
+            f"{1e3 * _MOST_GRAIN:g} ms, within which an arm is to be stopped"
+        )
+    return rate, grain
 
 
 def check_range(robot: Robot, rows: Array, command: str) -> None:
@@ -37,12 +57,12 @@ def check_range(robot: Robot, rows: Array, command: str) -> None:
         )
 
 
-def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
+def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: str) -> None:
     """Raise CommandRefused if a joint would step faster than its top speed.
 
-    `rows` (n, n_joints) follow each other at `SERVO_RATE`, the first `start` (n_joints,).
+    `rows` (n, n_joints) follow each other at `rate` [Hz], the first `start` (n_joints,).
     """
-    limit = np.array([joint.max_speed for joint in robot.joints]) / SERVO_RATE
+    limit = np.array([joint.max_speed for joint in robot.joints]) / rate
     step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
     excess = step > limit + _ROUNDING
     if excess.any():
@@ -50,9 +70,28 @@ def check_steps(robot: Robot, start: Array, rows: Array, command: str) -> None:
         joint = robot.joints[column]
         taken, most = shown(step[row, column], joint.unit), shown(limit[column], joint.unit)
         raise CommandRefused(
-            f"{command} refused: {joint.name} would step by {taken} in 1 ms{at_sample(row, rows)}, "
-            f"more than {most}; send smaller steps or move_jp"
+            f"{command} refused: {joint.name} would step by {taken} in {1e3 / rate:.3g} ms"
+            f"{at_sample(row, rows)}, more than {most}; send smaller steps or move_jp"
         )
+
+
+def jump_of(robot: Robot, rate: float, t: Array, measured: Array) -> str:
+    """Say which joint's reports jump by twice what it can move; empty where none does.
+
+    `measured` (n, n_joints) [rad or m] are consecutive positions, stamped `t` (n,) [s], at most
+    `rate` of them a second [Hz].
+    """
+    top = np.array([joint.max_speed for joint in robot.joints])
+    step = np.abs(np.diff(measured, axis=0))
+    excess = step > 2.0 * top * np.maximum(np.diff(t), 1.0 / rate)[:, None]
+    if not excess.any():
+        return ""
+    row, column = np.argwhere(excess)[0]
+    joint = robot.joints[column]
+    return (
+        f"{joint.name} jumped by {shown(step[row, column], joint.unit)} at t = {t[row + 1]:.3f} s, "
+        "further than it can move: did its encoder slip? Home the arm"
+    )
 
 
 def move_speed(robot: Robot, speed: ArrayLike | None, command: str) -> Array:

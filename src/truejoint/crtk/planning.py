@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk.protocol import BLOCK_DURATION, SERVO_RATE
+from truejoint.crtk.protocol import BLOCK_DURATION
 
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
 
+_STANDING: Final = 1e-3  # of a law that goes nowhere [s]
 _INSTANT: Final = 1e-9  # shorter lines than this are no lines [s]: a picometre on the way
 
 
@@ -71,11 +72,11 @@ class TimeLaw:
         law[now >= self.duration] = self._centred[-1]
         return np.asarray(law + self.knots[0])
 
-    def blocks(self) -> Iterator[Array]:
-        """Set-points (m, n_joints) at `SERVO_RATE` from the first period to rest, by blocks."""
-        total, size = np.ceil(self.duration * SERVO_RATE - 1e-6), int(BLOCK_DURATION * SERVO_RATE)
+    def blocks(self, rate: float) -> Iterator[Array]:
+        """Set-points (m, n_joints) at `rate` [Hz] from the first period to rest, by blocks."""
+        total, size = np.ceil(self.duration * rate - 1e-6), int(BLOCK_DURATION * rate)
         for start in range(0, int(total), size):
-            yield self.at(np.arange(start + 1, min(start + size, total) + 1) / SERVO_RATE)
+            yield self.at(np.arange(start + 1, min(start + size, total) + 1) / rate)
 
     def _integral_to(self, t: Array) -> Array:
         """Integral (m, n_joints) of the centred lines from 0 to `t`, held beyond both ends."""
@@ -113,6 +114,6 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
     keep = np.concatenate([[True], np.diff(np.floor(times / _INSTANT)) > 0.0])
     last, corners, times = corners[-1], corners[keep], times[keep]
     if len(corners) == 1:
-        corners, times = np.vstack([corners, corners]), np.array([0.0, 1.0 / SERVO_RATE])
+        corners, times = np.vstack([corners, corners]), np.array([0.0, _STANDING])
     corners[-1] = last
     return TimeLaw(times, corners, blend)

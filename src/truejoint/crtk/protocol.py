@@ -9,10 +9,6 @@ from truejoint.array_types import Array
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT
-
-SERVO_RATE: Final = 1.0 / SETPOINT_DT
-"""Rate of every set-point stream [Hz]."""
 
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""
@@ -29,13 +25,24 @@ class Backend(Protocol):
     `BLOCK_DURATION`; a back end with threads delivers them one at a time.
 
     ``pause`` and ``disable`` may come from another thread while a call blocks; `state_command` and
-    `servo_jp` are then over within `GRAIN`, and say so by CommandRefused. As soon is `servo_jp`
+    `servo_jp` are then over within `grain`, and say so by CommandRefused. As soon is `servo_jp`
     over when ``go_on()`` is false, which may also be asked for by another thread.
+
+    An `Arm` refuses a `rate` that is no finite number above 0, and a `grain` shorter than a period
+    of it or longer than 20 ms: an arm must be stopped sooner.
     """
 
     @property
     def robot(self) -> Robot:
         """The arm behind."""
+
+    @property
+    def rate(self) -> float:
+        """Set-points that the robot takes a second [Hz], and the most state messages it sends."""
+
+    @property
+    def grain(self) -> float:
+        """Longest time that `servo_jp` goes on without asking whether it shall [s]."""
 
     @property
     def time(self) -> float:
@@ -65,10 +72,10 @@ class Backend(Protocol):
         """
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
-        """Stream set-points (n, n_joints) [rad or m] at `SERVO_RATE`; returns when more may come.
+        """Stream set-points (n, n_joints) [rad or m] at `rate`; returns when more may come.
 
         Checked against state and limits by the arm. While ``go_on()``, asked at least every
-        `GRAIN` of the robot's clock, and before any of it passes unseen by other threads; gives
+        `grain` of the robot's clock, and before any of it passes unseen by other threads; gives
         how many set-points were taken until then. Without more the arm holds the last one.
         """
 

@@ -27,7 +27,6 @@ from truejoint.crtk.messages import (
     profile_of,
     raven_state_fields,
 )
-from truejoint.crtk.protocol import SERVO_RATE
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, MotionStopped, TruejointError
@@ -80,10 +79,9 @@ class ArmServer:
         self._arm, self._transport = arm, transport
         self._profile = profile_of(arm.robot, profile)
         self._namespace = namespace.rstrip("/")
-        self._every = max(1, math.ceil(SERVO_RATE / rate - 1e-9))
+        self._every = max(1, math.ceil(arm.rate / rate - 1e-9))
         self._rows = 0
         self._epoch: float | None = None
-        self._latest: StateBlock | None = None
         self._spoken = threading.Event()
         self._closed = threading.Event()
         self._move: Motion | None = None
@@ -221,23 +219,18 @@ class ArmServer:
             self._rows += 1
             if self._rows % self._every:
                 continue
-            self._latest = block.rows(slice(row, row + 1))
-            self._publish_state(self._latest, float(block.t[row]))
+            self._publish_state(block.rows(slice(row, row + 1)), float(block.t[row]))
             self._spoken.set()
 
     def _report_idle(self) -> None:
-        """Report the state while the arm's own reports are silent: it stands on its brakes."""
+        """Report the operating state while the arm reports nothing else: it is not homed."""
         while not self._closed.is_set():
             if self._spoken.wait(_IDLE):
                 self._spoken.clear()
                 self._closed.wait(_IDLE)
                 continue
             with suppress(CommandRefused):
-                now, latest = self._state(), self._latest
-                if latest is not None and now.is_homed and not now.is_busy:
-                    self._publish_state(latest, now.t)
-                else:
-                    self._publish_operating_state(now.t)
+                self._publish_operating_state(self._arm.time)
 
     def _publish_state(self, block: StateBlock, t: float) -> None:
         self._publish_operating_state(t)

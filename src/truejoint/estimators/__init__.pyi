@@ -20,6 +20,7 @@ from .registry import estimator_names as estimator_names
 from .rich_play import RichPlay as RichPlay
 from .sequence import RecurrentNetwork as RecurrentNetwork
 from .sequence import TemporalConvolution as TemporalConvolution
+from .two_mass import TwoMassFilter as TwoMassFilter
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
 from .wrapped import candidates as candidates

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 from sklearn.base import clone
@@ -69,9 +69,13 @@ class Combination(JointRegressor):
         if not isinstance(self.members, list | tuple):
             return  # `fit` says so, and what else is wrong
         with suppress(CalibrationError):
-            family = _family([one.family for one in self._unfitted()])
-            if family is not type(self).family:
-                self.family = family  # type: ignore[misc]  # by its members
+            self.family = _family([m.family for m in self._unfitted()])  # type: ignore[misc]
+
+    def set_params(self, **params: Any) -> Self:
+        """Set parameters by name; other members may make another family of it."""
+        super().set_params(**params)
+        self.__post_init__()
+        return self
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as the most demanding member needs."""
@@ -125,9 +129,12 @@ class Combination(JointRegressor):
         return self._of(one.for_features(names) for one in self._unfitted())
 
     def _of(self, members: Iterable[JointRegressor]) -> Self:
-        """Unfitted copy of other members, unless they are names."""
-        other = {} if self._is_named() else {"members": tuple(members)}
-        return clone(self).set_params(**other)  # type: ignore[no-any-return]  # sklearn: untyped
+        """Unfitted copy of other members; of those that it has, names too, where they are alike."""
+        told = tuple(members)
+        same = _described(told) == _described(self._unfitted())
+        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
+            **({} if same else {"members": told})
+        )
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs."""

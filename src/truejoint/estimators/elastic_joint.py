@@ -93,7 +93,7 @@ class ElasticJointFilter(JointRegressor):
         self._check_motion(X, known, dt)
         low, high = float(X[:, 0].min()), float(X[:, 0].max())
         scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
-        kept = _thinned(dt, known)
+        kept = thinned(dt, known)
         motion, targets = _motion(X, scales, dt).pick(kept), y[kept]
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = known[kept][settled]
@@ -166,7 +166,7 @@ def _motion(X: Array, scales: Array, dt: Array) -> Motion:
     return Motion((X[:, 0] - middle) / half_range, X[:, 1] / torque, dt)
 
 
-def _thinned(dt: Array, known: Flags) -> Integers:
+def thinned(dt: Array, known: Flags) -> Integers:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
     stride = max(1, round(_FILTER_DT / mean_dt(dt)))
     fresh = dt == 0.0

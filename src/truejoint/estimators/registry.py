@@ -62,12 +62,10 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction": _Line("friction_filter", "FrictionFilter", {}),
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
+    "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
+    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}, {}),
     "ukf_cables": _Line("cable_filter", "CableFilter", {}),
 }
-_TRIED_BESIDES: Final = (
-    _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}),
-)
-"""Without names of their own: trees on what a jaw's filter leaves."""
 _TREES: Final = {
     "boosted_trees": _Line(
         "sklearn.ensemble",
@@ -105,11 +103,8 @@ def estimator_names() -> tuple[str, ...]:
 
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
-    return _made(_ESTIMATORS[name])
-
-
-def _made(line: _Line) -> Any:
-    return getattr(import_module(f"truejoint.estimators.{line.module}"), line.cls)(**line.params)
+    module, cls, own, _ = _ESTIMATORS[name]
+    return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
 
 
 def parameter_names(name: str) -> tuple[str, ...]:
@@ -146,12 +141,11 @@ def member(name: str) -> Any:
 
 def tried() -> list[Any]:
     """Unfitted estimators that an automatic choice tries."""
-    named = [
+    return [
         registered(name).set_params(**line.tried)
         for name, line in _ESTIMATORS.items()
         if line.tried is not None
     ]
-    return named + [_made(line) for line in _TRIED_BESIDES]
 
 
 def plugged_in() -> dict[str, EntryPoint]:

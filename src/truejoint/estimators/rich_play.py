@@ -297,7 +297,7 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
-        asked = {"pairs": self._asked(), "coupled": ()}
+        asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
             asked["coupled"] = self.positions
@@ -383,11 +383,11 @@ class RichPlay(JointRegressor):
 
     def _coupling(self, X: Array, y: Array, dt: Array, arrays: Arrays) -> Arrays:
         """Coupling of joints, on some of the rows: the first of each history among them."""
-        with_truth, fresh = np.isfinite(y).all(axis=1), dt == 0.0
+        with_truth, fresh = self._known(y), dt == 0.0
         used = fresh.copy()
         for rows in (np.arange(len(X)), np.flatnonzero(with_truth)):
             used[rows[:: -(-len(rows) // _IDENTIFIED)]] = True
-        alone = self.model_params() | {"plays": (), "pairs": (), "coupled": ()}
+        alone = {**self.model_params(), "plays": (), "pairs": (), "coupled": ()}
         seen = play_bank.expand_rows(alone, arrays, X, dt, used)
         places, known = list(self.coupled_), with_truth[used]
         positions = np.ascontiguousarray(seen[:, places])

@@ -274,8 +274,8 @@ def candidates() -> list[JointRegressor]:
 
 def class_of(family: str) -> type[JointRegressor]:
     """Class of estimators whose family is called so: one by name, or what runs any family."""
-    classes = (type(registered(name)) for name in OWN)
-    return next((cls for cls in classes if cls.family.name == family), WrappedRegressor)
+    known = map(registered, OWN)
+    return next((type(one) for one in known if one.family.name == family), WrappedRegressor)
 
 
 def _last(regressor: Any) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
 
 Outcome = Literal["better", "worse", "cannot be told"]
 
@@ -80,7 +81,7 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
 
     Raises
     ------
-    ValueError
+    CalibrationError
         If the shapes differ, or there is no row at all.
 
     Examples
@@ -89,8 +90,11 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     >>> compare([noise[0]], [noise[1]]).outcome
     'cannot be told'
     """
-    if any(np.shape(a) != np.shape(b) for a, b in zip(own, other, strict=True)):
-        raise ValueError("errors to compare differ in shape")
+    if list(map(np.shape, own)) != list(map(np.shape, other)) or not any(map(len, own)):
+        raise CalibrationError(
+            f"errors to compare are of shapes {list(map(np.shape, own))} and "
+            f"{list(map(np.shape, other))}; give those of the same rows, one at least"
+        )
     parts = [_loss(a) - _loss(b) for a, b in zip(own, other, strict=True) if len(a)]
     rows = np.concatenate(parts)
     mean = float(rows.mean())
@@ -127,12 +131,19 @@ def simplest(losses: Mapping[str, Sequence[Array]]) -> str:
     losses : mapping of str to sequence of ndarray, shape (n, k)
         Errors of each model by recording, simplest first, in units that can be added.
 
+    Raises
+    ------
+    CalibrationError
+        If there is none.
+
     Examples
     --------
     >>> noise = np.random.default_rng(0).normal(size=(1000, 1))
     >>> simplest({"offset": [3 * noise], "linear": [noise], "network": [0.999 * noise[::-1]]})
     'linear'
     """
+    if not losses:
+        raise CalibrationError("there is no model to choose from; give the errors of at least one")
     size = {k: sum(float(np.sum(np.square(e))) for e in errors) for k, errors in losses.items()}
     best = min(size, key=lambda name: size[name])
     return next(

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
 from truejoint.evaluation.comparison import compare, simplest
 from truejoint.evaluation.results import OFFSET, RAW, Trace
 
@@ -30,11 +31,18 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     plain : collection of str
         Estimators that need no proof.
 
+    Raises
+    ------
+    CalibrationError
+        If there are no traces.
+
     Examples
     --------
     >>> to_deploy(evaluation.traces)
     'linear'
     """
+    if not traces:
+        raise CalibrationError("there is no evaluation to choose by; give the traces of one")
     rows = [trace.inside for trace in traces]
     if sum(map(np.sum, rows)) < 2:
         rows = [np.ones(len(trace.t), dtype=bool) for trace in traces]

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
+from numbers import Real
 from pathlib import PurePath
 from typing import Any, Protocol
 
@@ -13,7 +15,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.zero import at_start, zeroed
-from truejoint.errors import CalibrationError, RecordingError, unknown
+from truejoint.errors import CalibrationError, RecordingError, other_kind, unknown
 from truejoint.evaluation import scoring
 from truejoint.evaluation.comparison import compare
 from truejoint.evaluation.deployment import PLAIN, to_deploy
@@ -61,7 +63,7 @@ Model = Calibration | str | os.PathLike[str]
 
 
 def evaluate(
-    models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
+    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
     recordings: Recording | Sequence[Recording],
     *,
     chosen: str | None = None,
@@ -79,7 +81,7 @@ def evaluate(
 
     Parameters
     ----------
-    models : Calibration, path of a model file, sequence of these, or mapping of str to calibrations
+    models : Calibration, path of a model file, sequence of these, or mapping of str to these
         All must correct the same joints. Several of one estimator are seeds of it: curves and
         stretches show the first. A mapping is by estimator.
     recordings : Recording or sequence of Recording
@@ -181,10 +183,14 @@ def evaluate(
 
 
 def _check_times(window: float, rezero: float) -> None:
-    if not (rezero >= 0.0 and np.isfinite(rezero)):
-        raise CalibrationError(f"the time to re-zero from is {rezero:g} s; it must be 0 s or more")
-    if not (window > 0.0 and np.isfinite(window)):
-        raise CalibrationError(f"the window of worst stretches is {window:g} s; it must be > 0 s")
+    if not (isinstance(rezero, Real) and 0.0 <= rezero < math.inf):
+        raise CalibrationError(
+            f"the time to re-zero from is {rezero!r:.40} s; it must be 0 s or more"
+        )
+    if not (isinstance(window, Real) and 0.0 < window < math.inf):
+        raise CalibrationError(
+            f"the window of worst stretches is {window!r:.40} s; it must be > 0 s"
+        )
 
 
 def _comparisons(
@@ -200,19 +206,27 @@ def _comparisons(
 
 
 def _by_estimator(
-    models: Model | Sequence[Model] | Mapping[str, Sequence[JointCalibration]],
+    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
 ) -> Mapping[str, Sequence[JointCalibration]]:
     if isinstance(models, Mapping):
-        return {k: [v] if isinstance(v, Calibration) else v for k, v in models.items()}
+        return {k: [_read(one) for one in _several(v)] for k, v in models.items()}
     found: dict[str, list[JointCalibration]] = {}
-    for given in models if isinstance(models, list | tuple) else [models]:
-        model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
-        if not isinstance(model, Calibration):
-            raise CalibrationError(
-                f"a {type(model).__name__} is no model; give a Calibration, as `calibrate` or "
-                "`read_calibration` makes it, or the path of a model file"
-            )
-        found.setdefault(model.estimator, []).append(model)
+    for model in map(_read, _several(models)):
+        found.setdefault(_estimator(model) or type(model).__name__, []).append(model)
+    return found
+
+
+def _several(given: Any) -> Sequence[Any]:
+    return given if isinstance(given, list | tuple) else [given]
+
+
+def _read(given: Any) -> JointCalibration:
+    """Give a model, or that of a file; raises CalibrationError for what is none."""
+    model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
+    if not all(hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata")):
+        advice = "give what `calibrate` gives, or the path of a model file"
+        raise CalibrationError(other_kind(model, "Calibration", advice))
+    found: JointCalibration = model
     return found
 
 

@@ -8,8 +8,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array
-from truejoint.errors import CalibrationError
+from truejoint.array_types import Array, floats
+from truejoint.errors import CalibrationError, other_kind
 from truejoint.robots import Kinematics
 
 
@@ -92,6 +92,11 @@ def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) ->
         Joint positions [rad or m] of all joints of the robot; joints without truth hold the
         same value in both.
 
+    Raises
+    ------
+    CalibrationError
+        If the kinematics are none.
+
     Examples
     --------
     >>> robot = truejoint.get_robot("raven2")
@@ -99,11 +104,14 @@ def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) ->
     >>> print(np.linalg.norm(tool_error(robot.kinematics, moved, robot.home)).round(6))
     0.001
     """
+    if not hasattr(kinematics, "forward"):
+        advice = "give the `kinematics` of a robot of which they are known"
+        raise CalibrationError(other_kind(kinematics, "Kinematics", advice))
     return tool_positions(kinematics, estimated) - tool_positions(kinematics, true)
 
 
 def _checked(error: ArrayLike) -> Array:
-    values = np.asarray(error, dtype=float)
+    values = floats(error, "errors", CalibrationError)
     if values.shape[:1] in ((), (0,)):
         raise CalibrationError(
             "no row has both an estimate and a true position; evaluate on recordings with truth"

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.special import stdtrit
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.errors import CalibrationError, other_kind, unknown
 from truejoint.estimators import registry
 from truejoint.evaluation.comparison import Outcome
 from truejoint.models import names
@@ -500,11 +501,15 @@ class Evaluation(Summarised):
         }
 
     def score(self, estimator: str, joint: str) -> Score:
-        """Return the row of an estimator and a joint; raises KeyError when there is none."""
+        """Give the row of an estimator and a joint; raises CalibrationError if there is none."""
         for row in self.scores:
             if row.estimator == estimator and row.joint == joint:
                 return row
-        raise KeyError(f"no score of {estimator!r} in joint {joint!r}")
+        if joint in self.joints:
+            raise CalibrationError(
+                f"the evaluation: {unknown('model', estimator, self.estimators)}"
+            )
+        raise CalibrationError(f"the evaluation: {unknown('joint', joint, self.joints)}")
 
     def shown_joints(self) -> list[tuple[int, str, DisplayUnit]]:
         """Column, name and unit for a person of each calibrated joint."""
@@ -534,3 +539,10 @@ class Evaluation(Summarised):
             }
         )
         return values
+
+
+def as_evaluation(value: object) -> Evaluation:
+    """Give back an evaluation; raises CalibrationError for anything else."""
+    if isinstance(value, Evaluation):
+        return value
+    raise CalibrationError(other_kind(value, "Evaluation", "give what `evaluate` gives"))

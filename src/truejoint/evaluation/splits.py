@@ -14,7 +14,7 @@ import numpy as np
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.datasets import Dataset, HeldOut, read_dataset
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.recording import Recording, as_recording, as_recordings
 
 
 def split_by_time(
@@ -42,7 +42,7 @@ def split_by_time(
     >>> float(early.t[-1]), float(late.t[0])
     (1.99, 3.0)
     """
-    name = recording.provenance.source or "recording"
+    name = as_recording(recording).provenance.source or "recording"
     if not 0.0 < fraction < 1.0:
         raise RecordingError(f"{name}: split fraction is {fraction:g}; it must be between 0 and 1")
     if not (gap >= 0.0 and np.isfinite(gap)):
@@ -80,7 +80,7 @@ def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
     >>> part_by_time(test, 0.0, 0.25).duration
     0.99
     """
-    name = recording.provenance.source or "recording"
+    name = as_recording(recording).provenance.source or "recording"
     if not 0.0 <= begin < end <= 1.0:
         raise RecordingError(
             f"{name}: part {begin:g} to {end:g} is not within 0 to 1, in this order; choose other "
@@ -121,6 +121,7 @@ def split_by_file(
     (1, 1)
     """
     patterns = [held_out] if isinstance(held_out, str) else list(held_out)
+    recordings = as_recordings(recordings)
     sources = [recording.provenance.source for recording in recordings]
     for pattern in patterns:
         if not any(_matches(source, pattern) for source in sources):

@@ -13,7 +13,13 @@ import pandas as pd
 
 from truejoint.errors import RecordingError
 from truejoint.evaluation.digits import decimals_for
-from truejoint.evaluation.results import CartesianScore, Evaluation, Score, estimator_title
+from truejoint.evaluation.results import (
+    CartesianScore,
+    Evaluation,
+    Score,
+    as_evaluation,
+    estimator_title,
+)
 from truejoint.files import check_target, write_atomically
 from truejoint.units import DisplayUnit, display_unit
 
@@ -86,7 +92,7 @@ def score_tables(evaluation: Evaluation) -> Iterator[ScoreTable]:
     >>> [table.name for table in score_tables(evaluation)]
     ['jaw']
     """
-    for _, joint, unit in evaluation.shown_joints():
+    for _, joint, unit in as_evaluation(evaluation).shown_joints():
         scores = [evaluation.score(name, joint) for name in evaluation.estimators]
         yield _table(evaluation, joint, unit, scores, _OF_JOINTS)
     if evaluation.cartesian:

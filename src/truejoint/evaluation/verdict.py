@@ -65,7 +65,8 @@ def judge(
     Raises
     ------
     CalibrationError
-        If a tolerance names no calibrated joint or is not a positive number.
+        If no score is of `chosen`, or a tolerance names no calibrated joint or is not a positive
+        number.
 
     Examples
     --------
@@ -73,9 +74,12 @@ def judge(
     'fail'
     """
     joints = list(dict.fromkeys(row.joint for row in scores))
+    known = list(dict.fromkeys(row.estimator for row in scores))
+    if chosen not in known:
+        raise CalibrationError(f"the verdict: {unknown('score', chosen, known)}")
     limits = _checked_tolerance(tolerance or {}, joints)
     outcomes = {(found.estimator, found.joint): found.outcome for found in comparisons}
-    simpler = _simpler([row.estimator for row in scores], chosen)
+    simpler = _simpler(known, chosen)
     verdicts = []
     for joint in joints:
         rows = {row.estimator: row for row in scores if row.joint == joint}
@@ -106,9 +110,8 @@ def judge(
 
 def _simpler(estimators: Sequence[str], chosen: str) -> list[str]:
     """Baselines that are simpler than the chosen model, simplest first."""
-    names = list(dict.fromkeys(estimators))
     last = BASELINES.index(chosen) if chosen in BASELINES else len(BASELINES)
-    return [name for name in names if name in BASELINES[:last]]
+    return [name for name in estimators if name in BASELINES[:last]]
 
 
 def _beside_simpler(

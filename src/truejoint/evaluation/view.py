@@ -26,6 +26,7 @@ from truejoint.evaluation.results import (
     OFFSET,
     RAW,
     Evaluation,
+    as_evaluation,
     estimator_phrase,
     estimator_title,
     known_loads,
@@ -358,7 +359,7 @@ def score_table(evaluation: Evaluation) -> Table:
     >>> score_table(evaluation).row_count
     1
     """
-    title = f"{evaluation.title}: RMSE on the test (percent: of the fixed offset's)"
+    title = f"{as_evaluation(evaluation).title}: RMSE on the test (percent: of the fixed offset's)"
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
     table.add_column("joint", overflow="fold")
     for name in evaluation.estimators:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
@@ -102,8 +102,8 @@ def export_c(
     ------
     ExportError
         If the estimator has no C source, the interval does not state that level, the prefix is no
-        name, the compensator is of other joints, a file exists without `overwrite`, or a number
-        does not fit the precision.
+        name, the compensator is of other joints or feeds forward, a file exists without
+        `overwrite`, or a number does not fit the precision.
     ModelFileError
         If the calibration lacks what the checks need.
 
@@ -116,6 +116,8 @@ def export_c(
     check_precision(precision)
     calibration = calibration.fitted_for(rezeroing=False)
     if compensator is not None:
+        if compensator.forward is not None:
+            raise ExportError("what is fed forward runs in Python only; make a loop without it")
         calibration = calibration.without_redundant()
         if compensator.corrector.signals != calibration.loop_signals:
             raise ExportError(
@@ -165,7 +167,8 @@ def default_prefix(calibration: Calibration) -> str:
     >>> default_prefix(model)
     'davinci_grasper'
     """
-    return "_".join(part for part in (calibration.robot, calibration.arm) if part)
+    own = as_calibration(calibration)
+    return "_".join(part for part in (own.robot, own.arm) if part)
 
 
 def check_command(paths: Sequence[Path]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.calibration.encoding import as_calibration
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, check_precision, write_files
 from truejoint.extras import require
@@ -125,7 +126,7 @@ class _Graph:
 
     def _inputs(self, calibration: Calibration) -> tuple[str, str, list[Any], dict[str, str]]:
         """Features, measured positions, the graph's inputs, and what is to be known of them."""
-        feature_set = calibration.feature_set
+        feature_set = as_calibration(calibration).feature_set
         columns = {"features": feature_set.names}
         measured = tuple(f"measured/{joint}" for joint in calibration.joints)
         features_name, measured_name = "features", "measured"

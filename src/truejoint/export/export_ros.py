@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from truejoint.calibration.encoding import as_calibration
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, render, write_files
 from truejoint.export.export_c import default_prefix, export_c
@@ -64,7 +65,7 @@ def export_ros(
     >>> [path.name for path in export_ros(model, "package", prefix="jaw")][-3:]
     ['jaw_joints.hpp', 'jaw_ros1.cpp', 'jaw_ros2.cpp']
     """
-    robot = get_robot(calibration.robot, calibration.arm)
+    robot = get_robot(as_calibration(calibration).robot, calibration.arm)
     if not all(_value(robot, signal) for signal in calibration.loop_signals):
         calibration = calibration.without_redundant()
     prefix = default_prefix(calibration) if prefix is None else prefix

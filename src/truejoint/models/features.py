@@ -42,6 +42,11 @@ _FORMS: Final = (
 )
 
 
+def is_signal(name: str) -> bool:
+    """Whether a column is called ``<quantity>/<channel>``, as every input of a model is."""
+    return len(name) <= MAX_SIGNAL_LENGTH and _SIGNAL.fullmatch(name) is not None
+
+
 @dataclass(frozen=True)
 class Feature:
     """One input of a model: a signal of the recording, as it is or through a causal operation.
@@ -77,7 +82,7 @@ class Feature:
     parameter: float = 0.0
 
     def __post_init__(self) -> None:
-        if len(self.signal) > MAX_SIGNAL_LENGTH or not _SIGNAL.fullmatch(self.signal):
+        if not is_signal(self.signal):
             raise CalibrationError(
                 f"feature signal {self.signal[:80]!r} is not '<quantity>/<channel>'; write one of "
                 f"{_FORMS}"

@@ -31,7 +31,7 @@ def advance(numbers: Integers, memory: Array, dt: float) -> bool:
     What happened meanwhile nobody saw, so that the covariance must be that of a start.
     """
     memory[at.DT] = dt
-    return (call_step(numbers[at.ADVANCE], numbers, memory) & FAULTS) == 0
+    return bool((call_step(numbers[at.ADVANCE], numbers, memory) & FAULTS) == 0)
 
 
 @compiled

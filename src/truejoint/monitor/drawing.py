@@ -103,11 +103,12 @@ class ArmDrawing:
         if not isinstance(chain, SerialChain):
             raise RobotError(f"the kinematics of {robot.title} are not known: nothing to draw")
         self._chain = chain
-        self._jaws = robot.index(robot.grasper)
+        self._opening, self._finger = _jaws(robot)
         frames = chain.link_frames(robot.home)
         origins = np.vstack([np.zeros(3), frames[:, :3, 3]])
         reach = np.linalg.norm(origins[:, None] - origins[None], axis=-1).max()
         self.size = float(max(reach, 0.05))
+        self._finger = self._finger or _FINGER * self.size
         self._n_meeting = _axes_through_origin(frames)
         self._arcs = _arcs(frames[: self._n_meeting]) * _ARC_RADIUS * self.size
 
@@ -142,14 +143,13 @@ class ArmDrawing:
         )
 
     def _fingers(self, frame: Array, tool: Array, rows: Array) -> list[tuple[Array, Array]]:
-        """Both jaws, as far open as their joints add up to, about the last axis."""
-        if not self._jaws:
+        """Both jaws, as far open as they are, about the last axis."""
+        if not self._opening.any():
             return []
-        half = 0.5 * rows[:, self._jaws].sum(axis=1, keepdims=True)
+        half = 0.5 * (rows @ self._opening)[:, None]
         x, y = frame[:, :3, 0], frame[:, :3, 1]
-        length = _FINGER * self.size
         return [
-            (tool, tool + length * (np.cos(half) * x + side * np.sin(half) * y))
+            (tool, tool + self._finger * (np.cos(half) * x + side * np.sin(half) * y))
             for side in (1.0, -1.0)
         ]
 
@@ -163,6 +163,17 @@ def can_draw(robot: Robot) -> bool:
     (True, False)
     """
     return isinstance(robot.kinematics, SerialChain)
+
+
+def _jaws(robot: Robot) -> tuple[Array, float]:
+    """Give the opening of the jaws per joint position (n_joints,), and their length [m] or 0."""
+    cables = robot.cable_mechanism
+    if cables is not None and cables.contact is not None:
+        arms = [float(np.abs(cables.row(arm)).sum()) for arm in cables.arms.values()]
+        return cables.row(cables.contact.opening), min(arms, default=0.0)
+    opening = np.zeros(len(robot.joints))
+    opening[robot.index(robot.grasper)] = 1.0
+    return opening, 0.0
 
 
 def _axes_through_origin(frames: Array) -> int:

@@ -32,7 +32,7 @@ _LOOPBACK_NAMES: Final = ("127.0.0.1", "localhost")
 _OPACITY: Final = {"reported": None, "corrected": None, "truth": 0.25}
 _THICKNESS: Final = {"reported": 0.7, "corrected": 0.72, "truth": 1.25}
 _NARROW: Final = 0.75  # width by height of a window
-_SIDES: Final = 18  # of a tube
+_SIDES: Final = 8  # of a tube: without graphics hardware each corner costs
 _PANEL_WIDTH: Final = 384  # [px]
 _PLOT_HEIGHT: Final = 118  # [px]
 _WIDE, _TALL = 880, 170  # [px] of the plots where no arm is drawn
@@ -153,10 +153,9 @@ class Page:
         middle, lowest = 0.5 * (points.min(axis=0) + points.max(axis=0)), points[:, 2].min()
         scene.world_axes.visible = False
         scene.add_grid(
-            "/floor", width=4 * size, height=4 * size, plane="xy", cell_size=size / 5,
+            "/floor", width=2 * size, height=2 * size, plane="xy", cell_size=size / 5,
             section_size=size, cell_color=(200, 203, 207), section_color=(170, 174, 178),
-            cell_thickness=0.6, section_thickness=0.8,
-            infinite_grid=True, fade_distance=6 * size, shadow_opacity=0.0,
+            cell_thickness=0.6, section_thickness=0.8, shadow_opacity=0.0,
             position=(0.0, 0.0, float(lowest - 0.25 * size)),
         )  # fmt: skip
         self._views = {
@@ -263,7 +262,7 @@ class _Body:
             "receive_shadow": False,
         }
         mesh = require("trimesh", "monitor", "the monitor").creation
-        tube, ball = mesh.cylinder(1.0, 1.0, _SIDES), mesh.icosphere(2)
+        tube, ball = mesh.cylinder(1.0, 1.0, _SIDES), mesh.icosphere(1)
         positions, wxyz, scales = (part[0] for part in drawing.cylinders())
         self._tubes = scene.add_batched_meshes_simple(
             f"/{name}/links", tube.vertices, tube.faces, wxyz, positions, batched_scales=scales,

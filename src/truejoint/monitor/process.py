@@ -29,8 +29,8 @@ from truejoint.robots import Robot
 
 COMMANDS: Final = ("pause", "resume")
 """What the buttons ask for."""
-PLOT_EVERY: Final = 3
-"""Pictures between two of which the plots are drawn anew."""
+PLOT_EVERY: Final = 5
+"""Pictures after which the plots are drawn anew."""
 
 _NAMES: Final = ("joints", "effort_units")  # of samples: the rest are arrays
 _PATIENCE: Final = 2.0  # [s] for it to end by itself
@@ -145,7 +145,8 @@ class ArmView:
         self._on_command = on_command
         self.rows: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
         self._condition = Condition("no answer", "the arm has said nothing yet", is_fresh=False)
-        self._new = 0  # rows since the plots were drawn
+        self._has_new = False  # since the plots were drawn
+        self._since = 0  # pictures since then
         self._lock = threading.Lock()  # of all above
         self.page: Final = Page(robot, robot.joint_names, self._add_buttons, host=host, port=port)
         self.url: Final = self.page.url
@@ -156,7 +157,7 @@ class ArmView:
             self._condition = condition
             if row is not None:
                 self.rows.append(row)
-                self._new += 1
+                self._has_new = True
 
     def say(self, error: Exception) -> None:
         """Tell all who look that something they asked for was refused, and why."""
@@ -166,8 +167,10 @@ class ArmView:
         """Make a picture of what is to be shown by now."""
         with self._lock:
             samples = Samples.joined(self.rows) if self.rows else None
-            condition, replot = self._condition, self._new >= PLOT_EVERY
-            self._new = 0 if replot else self._new
+            self._since += 1
+            condition, replot = self._condition, self._has_new and self._since >= PLOT_EVERY
+            if replot:
+                self._has_new, self._since = False, 0
         paused = condition.state.startswith("PAUSED")
         if self.resume.visible != paused:
             self.resume.visible = paused

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from numbers import Integral, Real
 from typing import Any, Final, Protocol
 
 import numpy as np
@@ -82,13 +83,15 @@ def zigzag(
     >>> zigzag(truejoint.get_robot("raven2"), "J2-J3", 1 / 4).joints
     ('shoulder', 'elbow', 'insertion')
     """
-    if direction.upper() not in DIRECTIONS:
+    if str(direction).upper() not in DIRECTIONS:
         raise TrajectoryError(
             f"direction {direction!r} is unknown; choose one of {', '.join(DIRECTIONS)}"
         )
-    if not 1.0 / _MOST_DIVISIONS <= sparsity <= 1.0:
-        raise TrajectoryError(f"sparsity {sparsity} must be within [1/{_MOST_DIVISIONS}, 1]")
-    space = workspace or workspace_of(robot)
+    if not (isinstance(sparsity, Real) and 1.0 / _MOST_DIVISIONS <= sparsity <= 1.0):
+        raise TrajectoryError(
+            f"sparsity {sparsity!r:.40} must be within [1/{_MOST_DIVISIONS}, 1], as a number"
+        )
+    space = workspace_of(robot, workspace)
     if len(space.joints) != 3:
         raise TrajectoryError(
             f"a zig-zag needs 3 joints; the workspace has {', '.join(space.joints)}"
@@ -151,11 +154,10 @@ def random_motion(
     """
     if not 1.0 <= duration <= LONGEST:
         raise TrajectoryError(f"duration {duration} s must be within [1, {LONGEST:.0f}] s")
-    if seed < 0:
-        raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
+    check_seed(seed)
     if profile not in PROFILES:
         raise TrajectoryError(unknown("profile", profile, PROFILES))
-    space = workspace or workspace_of(robot)
+    space = workspace_of(robot, workspace)
     times = _times(duration, rate)
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
@@ -203,7 +205,7 @@ def nested_motion(
     >>> nested_motion(truejoint.get_robot("forceps")).joints
     ('jaw',)
     """
-    space = workspace or workspace_of(robot)
+    space = workspace_of(robot, workspace)
     if len(space.joints) != 1:
         raise TrajectoryError(
             f"nested loops are for one joint; the workspace of {robot.title} has "
@@ -220,6 +222,12 @@ def nested_motion(
     meta = {"kind": "nested", "duration": duration}
     positions = _travelled(times, knots, swings)[:, None]
     return generated(robot, space, positions, times, name=f"nested {duration:g} s", meta=meta)
+
+
+def check_seed(seed: int) -> None:
+    """Raise TrajectoryError unless a seed is a whole number of 0 or more."""
+    if not (isinstance(seed, Integral) and seed >= 0):
+        raise TrajectoryError(f"seed is {seed!r:.40}; give a whole number of 0 or more")
 
 
 def zigzag_box(direction: str) -> Array:

@@ -10,7 +10,7 @@ from numpy.polynomial import legendre
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import TrajectoryError
-from truejoint.motion.calibration_motions import LONGEST, generated
+from truejoint.motion.calibration_motions import LONGEST, check_seed, generated
 from truejoint.motion.trajectory import Trajectory, workspace_of
 from truejoint.robots import Robot, Workspace
 
@@ -67,9 +67,8 @@ def designed_motion(
     """
     if not 10.0 <= duration <= LONGEST:
         raise TrajectoryError(f"duration {duration} s must be within [10, {LONGEST:.0f}] s")
-    if seed < 0:
-        raise TrajectoryError(f"seed is {seed}; give a whole number of 0 or more")
-    space = workspace or workspace_of(robot)
+    check_seed(seed)
+    space = workspace_of(robot, workspace)
     n_joints, random = len(space.joints), np.random.default_rng(seed)
     half, (_, slowest, fastest, _) = space.extent / 2.0, space.swings
     if (space.extent / fastest).max() < _SHORTEST:

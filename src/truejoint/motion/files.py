@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 import pandas as pd
 
 from truejoint.array_types import Array
-from truejoint.errors import TrajectoryError
+from truejoint.errors import TrajectoryError, words
 from truejoint.files import (
     UNHASHED,
     content_hash,
@@ -20,7 +21,7 @@ from truejoint.files import (
     require_ordinary,
     write_atomically,
 )
-from truejoint.motion.trajectory import Trajectory
+from truejoint.motion.trajectory import Trajectory, as_trajectory
 
 _MARK: Final = "# truejoint trajectory "
 _FORMAT: Final = 2  # format 1 has no hash
@@ -35,7 +36,7 @@ _MAX_HEADER: Final = 1 << 16
 
 def write_trajectory(
     trajectory: Trajectory,
-    path: str | Path,
+    path: str | os.PathLike[str],
     *,
     layout: Literal["own", "lab"] = "own",
     overwrite: bool = False,
@@ -45,7 +46,7 @@ def write_trajectory(
     Parameters
     ----------
     trajectory : Trajectory
-    path : str or Path
+    path : path-like
     layout : {"own", "lab"}
         ``"own"``: one ``#`` line of provenance, a header, then values in full precision. ``"lab"``:
         a path as the follower of uw-biorobotics/raven2_CRTK_Python_controller reads it, shoulder
@@ -65,7 +66,7 @@ def write_trajectory(
     >>> path = zigzag(truejoint.get_robot("raven2"), "J2-J3")
     >>> write_trajectory(path, "zigzag.csv")  # doctest: +SKIP
     """
-    path = Path(path)
+    trajectory, path = as_trajectory(trajectory), Path(path)
     if layout not in ("own", "lab"):
         raise TrajectoryError(f"layout {layout!r:.60}; write 'own' or 'lab'")
     if layout == "lab":
@@ -106,7 +107,7 @@ def _header(trajectory: Trajectory, rows: Array, path: Path) -> str:
     return f"{_MARK}{text}\n"
 
 
-def read_trajectory(path: str | Path) -> Trajectory:
+def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     """Read a CSV of either layout of `write_trajectory`, found from its first line.
 
     Raises
@@ -156,7 +157,8 @@ def _read_own(path: Path, first: str, second: str) -> Trajectory:
     values = _read_numbers(path, len(columns), skip=2)
     digest = header.pop("sha256", None)
     if digest is None and header["format"] == 1:
-        header["meta"] = {"notes": UNHASHED} | header["meta"]
+        notes = filter(None, (str(header["meta"].get("notes", "")), UNHASHED))
+        header["meta"] = header["meta"] | {"notes": "; ".join(notes)}
     elif not is_as_written(digest, header, {"rows": values}):
         raise TrajectoryError(
             "its content does not match its hash; get the file again, or, if it was edited on "
@@ -215,10 +217,9 @@ def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
                 comments=None,
                 encoding="utf-8",
             )
-    except (ValueError, UnicodeDecodeError) as error:
-        reason = str(error).splitlines()[0]
+    except (ValueError, OSError) as error:  # it unpacks what is called .gz
         raise TrajectoryError(
-            f"a row is not {columns} numbers ({reason}); get the file again"
+            f"a row is not {columns} numbers ({words(error)}); get the file again"
         ) from None
     if values.size == 0:
         raise TrajectoryError("has no rows")

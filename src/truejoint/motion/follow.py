@@ -15,7 +15,6 @@ from truejoint.array_types import Array
 from truejoint.crtk import (
     BLEND,
     BLOCK_DURATION,
-    SERVO_RATE,
     Arm,
     StateBlock,
     TimeLaw,
@@ -23,22 +22,34 @@ from truejoint.crtk import (
 )
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, MotionStopped, TrajectoryError
-from truejoint.motion.trajectory import Trajectory, workspace_of
+from truejoint.motion.trajectory import Trajectory, as_trajectory, workspace_of
 from truejoint.robots import Robot
+from truejoint.robots.robot import as_robot
 from truejoint.units import display_unit
 
 _POLL: Final = 0.02  # [s] between two looks at the state of a paused arm
+_SHORTEST_LEG: Final = 1e-3  # [s], a set-point
 _SPEED_WINDOW: Final = 0.1  # [s] that a measured speed is the mean over, to hide encoder counts
 
 
 class Steering(Protocol):
     """What takes an arm's joints where they are wanted: `truejoint.runtime.Compensator`."""
 
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Those that it takes there; the others get what is wanted as their set-point."""
+
     def approach(self, arm: Arm, wanted: ArrayLike) -> None:
         """Take an arm to a pose `wanted` (n_joints,) [rad or m]."""
 
-    def setpoints(self, arm: Arm, pieces: Iterable[Array]) -> Iterator[Array]:
-        """Turn wanted positions (n, n_joints) [rad or m] at 1 kHz into set-points."""
+    def setpoints(
+        self, arm: Arm, pieces: Iterable[Array], tell: Callable[[float, Array, Array], None]
+    ) -> Iterator[Array]:
+        """Turn wanted positions (n, n_joints) [rad or m] at the arm's rate into set-points.
+
+        At each step `tell` is called with a time [s], where the `joints` are wanted at the next
+        step, and where they are now (n,) [rad or m].
+        """
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +63,8 @@ class TrackingReport:
     joints, units : tuple of str
         The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
     rms, max : ndarray, shape (n_joints,)
-        Of set-point minus measured position [rad or m]; `max` is of the absolute value. Where the
-        arm was steered, this is what its motors missed of set-points that the steering chose.
+        Of set-point minus measured position [rad or m]; `max` is of the absolute value. Of joints
+        that were steered, of wanted minus corrected position at the steps of the loop.
     setpoint_speed, max_speed, speed_caps : ndarray, shape (n_joints,)
         Highest speed of the set-point and as measured, mean over 0.1 s, and what that of the
         set-point was to stay below [rad/s or m/s].
@@ -143,7 +154,8 @@ def follow(
     progress : callable, optional
         Called with the share done, from 0 to 1; in the thread that moves the arm.
     steering : Compensator, optional
-        Takes the joints themselves along the trajectory; without it, the motors.
+        Takes the joints themselves along the trajectory, or `truejoint.runtime.motor_loop` what
+        the motors report; without it the trajectory is their set-point.
 
     Raises
     ------
@@ -158,14 +170,14 @@ def follow(
     ('shoulder', 'elbow', 'insertion')
     """
     check_ready(arm.operating_state(), "follow")
-    trajectory.check_within(arm.robot)
+    as_trajectory(trajectory).check_within(arm.robot)
     law, caps = _timed(arm.robot, trajectory, speed_scale, speed)
     columns = arm.robot.index(trajectory.joints)
     pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
     pose[columns] = trajectory.positions[0]
-    run = _Run(law, pose, columns, progress, steering)
+    tally = _Tally(arm.robot, trajectory.joints, () if steering is None else steering.joints)
+    run = _Run(law, pose, columns, tally, progress, steering)
     run.approach(arm, pose)
-    tally = _Tally(arm.robot, trajectory.joints)
     arm.subscribe(tally, every=1.0)
     try:
         while not run.is_over:
@@ -176,13 +188,14 @@ def follow(
                     raise
     finally:
         arm.unsubscribe(tally)
-    if tally.count == 0:
+    rms = tally.rms
+    if np.isnan(rms).any():
         raise CommandRefused("follow ended without a state message; is the robot reporting?")
     return TrackingReport(
         name=trajectory.name,
         joints=trajectory.joints,
         units=trajectory.units,
-        rms=np.sqrt(tally.squares / tally.count),
+        rms=rms,
         max=tally.max,
         setpoint_speed=run.setpoint_speed,
         max_speed=tally.max_speed,
@@ -199,11 +212,12 @@ class _Run:
         law: TimeLaw,
         pose: Array,
         columns: list[int],
+        tally: _Tally,
         progress: Callable[[float], None] | None,
         steering: Steering | None,
     ) -> None:
         self._law, self._pose, self._columns, self._progress = law, pose, columns, progress
-        self._steering = steering
+        self._steering, self._tally = steering, tally
         self._at = 0.0  # of the law [s]
         self.is_over = False
         self.setpoint_speed = np.zeros(len(columns))
@@ -222,9 +236,9 @@ class _Run:
             self.approach(arm, self._rows(np.array([start]))[0])
         lost = BLEND / 2 if start > 0.0 else 0.0  # while the speed builds up again
         duration = self._law.duration - start + lost
-        pieces = self._pieces(start, duration)
+        pieces = self._pieces(start, duration, arm.rate)
         if self._steering is not None:
-            pieces = self._steering.setpoints(arm, pieces)
+            pieces = self._steering.setpoints(arm, pieces, self._tally.leg())
         motion = arm.stream(pieces, duration, "follow")
         try:
             motion.wait()
@@ -232,15 +246,15 @@ class _Run:
         finally:
             self._at = float(self._time(start, np.array([motion.elapsed]))[0])
 
-    def _pieces(self, start: float, duration: float) -> Iterator[Array]:
+    def _pieces(self, start: float, duration: float, rate: float) -> Iterator[Array]:
         before = self._rows(np.array([start]))
-        periods = round(np.ceil(duration * SERVO_RATE - 1e-6))
-        size = round(BLOCK_DURATION * SERVO_RATE)
+        periods = round(np.ceil(duration * rate - 1e-6))
+        size = max(int(BLOCK_DURATION * rate), 1)
         for first in range(0, periods, size):
-            elapsed = np.arange(first + 1, min(first + size, periods) + 1) / SERVO_RATE
+            elapsed = np.arange(first + 1, min(first + size, periods) + 1) / rate
             rows = self._rows(self._time(start, elapsed))
             steps = np.abs(np.diff(rows, axis=0, prepend=before))[:, self._columns]
-            self.setpoint_speed = np.maximum(self.setpoint_speed, steps.max(axis=0) * SERVO_RATE)
+            self.setpoint_speed = np.maximum(self.setpoint_speed, steps.max(axis=0) * rate)
             before = rows[-1:]
             yield rows
             if self._progress is not None:
@@ -278,6 +292,10 @@ def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajecto
     4
     """
     law = _timed(robot, trajectory, 1.0, None)[0]
+    if not duration >= _SHORTEST_LEG:
+        raise TrajectoryError(
+            f"{trajectory.name}: legs of {duration:g} s; give {_SHORTEST_LEG:g} s or more"
+        )
     marks = np.arange(0.0, law.times[-1], duration)
     cuts = sorted({*np.searchsorted(law.times, marks).tolist(), len(law.times) - 1})
     return [
@@ -304,7 +322,7 @@ def _timed(
     """Time law of a trajectory, and the speed (n_joints,) that its set-points stay below."""
     if not 0.0 < speed_scale <= 1.0:
         raise TrajectoryError(f"{trajectory.name}: speed scale {speed_scale} must be in (0, 1]")
-    top = np.array([robot.joint(name).max_speed for name in trajectory.joints])
+    top = np.array([as_robot(robot).joint(j).max_speed for j in as_trajectory(trajectory).joints])
     if trajectory.times is not None:
         if speed is not None:
             raise TrajectoryError(f"{trajectory.name}: has times; give no speed, or speed_scale")
@@ -344,26 +362,54 @@ def _path_speed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -
 
 
 class _Tally:
-    """Sums over the blocks of a run, each (n_joints,); keeps no block."""
+    """Sums over the blocks of a run, each (n_joints,); keeps no more than it looks back for."""
 
-    def __init__(self, robot: Robot, joints: tuple[str, ...]) -> None:
+    def __init__(self, robot: Robot, joints: tuple[str, ...], steered: tuple[str, ...]) -> None:
         self._columns = [robot.channels.index(name) for name in joints]
-        self.count = 0
-        self.squares, self.max, self.max_speed = np.zeros((3, len(joints)))
+        self._steered = [k for k, name in enumerate(joints) if name in steered]
+        self._followed = [k for k in range(len(joints)) if k not in self._steered]
+        self._among = [steered.index(joints[k]) for k in self._steered]
+        self._counts, self._squares, self.max, self.max_speed = np.zeros((4, len(joints)))
         self._t, self._measured = np.empty(0), np.empty((0, len(joints)))
 
     def __call__(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, TruthBlock):
             return
         measured = block.measured[:, self._columns]
-        error = block.setpoint[:, self._columns] - measured
-        self.count += len(error)
-        self.squares += (error**2).sum(axis=0)
-        self.max = np.maximum(self.max, np.abs(error).max(axis=0))
+        self._add(self._followed, (block.setpoint[:, self._columns] - measured)[:, self._followed])
+        old = len(self._t)
         t, path = np.concatenate([self._t, block.t]), np.vstack([self._measured, measured])
-        window = int(_SPEED_WINDOW * SERVO_RATE)
-        if len(t) > window:
-            travel = np.abs(path[window:] - path[:-window])
-            speed = (travel / (t[window:] - t[:-window])[:, None]).max(axis=0)
-            self.max_speed = np.maximum(self.max_speed, speed)
-        self._t, self._measured = t[-window:].copy(), path[-window:].copy()
+        before = np.searchsorted(t, t[old:] - _SPEED_WINDOW + 1e-9, side="right") - 1
+        after = np.arange(old, len(t))[before >= 0]
+        before = before[before >= 0]
+        if len(after):
+            travel, since = np.abs(path[after] - path[before]), t[after] - t[before]
+            self.max_speed = np.maximum(self.max_speed, (travel / since[:, None]).max(axis=0))
+        kept = t > t[-1] - _SPEED_WINDOW - 1e-6
+        self._t, self._measured = t[kept], path[kept]
+
+    def leg(self) -> Callable[[float, Array, Array], None]:
+        """Give what is to be told the steps of a loop, from one start to the next stop."""
+        wanted: Array | None = None
+
+        def tell(_: float, goal: Array, here: Array) -> None:
+            nonlocal wanted
+            if wanted is not None:
+                self._add(self._steered, (wanted - here)[None, self._among])
+            wanted = goal.copy()
+
+        return tell
+
+    @property
+    def rms(self) -> Array:
+        """Of all errors (n_joints,) [rad or m]; NaN before any."""
+        with np.errstate(invalid="ignore"):
+            return np.asarray(np.sqrt(self._squares / self._counts))
+
+    def _add(self, joints: list[int], error: Array) -> None:
+        """Add up errors (n, len(joints)) [rad or m]."""
+        if not joints:
+            return
+        self._counts[joints] += len(error)
+        self._squares[joints] += (error**2).sum(axis=0)
+        self.max[joints] = np.maximum(self.max[joints], np.abs(error).max(axis=0))

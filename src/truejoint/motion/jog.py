@@ -11,14 +11,13 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk import SERVO_RATE, Arm, Motion
+from truejoint.crtk import Arm, Motion
 from truejoint.crtk.limits import move_speed
 from truejoint.errors import CommandRefused, RobotError
-from truejoint.robots.joint_rows import GRAIN, checked_vector
+from truejoint.robots.joint_rows import checked_vector
 
 RAMP: Final = 0.1
 """Time in which a joint reaches its speed cap from rest [s]."""
-_PIECE: Final = round(GRAIN * SERVO_RATE)
 _DAMPING: Final = 1e-3  # of the inverse of the Jacobian: near a singular pose joints stay slow
 
 
@@ -27,7 +26,8 @@ class Jog:
 
     A velocity holds until the next one. Speeds are kept below the caps, the change of speed below
     that which reaches a cap in 0.1 s, and a joint comes to rest before its limit. What is asked
-    takes effect within 10 ms. The arm must run in real time (`PacedBackend`, a robot).
+    takes effect within the arm's grain, 10 ms. The arm must run in real time (`PacedBackend`, a
+    robot).
 
     Parameters
     ----------
@@ -91,8 +91,10 @@ class Jog:
 
     def _pieces(self, start: Array) -> Iterator[Array]:
         robot, position = self.arm.robot, start.copy()
-        velocity, change = np.zeros(len(start)), self.speed / RAMP * GRAIN
-        share = np.arange(1, _PIECE + 1)[:, None] / _PIECE
+        n = round(self.arm.grain * self.arm.rate)
+        piece = n / self.arm.rate  # [s]
+        velocity, change = np.zeros(len(start)), self.speed / RAMP * piece
+        share = np.arange(1, n + 1)[:, None] / n
         while True:
             wanted = self._wanted(position)
             # What still can be braked before a limit, at the deceleration that is allowed.
@@ -102,7 +104,7 @@ class Jog:
             wanted = np.clip(wanted, -edge[0], edge[1])
             after = np.clip(wanted, velocity - change, velocity + change)
             # The mean speed up to each row of the piece, over which the speed changes evenly.
-            rows = position + GRAIN * share * (velocity + 0.5 * share * (after - velocity))
+            rows = position + piece * share * (velocity + 0.5 * share * (after - velocity))
             rows = np.clip(rows, robot.lower, robot.upper)
             position, velocity = rows[-1], after
             yield rows

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError
 from truejoint.extras import require
 from truejoint.files import write_atomically
-from truejoint.motion.trajectory import Trajectory
+from truejoint.motion.trajectory import Trajectory, as_trajectory
 from truejoint.units import display_unit
 
 Lines = list[tuple[str, Array]]
@@ -33,7 +34,10 @@ _PAGE: Final = {
 
 
 def plot_trajectories(
-    trajectories: Sequence[Trajectory], path: str | Path, *, overwrite: bool = False
+    trajectories: Trajectory | Sequence[Trajectory],
+    path: str | os.PathLike[str],
+    *,
+    overwrite: bool = False,
 ) -> None:
     """Draw trajectories of the same three joints into one figure, in deg and mm.
 
@@ -42,8 +46,8 @@ def plot_trajectories(
 
     Parameters
     ----------
-    trajectories : sequence of Trajectory
-    path : str or Path
+    trajectories : Trajectory or sequence of Trajectory
+    path : path-like
         ``.png`` for a picture, ``.html`` for a self-contained page that works offline.
     overwrite : bool
         Whether a file that is there may be replaced.
@@ -51,8 +55,8 @@ def plot_trajectories(
     Raises
     ------
     TrajectoryError
-        If the joints are not the same three, for another file type, or if the file exists or
-        cannot be written.
+        If there is none, the joints are not the same three, for another file type, or if the file
+        exists or cannot be written.
     TruejointError
         If the extra ``plots`` is not installed.
 
@@ -61,6 +65,10 @@ def plot_trajectories(
     >>> path = zigzag(truejoint.get_robot("raven2"), "J2-J3")
     >>> plot_trajectories([path], "zigzag.html")  # doctest: +SKIP
     """
+    given = [trajectories] if isinstance(trajectories, Trajectory) else trajectories
+    trajectories = [as_trajectory(one) for one in given]
+    if not trajectories:
+        raise TrajectoryError("there is no trajectory to draw; give at least one")
     joints, units = trajectories[0].joints, trajectories[0].units
     for trajectory in trajectories:
         if len(joints) != 3 or trajectory.joints != joints or trajectory.units != units:

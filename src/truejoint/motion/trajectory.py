@@ -9,10 +9,11 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.crtk import TimeLaw, time_law
-from truejoint.errors import TrajectoryError
+from truejoint.errors import TrajectoryError, other_kind
 from truejoint.robots import Robot, Workspace
+from truejoint.robots.robot import as_robot
 from truejoint.units import shown_range
 
 _NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
@@ -60,9 +61,10 @@ class Trajectory:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "positions", np.asarray(self.positions, dtype=float))
-        if self.times is not None:
-            object.__setattr__(self, "times", np.asarray(self.times, dtype=float))
+        for name in ("positions", "times"):
+            if (values := getattr(self, name)) is not None:
+                numbers = floats(values, f"{self.name}: {name}", TrajectoryError)
+                object.__setattr__(self, name, numbers)
         _check(self)
 
     def __len__(self) -> int:
@@ -110,25 +112,39 @@ class Trajectory:
                 )
 
 
-def workspace_of(robot: Robot) -> Workspace:
-    """Calibration workspace of a robot; raises TrajectoryError where none is known.
+def as_trajectory(value: object) -> Trajectory:
+    """Give back a trajectory; raises TrajectoryError for anything else, saying how to get one."""
+    if isinstance(value, Trajectory):
+        return value
+    raise TrajectoryError(other_kind(value, "Trajectory", "read_trajectory(path) reads one"))
+
+
+def workspace_of(robot: Robot, stated: Workspace | None = None) -> Workspace:
+    """Calibration workspace of a robot, or one that is `stated` for it.
+
+    Raises TrajectoryError where none is known, RobotError where a stated one is beyond the limits
+    of the joints, or it is no robot.
 
     Examples
     --------
     >>> workspace_of(truejoint.get_robot("raven2")).joints
     ('shoulder', 'elbow', 'insertion')
     """
-    if robot.workspace is None:
+    if stated is not None:
+        as_robot(robot).check_workspace(stated)
+        return stated
+    known = as_robot(robot).workspace
+    if known is None:
         raise TrajectoryError(
             f"no calibration workspace is known for {robot.title}; give its robot file "
             "a table [workspace], or pass a Workspace"
         )
-    return robot.workspace
+    return known
 
 
 def _check(trajectory: Trajectory) -> None:
     name, joints, positions = trajectory.name, trajectory.joints, trajectory.positions
-    bad = [j for j in joints if not _NAME.fullmatch(j) or j == "t"]
+    bad = [j for j in joints if not _NAME.fullmatch(str(j)) or j == "t"]
     if bad or len(set(joints)) != len(joints) or not joints:
         raise TrajectoryError(
             f"{name}: joints {list(joints)} must be distinct names of letters, digits and _, not t"

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from truejoint.array_types import Array
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, words
 from truejoint.recordings.files import MAX_BINARY_BYTES, most_unpacked, read_bounded
 
 MatValue = Array | dict[str, Array]
@@ -52,8 +52,9 @@ def read_npy(path: Path) -> tuple[Array, str]:
             first, later = np.lib.format.read_array_header_1_0, np.lib.format.read_array_header_2_0
             shape, fortran_order, dtype = (first if version == (1, 0) else later)(file)
     except Exception as error:  # noqa: BLE001  # NumPy evaluates the header, which fails in many ways
-        reason = " ".join(str(error).split())[:80]
-        raise RecordingError(f"{path}: is not a .npy file ({reason}); was it cut short?") from None
+        raise RecordingError(
+            f"{path}: is not a .npy file ({words(error, 80)}); was it cut short?"
+        ) from None
     flat = len(shape) <= 4 and min(shape, default=0) >= 0
     if dtype.kind not in "fiu" or dtype.itemsize > 8 or not flat:
         raise RecordingError(
@@ -86,9 +87,8 @@ def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
         with warnings.catch_warnings(action="error"):
             return _variables(data)
     except Exception as error:  # noqa: BLE001  # SciPy trips over damage in many ways
-        reason = " ".join(str(error).split())[:120]
         raise RecordingError(
-            f"{source}: cannot be read as a MAT file ({reason}); is it whole?"
+            f"{source}: cannot be read as a MAT file ({words(error, 120)}); is it whole?"
         ) from None
 
 

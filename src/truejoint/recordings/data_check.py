@@ -181,12 +181,11 @@ def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) ->
     yield from one_line_each(_strange(recordings, by_recording, model), recordings)
     rows = np.concatenate(by_recording)
     worst: dict[str, tuple[float, str]] = {}
-    ranges = zip(features.names, model.lower, model.upper, strict=True)
-    for column, (name, low, high) in enumerate(ranges):
+    ranges = zip(features.features, features.names, model.lower, model.upper, strict=True)
+    for column, (feature, name, low, high) in enumerate(ranges):
         share = outside_share(rows[:, column], float(low), float(high))
         # Features of one signal leave their ranges together; the worst speaks for all.
-        signal = next(s for s in features.signals if s in name)
-        worst[signal] = max(worst.get(signal, (0.0, "")), (share, name))
+        worst[feature.signal] = max(worst.get(feature.signal, (0.0, "")), (share, name))
     for share, name in worst.values():
         if share > 0.02:
             what = f"{100 * share:.0f} % of the rows lie outside the range seen in training"

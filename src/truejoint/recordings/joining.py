@@ -15,7 +15,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
 from truejoint.recordings.checks.delay import estimate_delay
 from truejoint.recordings.checks.explained import OTHER_PLAYS, PLAYS, SLOW, explain
-from truejoint.recordings.recording import Recording, nominal_rates
+from truejoint.recordings.recording import Recording, as_recording, nominal_rates
 from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 from truejoint.threads import one_thread
 
@@ -93,7 +93,8 @@ def join_truth(
     Raises
     ------
     RecordingError
-        If the recording has truth or lacks a joint, no shift fits, or several fit alike.
+        If the recording has truth or lacks a joint, no shift fits, several fit alike, or the
+        truth is none.
 
     Examples
     --------
@@ -103,14 +104,17 @@ def join_truth(
     >>> bool(abs(clock.seconds + 30.0) < 0.01), len(joined)
     (True, 400)
     """
-    source = recording.provenance.source or "recording"
+    source = as_recording(recording).provenance.source or "recording"
+    dropped: dict[str, int] = {}
+    truth = usable_rows(truth, "truth", dropped)
+    odd = [name for name in truth.columns if not name.startswith("truth/")]
+    if odd or not truth.columns:
+        raise RecordingError(f"truth: columns {odd} are none of it; call them truth/<joint>")
     joints = tuple(name.removeprefix("truth/") for name in truth.columns)
     if recording.joints_of("truth"):
         raise RecordingError(f"{source}: has a truth already; give one without")
     robot = {f"measured/{joint}": recording.column(f"measured/{joint}") for joint in joints}
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
-    dropped: dict[str, int] = {}
-    truth = usable_rows(truth, "truth", dropped)
     if offset is None:
         about = None if near is None else near - begins
         found = find_clock_offset(Stream(recording.t, robot), truth, about)

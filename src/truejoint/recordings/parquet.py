@@ -17,7 +17,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from truejoint.array_types import Array
-from truejoint.errors import RecordingError, RobotError
+from truejoint.errors import RecordingError, RobotError, words
 from truejoint.files import UNHASHED, content_hash, is_as_written, write_atomically
 from truejoint.recordings.files import most_unpacked, require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
@@ -96,7 +96,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
             provenance = replace(provenance, notes=notes)
         if "robot" in header:
             adopt_robot(header["robot"], source.name)
-        return Recording.from_columns(columns, provenance, header["units"])
+        return Recording.from_columns(columns, provenance, header.get("units"))
     except (RecordingError, RobotError) as error:
         raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
 
@@ -118,16 +118,22 @@ def write_corrected(
     Raises
     ------
     RecordingError
-        If `path` exists and may not be replaced, or its folder does not exist.
+        If `path` exists and may not be replaced, its folder does not exist, or the table holds
+        something else.
 
     Examples
     --------
     >>> write_corrected(model.correct_table(test).assign(status="OK"), "corrected.parquet")
     """
-    columns = {
-        str(name): column.tolist() if name in _TEXTS else column.to_numpy(np.float64)
-        for name, column in table.items()
-    }
+    try:
+        columns = {
+            str(name): column.tolist() if name in _TEXTS else column.to_numpy(np.float64)
+            for name, column in table.items()
+        }
+    except (AttributeError, TypeError, ValueError) as error:
+        raise RecordingError(
+            f"{path}: {error}; give a table of numbers, as `Calibration.correct_table` makes it"
+        ) from None
     header = {"version": VERSION, "kind": _CORRECTED}
     _write(Path(path), header, columns, _TEXTS, overwrite=overwrite)
 
@@ -211,7 +217,7 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
         ) from None
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
         raise RecordingError(
-            f"{source}: is not a whole Parquet file ({str(error).splitlines()[0][:100]}); "
+            f"{source}: is not a whole Parquet file ({words(error)}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
     digest = header.pop("sha256", None)

@@ -353,8 +353,9 @@ class _Rows:
 
     def joined(self) -> Stream | None:
         """One stream of all rows; None without any."""
-        if not self.pieces:
+        pieces = tuple(self.pieces)  # others may come in another thread meanwhile
+        if not pieces:
             return None
-        names = self.pieces[0].columns
-        columns = {name: np.concatenate([p.columns[name] for p in self.pieces]) for name in names}
-        return Stream(np.concatenate([piece.t for piece in self.pieces]), columns)
+        names = pieces[0].columns
+        columns = {name: np.concatenate([p.columns[name] for p in pieces]) for name in names}
+        return Stream(np.concatenate([piece.t for piece in pieces]), columns)

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any, Final
 
@@ -14,7 +15,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, other_kind
+from truejoint.recordings.column_map import SI_UNITS
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.summary import Summarised
@@ -67,6 +69,11 @@ class Provenance:
     notes : str
         Anything that a reader of the table must know.
 
+    Raises
+    ------
+    RecordingError
+        If a field is of another kind.
+
     Examples
     --------
     >>> Provenance("raven2", "left", homing_id="morning").to_dict()["homing_id"]
@@ -88,10 +95,9 @@ class Provenance:
     notes: str = ""
 
     def __post_init__(self) -> None:
-        for name, text in vars(self).items():
-            if isinstance(text, str):  # half a character, as of a file's name, can go nowhere
-                whole = text.encode("utf-8", "backslashreplace").decode()
-                object.__setattr__(self, name, whole)
+        for each in fields(self):
+            plain = _plain(each.name, str(each.type), getattr(self, each.name))
+            object.__setattr__(self, each.name, plain)
         # A reason for which nothing was dropped need not be told.
         object.__setattr__(self, "dropped", {k: n for k, n in self.dropped.items() if n})
 
@@ -103,21 +109,17 @@ class Provenance:
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
         """Inverse of `to_dict`; raises RecordingError on unknown keys and wrong kinds of value."""
-        kinds = {f.name: str(f.type) for f in fields(cls)}
-        unknown = sorted(set(values) - set(kinds))
+        unknown = sorted(set(values) - {each.name for each in fields(cls)})
         if unknown or "robot" not in values:
             raise RecordingError(
                 f"provenance has unknown keys {unknown} or lacks 'robot'; "
                 "was the file written by a newer version?"
             )
-        for name, value in values.items():
-            if not _fits(kinds[name], value):
-                raise RecordingError(
-                    f"provenance: {name!r} is {str(value)[:60]!r}, not what stands there; "
-                    "was the file edited?"
-                )
         clean: dict[str, Any] = {k: math.nan if v is None else v for k, v in values.items()}
-        return cls(**clean)
+        try:
+            return cls(**clean)
+        except RecordingError as error:
+            raise RecordingError(f"{error}; was the file edited?") from None
 
 
 def _mechanism(provenance: Provenance, robot: Robot) -> ForcepsMechanism | None:
@@ -125,17 +127,27 @@ def _mechanism(provenance: Provenance, robot: Robot) -> ForcepsMechanism | None:
     return ForcepsMechanism.from_dict(stated) if stated else robot.mechanism
 
 
-def _fits(kind: str, value: object) -> bool:
-    """Whether plain data can be a field of the type that is annotated as `kind`."""
-    if kind == "str":
-        return isinstance(value, str)
-    if kind == "float":
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            return value is None
-        return -_LARGEST <= value <= _LARGEST
-    return isinstance(value, dict) and all(
-        isinstance(k, str) and v is not None and _fits("float", v) for k, v in value.items()
-    )
+def _plain(name: str, kind: str, value: Any) -> Any:
+    """Field of a provenance that is annotated as `kind`, as a file keeps it."""
+    if kind == "str" and isinstance(value, str):
+        # Half a character, as of a file's name, can go nowhere.
+        return value.encode("utf-8", "backslashreplace").decode()
+    is_unknown = isinstance(value, Real) and math.isnan(value)
+    if kind == "float" and (is_unknown or _is_number(value)):
+        return float(value)
+    if (
+        kind.startswith("Mapping")
+        and isinstance(value, Mapping)
+        and all(isinstance(key, str) and _is_number(number) for key, number in value.items())
+    ):
+        return {k: n.item() if isinstance(n, np.generic) else n for k, n in value.items()}
+    want = {"str": "text", "float": "a number in SI units"}.get(kind, "numbers by name")
+    raise RecordingError(f"provenance: {name!r} is {value!r:.60}; want {want}")
+
+
+def _is_number(value: Any) -> bool:
+    real = isinstance(value, Real) and not isinstance(value, bool)
+    return real and bool(-_LARGEST <= value <= _LARGEST)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -289,15 +301,23 @@ class Recording(Summarised):
 
     def columns(self, quantity: str, joints: Sequence[str]) -> Array:
         """Columns of `quantity` for `joints` as one array (n, n_joints)."""
-        return np.column_stack([self.column(f"{quantity}/{joint}") for joint in joints])
+        found = [self.column(f"{quantity}/{joint}") for joint in joints]
+        return np.column_stack([np.empty((len(self), 0)), *found])
 
     def error(self, joints: Sequence[str]) -> Array:
         """Truth minus measured (n, n_joints) [rad or m]; the correction to be added."""
         return self.columns("truth", joints) - self.columns("measured", joints)
 
     def rows(self, selection: slice | Mask | Integers) -> Recording:
-        """Keep the selected rows only."""
-        return replace(self, table=self.table.iloc[selection].reset_index(drop=True))
+        """Keep the selected rows only; raises RecordingError where these are none of its own."""
+        try:
+            table = self.table.iloc[selection]
+        except (IndexError, TypeError, ValueError) as error:
+            raise RecordingError(
+                f"{self.provenance.source or 'recording'}: rows {str(selection)!r:.60} of "
+                f"{len(self)}: {error}; give a slice, numbers of rows, or a mask of all"
+            ) from None
+        return replace(self, table=table.reset_index(drop=True))
 
     def with_truth(self, joints: Sequence[str]) -> Recording:
         """Only the rows in which the truth of every joint in `joints` is known."""
@@ -308,11 +328,11 @@ def as_recording(value: object) -> Recording:
     """Give back a recording; raises RecordingError for anything else, saying how to make one."""
     if isinstance(value, Recording):
         return value
-    what = repr(value) if isinstance(value, str) else "this"
-    raise RecordingError(
-        f"{what:.60} is a {type(value).__name__}, not a Recording; read files with "
-        "read_recording(path), make one of columns with Recording.from_columns(table, robot)"
+    advice = (
+        "read files with read_recording(path), make one of columns with "
+        "Recording.from_columns(table, robot)"
     )
+    raise RecordingError(other_kind(value, "Recording", advice))
 
 
 def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording]:
@@ -331,7 +351,7 @@ def since_first(t: Array) -> tuple[Array, float]:
 def nominal_rates(**stamps: Array) -> dict[str, float]:
     """Give the usual rate [Hz] of each stream's stamps (n,) [s], of those that have one."""
     steps = {name: float(np.median(np.diff(t))) for name, t in stamps.items() if t.size > 1}
-    return {name: round(1.0 / dt, 3) for name, dt in steps.items() if dt > 0}
+    return {name: round(1.0 / dt, 3) for name, dt in steps.items() if dt * _LARGEST >= 1.0}
 
 
 def last_of_each_stamp(t: Array | NDArray[np.int64]) -> Mask:
@@ -472,6 +492,11 @@ def _check_table(table: pd.DataFrame, units: Mapping[str, str], source: str) -> 
     without = [c for c in table.columns if c != "t" and c not in units]
     if without:
         raise RecordingError(f"{source}: columns {without} have no unit; state one for each")
+    for name, unit in units.items():
+        si, factor = SI_UNITS.get(unit, (unit, 1.0)) if isinstance(unit, str) else ("", 0.0)
+        if factor != 1.0:
+            advice = f"multiply it by {factor:g} and state {si!r}" if si else "state a text"
+            raise RecordingError(f"{source}: unit of {name!r} is {unit!r:.40}, not SI; {advice}")
     for name in table.columns:
         values = table[name].to_numpy()
         if values.dtype != np.float64:

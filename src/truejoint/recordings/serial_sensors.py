@@ -14,7 +14,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, words
 from truejoint.extras import require
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_encoder import JointEncoder
@@ -30,7 +30,8 @@ _LARGEST: Final = 2**31
 class SerialSensor(ABC):
     """A sensor that sends short messages; read in a thread, from entering to leaving.
 
-    A line that is no message is counted and left out; a port that is gone is opened again.
+    A line that is no message is counted and left out; a port that is gone is opened again. Where a
+    listener raises, as a recorder does on a full disk, nothing more is read, and leaving raises it.
 
     Parameters
     ----------
@@ -64,14 +65,14 @@ class SerialSensor(ABC):
         self._listeners: list[Callable[[TruthBlock], None]] = []
         self._over = threading.Event()
         self._waiting = b""
-        self._error: BaseException | None = None
+        self._error: Exception | None = None  # of a listener
 
     def __enter__(self) -> Self:
         try:
             line = self._open()
         except (self._serial.SerialException, ValueError) as error:
             raise RecordingError(
-                f"{self.port}: cannot be opened ({' '.join(str(error).split())[:100]}); check the "
+                f"{self.port}: cannot be opened ({words(error)}); check the "
                 "cable, the name and who else uses it"
             ) from None
         self._over.clear()
@@ -79,9 +80,12 @@ class SerialSensor(ABC):
         self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         self._over.set()
         self._thread.join()
+        error, self._error = self._error, None
+        if error is not None and kind is None:
+            raise error
 
     def subscribe(self, callback: Callable[[TruthBlock], None]) -> None:
         """Call `callback` with a TruthBlock for each message, in the thread that reads."""
@@ -115,7 +119,11 @@ class SerialSensor(ABC):
                 line = self._opened_again()
                 continue
             if received:
-                self._take(received)
+                try:
+                    self._take(received)
+                except Exception as error:  # noqa: BLE001  # a listener's, whatever it is
+                    self._error = error
+                    break
         if line is not None:
             line.close()
 
@@ -244,8 +252,9 @@ class JointEncoders(SerialSensor):
         return messages, rest
 
     def _told(self, t: float, values: Array) -> TruthBlock | None:
-        if self._seen is not None and t - self._began <= REGISTRATION:
-            self._seen.append(values)
+        seen = self._seen  # which `register` may take away meanwhile
+        if seen is not None and t - self._began <= REGISTRATION:
+            seen.append(values)
         if self._zero is None:
             return None
         stops = np.array([encoder.hard_stop for encoder in self.encoders])

@@ -17,7 +17,7 @@ import pyarrow as pa
 
 from truejoint.array_types import Array
 from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
-from truejoint.errors import RecordingError, RobotError
+from truejoint.errors import RecordingError, RobotError, words
 from truejoint.files import content_hash, is_as_written, reason
 from truejoint.recordings.files import require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
@@ -135,7 +135,7 @@ class StreamWriter:
             self._stream.write_batch(batch, custom_metadata={_KEY: json.dumps(signed).encode()})
             self._file.flush()
         except (OSError, pa.ArrowException) as error:
-            why = reason(error) if isinstance(error, OSError) else str(error).splitlines()[0]
+            why = reason(error) if isinstance(error, OSError) else words(error)
             raise RecordingError(f"{self.path}: {why}; what was written before is kept") from None
         if len(t):
             known = self.streams.setdefault(stream, StreamSize(first=float(t[0])))
@@ -188,8 +188,7 @@ def read_streams(
                         )
                     blocks.setdefault(name, []).append(block)
     except _DAMAGE as error:
-        text = (str(error) or "a length that is none").splitlines()[0][:100]
-        raise RecordingError(f"{source}: is no stream of a recorder ({text})") from None
+        raise RecordingError(f"{source}: is no stream of a recorder ({words(error)})") from None
     end = "" if whole else "cut short while it was recorded"
     return header, {name: _joined(source, name, parts) for name, parts in blocks.items()}, end
 

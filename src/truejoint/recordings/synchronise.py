@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Mask
-from truejoint.errors import RecordingError
+from truejoint.array_types import Array, Mask, floats
+from truejoint.errors import RecordingError, other_kind
 from truejoint.recordings.recording import MISSING
 
 BACK: Final = "time stamp not after the one before"
@@ -31,6 +31,11 @@ class Stream:
     columns : mapping of str to ndarray (n,)
         By name.
 
+    Raises
+    ------
+    RecordingError
+        If one is not as many numbers as there are stamps.
+
     Examples
     --------
     >>> Stream(np.arange(3.0), {"truth/jaw": np.zeros(3)}).t
@@ -41,7 +46,13 @@ class Stream:
     columns: Mapping[str, Array]
 
     def __post_init__(self) -> None:
-        for name, values in self.columns.items():
+        columns = {
+            name: floats(values, f"stream: column {name!r}", RecordingError)
+            for name, values in self.columns.items()
+        }
+        object.__setattr__(self, "columns", columns)
+        object.__setattr__(self, "t", floats(self.t, "stream: time stamps", RecordingError))
+        for name, values in columns.items():
             if values.shape != self.t.shape or self.t.ndim != 1:
                 raise RecordingError(
                     f"stream: column {name!r} has shape {values.shape}, its time stamps "
@@ -130,6 +141,9 @@ def forward_rows(t: Array) -> Mask:
 
 def usable_rows(stream: Stream, name: str, dropped: dict[str, int]) -> Stream:
     """Rows without NaN whose stamps go forward; the others are counted in `dropped`."""
+    if not isinstance(stream, Stream):
+        advice = "give Stream(t, columns), or what read_truth(path) reads"
+        raise RecordingError(f"{name}: {other_kind(stream, 'Stream', advice)}")
     known = np.isfinite(stream.t)
     for values in stream.columns.values():
         known &= np.isfinite(values)

@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.bags.container import is_bag
@@ -87,6 +87,11 @@ class Track:
     dropped: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        for name in ("t", "position", "orientation"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(
+                    self, name, floats(values, f"{self.source}: {name}", RecordingError)
+                )
         n = self.t.size
         turns = (n, 4) if self.orientation is None else self.orientation.shape
         if self.t.shape != (n,) or self.position.shape != (n, 3) or turns != (n, 4):
@@ -125,6 +130,9 @@ class Track:
         >>> len(Track.of_readings(t, np.column_stack([seen, seen + 1, seen])))
         60
         """
+        t, position = (floats(a, f"{source}: readings", RecordingError) for a in (t, position))
+        if orientation is not None:
+            orientation = floats(orientation, f"{source}: readings", RecordingError)
         values = position if orientation is None else np.hstack([position, orientation])
         with np.errstate(invalid="ignore"):
             seen = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)

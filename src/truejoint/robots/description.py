@@ -5,7 +5,6 @@ All raise RobotError, which names the key and the rule that it breaks.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -14,19 +13,14 @@ import numpy as np
 
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.joint_encoder import JointEncoder
-from truejoint.robots.parts import Joint, Kinematics, Transmission, Workspace
+from truejoint.robots.parts import UNITS, WORKSPACE_KEYS, Joint, Kinematics, Transmission, Workspace
 from truejoint.robots.plain import MAX_JOINTS, check_keys, matrix_of, name_of, number, tables
 
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
     from truejoint.robots.chain import SerialChain
 
 MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
-WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
-_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "revolute": {"rad": 1.0, "deg": math.pi / 180.0},
-    "prismatic": {"m": 1.0, "mm": 1e-3},
-}
-_ANGLES: Final = _UNITS["revolute"]
+_ANGLES: Final = UNITS["revolute"]
 _LIMIT_KEYS: Final = ("lower", "upper", "home", "max_speed")
 _AXIS_KEYS: Final = ("alpha", "a", "d", "theta", "kind")
 _CHAIN_KEYS: Final = ("axes", "unit", *MATRIX_KEYS)
@@ -56,8 +50,6 @@ def workspace_of(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
             raise RobotError(f"{where}: want a table for one of the joints {', '.join(factors)}")
         check_keys(row, WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
         rows.append({k: number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
-        if not (rows[-1]["lower"] < rows[-1]["upper"] and rows[-1]["speed"] > 0):
-            raise RobotError(f"{where}: lower must be below upper, and speed above 0")
     shared = [key for key in WORKSPACE_KEYS if any(key in row for row in rows)]
     for key in shared:
         without = [name for name, row in zip(values, rows, strict=True) if key not in row]
@@ -102,13 +94,13 @@ def transmission_of(matrix: Any, gear: Any) -> Transmission:
 def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:
     """Kind of a joint and the factor from its unit in the file to SI."""
     kind = values.get("kind", "revolute")
-    if kind not in tuple(_UNITS):
-        raise RobotError(f"{where}: kind is {kind!r:.40}; want {' or '.join(_UNITS)}")
-    unit = values.get("unit", next(iter(_UNITS[kind])))
-    if unit not in tuple(_UNITS[kind]):
-        units = " or ".join(_UNITS[kind])
+    if kind not in tuple(UNITS):
+        raise RobotError(f"{where}: kind is {kind!r:.40}; want {' or '.join(UNITS)}")
+    unit = values.get("unit", next(iter(UNITS[kind])))
+    if unit not in tuple(UNITS[kind]):
+        units = " or ".join(UNITS[kind])
         raise RobotError(f"{where}: unit {unit!r:.40} does not fit a {kind} joint; want {units}")
-    return kind, _UNITS[kind][unit]
+    return kind, UNITS[kind][unit]
 
 
 def kinematics_of(values: Any, joints: Sequence[Joint], folder: Path | None) -> Kinematics:

@@ -17,9 +17,8 @@ GRAIN: Final = 0.01
 """Longest piece of a motion [s]: what is asked meanwhile takes effect after it."""
 
 
-def in_grains(rows: Array) -> Iterator[Array]:
-    """Pieces of set-points (n, n_joints), at most `GRAIN` long."""
-    size = round(GRAIN / SETPOINT_DT)
+def in_grains(rows: Array, size: int = round(GRAIN / SETPOINT_DT)) -> Iterator[Array]:
+    """Pieces of set-points (n, n_joints), at most `size` long: by default `GRAIN` of a twin's."""
     for start in range(0, len(rows), size):
         yield rows[start : start + size]
 

@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, Protocol
+from typing import Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.errors import RobotError
+
+UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "revolute": {"rad": 1.0, "deg": math.pi / 180.0},
+    "prismatic": {"m": 1.0, "mm": 1e-3},
+}
+WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
 
 @dataclass(frozen=True)
@@ -21,7 +28,8 @@ class Joint:
     Raises
     ------
     RobotError
-        If its limits are upside down, its home lies outside of them or its speed is not positive.
+        If its kind is unknown, its limits are upside down, its home lies outside of them or its
+        speed is not positive.
 
     Examples
     --------
@@ -37,6 +45,9 @@ class Joint:
     max_speed: float = math.inf
 
     def __post_init__(self) -> None:
+        if self.kind not in tuple(UNITS):
+            kinds = " or ".join(UNITS)
+            raise RobotError(f"joint {self.name!r}: kind is {self.kind!r:.40}; want {kinds}")
         if not self.lower < self.upper:
             raise RobotError(
                 f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "
@@ -89,7 +100,9 @@ class Transmission:
     gear: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        matrix, shape = self.matrix, self.matrix.shape
+        matrix = floats(self.matrix, "transmission matrix", RobotError)
+        object.__setattr__(self, "matrix", matrix)
+        shape = matrix.shape
         finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
         if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
             raise RobotError(
@@ -158,6 +171,12 @@ class Workspace:
         Speed with which a random motion of the laboratory's profile arrives [rad/s or m/s]; by
         default a fifth of `slowest`.
 
+    Raises
+    ------
+    RobotError
+        If an array is not a finite number for each joint, a range is upside down or a speed is not
+        above 0.
+
     Examples
     --------
     >>> truejoint.get_robot("raven2").workspace.joints
@@ -172,6 +191,23 @@ class Workspace:
     slowest: Array | None = None
     fastest: Array | None = None
     crawl: Array | None = None
+
+    def __post_init__(self) -> None:
+        for key in WORKSPACE_KEYS:
+            if getattr(self, key) is None:
+                continue
+            values = floats(getattr(self, key), f"workspace: {key}", RobotError)
+            object.__setattr__(self, key, values)
+            if values.shape != (len(self.joints),) or not np.isfinite(values).all():
+                raise RobotError(
+                    f"workspace: {key} is {values.tolist()!s:.60}; want a finite number for "
+                    f"each of {', '.join(self.joints)}"
+                )
+        for joint, lower, upper, speed in zip(
+            self.joints, self.lower, self.upper, self.speed, strict=True
+        ):
+            if not (lower < upper and speed > 0):
+                raise RobotError(f"workspace.{joint}: lower must be below upper, and speed above 0")
 
     @property
     def centre(self) -> Array:

@@ -11,11 +11,10 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.errors import RobotError, unknown
+from truejoint.errors import RobotError, other_kind, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.robots.description import (
     MATRIX_KEYS,
-    WORKSPACE_KEYS,
     encoders_of,
     joint_of,
     kinematics_of,
@@ -24,7 +23,7 @@ from truejoint.robots.description import (
 )
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.robots.joint_encoder import JointEncoder
-from truejoint.robots.parts import Joint, Kinematics, Transmission, Workspace
+from truejoint.robots.parts import WORKSPACE_KEYS, Joint, Kinematics, Transmission, Workspace
 from truejoint.robots.plain import check_keys, check_once, name_of, names_of, tables
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
@@ -119,7 +118,7 @@ class Robot(Summarised):
                 f"fit its {n} joints; want one row and one column for each"
             )
         if self.workspace is not None:
-            self._check_workspace(self.workspace)
+            self.check_workspace(self.workspace)
         if self.effort not in get_args(Effort):
             raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
 
@@ -143,7 +142,8 @@ class Robot(Summarised):
                 f"{self.name}: transmission is another than that of its cables; leave it out"
             )
 
-    def _check_workspace(self, space: Workspace) -> None:
+    def check_workspace(self, space: Workspace) -> None:
+        """Raise RobotError where a workspace is of no joint, or beyond the limits of one."""
         rows = zip(space.joints, space.lower, space.upper, space.speed, strict=True)
         for name, lower, upper, speed in rows:
             joint = self.joint(name)
@@ -281,6 +281,13 @@ class Robot(Summarised):
         for name in names:
             self.joint(name)
         return [self.joint_names.index(name) for name in names]
+
+
+def as_robot(value: object) -> Robot:
+    """Give back a robot; raises RobotError for anything else, saying how to get one."""
+    if isinstance(value, Robot):
+        return value
+    raise RobotError(other_kind(value, "Robot", "get_robot(name) gives one"))
 
 
 def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:

@@ -10,7 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.errors import RobotError
+from truejoint.errors import RobotError, words
 from truejoint.extras import require
 from truejoint.files import read_small
 from truejoint.robots.chain import Axis, SerialChain
@@ -33,8 +33,7 @@ def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "
     try:
         _, _, found = urdf.parse_urdf(data.decode("utf-8"))
     except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise
-        reason = " ".join(str(error).split())[:120]
-        raise RobotError(f"{path}: cannot be read as a URDF ({reason})") from None
+        raise RobotError(f"{path}: cannot be read as a URDF ({words(error, 120)})") from None
     try:
         return _chain(_path(found, base, tip), kinds)
     except RobotError as error:

@@ -4,8 +4,11 @@ from .compensator import CompensatedMotion as CompensatedMotion
 from .compensator import Compensator as Compensator
 from .compensator import compensated_motion as compensated_motion
 from .compensator import loop_margin as loop_margin
+from .compensator import motor_loop as motor_loop
 from .corrector import CorrectionTrace as CorrectionTrace
 from .corrector import Corrector as Corrector
+from .feed_forward import FeedForward as FeedForward
+from .grip import GripControl as GripControl
 from .monitor import Alarm as Alarm
 from .monitor import Monitor as Monitor
 from .monitor import Reason as Reason

@@ -27,8 +27,10 @@ MEASURED: Final = LAYOUT.array("measured", "of this sample [rad or m]")
 CORRECTION: Final = LAYOUT.array("correction", "true less measured, as the model says [rad or m]")
 SETPOINT: Final = LAYOUT.array("setpoint", "put out [rad or m]")
 LAST_WANTED: Final = LAYOUT.array("last_wanted", "one step before; NaN at first [rad or m]")
-LOST: Final = LAYOUT.array("lost", "true less measured, low-passed [rad or m]")
+LOST: Final = LAYOUT.array("lost", "correction less expected, low-passed [rad or m]")
 MADE_UP: Final = LAYOUT.array("made_up", "of the error that remained [rad or m]")
+EXPECTED: Final = LAYOUT.array("expected", "of the correction, by feed-forward [rad or m]")
+FORWARD: Final = LAYOUT.array("forward", "true less measured at the set-points [rad or m]")
 LOWER: Final = LAYOUT.array("lower", "limit of the set-point [rad or m]")
 UPPER: Final = LAYOUT.array("upper", "limit of the set-point [rad or m]")
 STEP: Final = LAYOUT.array("step", "longest step of the set-point [rad or m]")
@@ -83,14 +85,15 @@ def feed_back(
 ) -> float:
     """Learn what joint `k` loses, and give the share of its error that is added at once."""
     correction, lost = memory[numbers[CORRECTION] + k], memory[numbers[LOST] + k]
+    strange = correction - memory[numbers[EXPECTED] + k]
     missing = before - memory[numbers[MEASURED] + k] - correction
     is_near = abs(missing) < memory[DEAD_BAND]
     if known == 0:
-        memory[numbers[LOST] + k] = correction
+        memory[numbers[LOST] + k] = strange
         if memory[INTEGRAL] > 0.0:  # the first set-point is that which is there
             memory[numbers[MADE_UP] + k] = memory[numbers[SETPOINT] + k] - before + correction
     else:
-        memory[numbers[LOST] + k] = lost + memory[SHARE] * (correction - lost)
+        memory[numbers[LOST] + k] = lost + memory[SHARE] * (strange - lost)
         if numbers[numbers[IS_LIMITED] + k] == 0 and not is_near:
             memory[numbers[MADE_UP] + k] += memory[INTEGRAL] * missing
     numbers[numbers[RESTS] + k] = 1 if goal == before and is_near else 0
@@ -103,7 +106,8 @@ def go_on(
 ) -> None:
     """Move the set-point of joint `k`, within its limits."""
     setpoint, longest = memory[numbers[SETPOINT] + k], memory[numbers[STEP] + k]
-    asked = ahead + memory[numbers[MADE_UP] + k] - memory[numbers[LOST] + k]
+    lost = memory[numbers[LOST] + k] + memory[numbers[FORWARD] + k]
+    asked = ahead + memory[numbers[MADE_UP] + k] - lost
     if numbers[KNOWS_LOST] == 0:
         asked = setpoint + goal - before
     elif goal == before:

@@ -15,19 +15,19 @@ from typing import Any, Final, NoReturn, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.calibration.sessions import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law
-from truejoint.crtk.protocol import SERVO_RATE
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows
+from truejoint.robots.joint_rows import checked_rows
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
+from truejoint.runtime.feed_forward import FeedForward
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
@@ -40,6 +40,7 @@ SETTLING: Final = 0.1
 backlash would make a loop swing there that is quick enough for reversals."""
 _LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are moved
 _PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
+_UNREAD: Final = Status.WRONG_SIZE | Status.OTHER_THREAD  # of a sample that may be anything
 _INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
 
 
@@ -80,6 +81,9 @@ class Compensator:
     dead_band : float
         Error [rad or m] that is let be where a joint is wanted to stand still: friction would make
         the loop hunt for the rest of it.
+    forward : FeedForward, optional
+        Says what will be lost at set-points that take the joints where they are wanted: that is
+        made up for at once, and by `lost` only what differs from it.
     believed : Status
         Bits with which a sample is corrected all the same, where the estimator is known to hold:
         ``Status.OUT_OF_DOMAIN | Status.IMPLAUSIBLE`` for one that knows loads that it never saw.
@@ -89,7 +93,7 @@ class Compensator:
     setpoint : ndarray, shape (n_joints,)
         For the corrector's joints [rad or m]; copy what you want to keep.
     lost : ndarray, shape (n_joints,)
-        True less measured position, as it is made up for [rad or m].
+        True less measured position, as it is made up for [rad or m], beyond what is fed forward.
     measured : list of int
         Where the joints' measured positions stand in a sample.
     is_limited : ndarray of int, shape (n_joints,)
@@ -116,7 +120,7 @@ class Compensator:
 
     def __init__(
         self,
-        corrector: Corrector,
+        corrector: Corrector | Uncorrected,
         robot: Robot,
         *,
         rate: float = 250.0,
@@ -126,7 +130,11 @@ class Compensator:
         integral_time: float = 0.5,
         dead_band: float = 0.0,
         believed: Status = Status.OK,
+        forward: FeedForward | None = None,
     ) -> None:
+        if not hasattr(corrector, "made_for"):
+            advice = "give Corrector(model)"
+            raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         for name, value in numbers.items():
             if not 0.0 <= value < math.inf:
@@ -137,6 +145,11 @@ class Compensator:
             )
         check_rate(rate, lag, gain)
         check_robot(corrector.made_for, robot)
+        if forward is not None and forward.joints != corrector.joints:
+            raise CommandRefused(
+                f"compensator: what is fed forward is of {', '.join(forward.joints)}, the "
+                f"corrector of {', '.join(corrector.joints)}; calibrate both on the same joints"
+            )
         if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
             raise CommandRefused(
                 f"compensator: the corrector checks {', '.join(written)}, which a compensator "
@@ -148,12 +161,16 @@ class Compensator:
         self._how: dict[str, Any] = {
             "rate": rate, "lag": lag, "gain": gain, "time_constant": time_constant,
             "integral_time": integral_time, "dead_band": dead_band, "believed": believed,
+            "forward": forward,
         }  # fmt: skip
         self._robot = robot
         joints = robot.index(corrector.joints)
         top = np.array([robot.joints[i].max_speed for i in joints])
         zeros = np.zeros(len(joints))
-        arrays = ("wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up")
+        arrays = (
+            "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
+            "expected", "forward",
+        )  # fmt: skip
         self.memory: Final = at.LAYOUT.pack(
             n_joints=len(joints), doubted=~int(believed), lead=lag * rate, gain=gain,
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
@@ -169,6 +186,9 @@ class Compensator:
         self._lower, self._upper = view("lower"), view("upper")
         self._wanted, self._measured = view("wanted"), view("measured")
         self._correction = view("correction")
+        self._expected, self._forward = view("expected"), view("forward")
+        self._last_wanted = view("last_wanted")
+        self.forward: Final = forward
         self.measured: Final = [corrector.signals.index(f"measured/{n}") for n in corrector.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
@@ -180,7 +200,12 @@ class Compensator:
         at_end = (self.setpoint <= self._lower) | (self.setpoint >= self._upper)
         return np.asarray(at_end & (self.is_limited != 0))
 
-    def around(self, corrector: Corrector) -> Compensator:
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Those that it takes where they are wanted."""
+        return self.corrector.joints
+
+    def around(self, corrector: Corrector | Uncorrected) -> Compensator:
         """Give the same loop, before its start, around another corrector of the same joints."""
         return Compensator(corrector, self._robot, **self._how)
 
@@ -194,6 +219,11 @@ class Compensator:
         self.memory.memory[at.GAIN] = share
 
     @property
+    def known(self) -> Array:
+        """Where the joints are (n_joints,) [rad or m], by the last sample; NaN before it."""
+        return np.asarray(self._measured + self._correction)
+
+    @property
     def knows_lost(self) -> bool:
         """Whether the corrector was believed since the start."""
         return bool(self.memory.numbers[at.KNOWS_LOST])
@@ -201,19 +231,27 @@ class Compensator:
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest from set-points (n_joints,) [rad or m] that the arm already has."""
         self.setpoint[:] = setpoint
+        if self.forward is not None:
+            self.forward.start(setpoint)
         begin(self.memory.numbers, self.memory.memory)
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.
 
         The `sample` (n_signals,) of the corrector was taken at `t` [s]; where a wanted position is
-        not finite, the one before goes on. Raises nothing; see `status` and `is_limited`.
+        not finite, the one before goes on. No sample makes it raise; see `status` and `is_limited`.
         """
         self.status = self.corrector.step(t, sample)
         self.memory.numbers[at.STATUS] = self.status
         self._wanted[:] = wanted
-        self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
+        if not self.status & _UNREAD:
+            self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
         np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
+        if self.forward is not None:
+            last = np.where(np.isfinite(self._last_wanted), self._last_wanted, self._wanted)
+            ahead = self._wanted + self.memory.memory[at.LEAD] * (self._wanted - last)
+            self.forward.step(1.0 / self.rate, self._measured, ahead)
+            self._expected[:], self._forward[:] = self.forward.expected, self.forward.forward
         compensate(self.memory.numbers, self.memory.memory)
         return self.setpoint
 
@@ -231,8 +269,8 @@ class Compensator:
         now[joints] = self.corrector.position
         law = time_law([now, goal], move_speed(arm.robot, None, "approach"))
         settled = 0.0 if math.isinf(self._integral_time) else _INTEGRAL_TIMES * self._integral_time
-        rest = np.tile(goal, (round(settled * SERVO_RATE), 1))
-        pieces = self.setpoints(arm, [*law.blocks(), rest])
+        rest = np.tile(goal, (round(settled * arm.rate), 1))
+        pieces = self.setpoints(arm, [*law.blocks(arm.rate), rest])
         arm.stream(pieces, law.duration + settled, "approach").wait()
         if not self.knows_lost:
             raise CommandRefused(
@@ -241,7 +279,10 @@ class Compensator:
             )
 
     def setpoints(
-        self, arm: Arm, pieces: Iterable[Array], tell: Callable[[float, Array], None] | None = None
+        self,
+        arm: Arm,
+        pieces: Iterable[Array],
+        tell: Callable[[float, Array, Array], None] | None = None,
     ) -> Iterator[Array]:
         """Turn wanted positions of all joints into set-points, a piece a step, for `Arm.stream`.
 
@@ -253,24 +294,25 @@ class Compensator:
         arm : Arm
             Enabled and homed, and the corrector told so.
         pieces : iterable of ndarray, shape (n, n_joints)
-            Wanted positions at 1 kHz [rad or m].
+            Wanted positions at `Arm.rate` [rad or m].
         tell : callable, optional
-            Called after each step with the sample's stamp [s] and what was wanted
-            (n_corrected,) [rad or m].
+            Called after each step with the sample's stamp [s], where the corrected joints are
+            wanted at the next step, and where they are (n_corrected,) [rad or m]: to be copied.
 
         Raises
         ------
         CommandRefused
-            If the rate does not divide 1 kHz, or the arm does not report a signal; on the way, if
-            a set-point stands at the end of its joint's range for 0.2 s.
+            If the rate does not divide the arm's, or the arm does not report a signal; on the way,
+            if a set-point stands at the end of its joint's range for 0.2 s.
         """
-        period = SERVO_RATE / self.rate
-        if abs(period - round(period)) > 1e-9:
+        period = arm.rate / self.rate
+        if round(period) < 1 or abs(period - round(period)) > 1e-9 * period:
             raise CommandRefused(
-                f"compensator: a loop at {self.rate:g} Hz; its rate must divide {SERVO_RATE:g} Hz"
+                f"compensator: a loop at {self.rate:g} Hz; its rate must divide the {arm.rate:g} "
+                f"set-points a second that {arm.robot.title} takes"
             )
         with _Latest(arm, self.corrector.signals) as latest:
-            arm.wait(SETPOINT_DT)
+            arm.wait(1.0 / arm.rate)
         latest.check()
         return self._stepped(latest, pieces, round(period), tell)
 
@@ -279,7 +321,7 @@ class Compensator:
         latest: _Latest,
         pieces: Iterable[Array],
         period: int,
-        tell: Callable[[float, Array], None] | None,
+        tell: Callable[[float, Array, Array], None] | None,
     ) -> Iterator[Array]:
         joints = latest.arm.robot.index(self.corrector.joints)
         self.start(latest.arm.setpoint_js(math.inf).position[joints])
@@ -297,7 +339,7 @@ class Compensator:
                     if held.max() > _PATIENCE * self.rate:
                         self._refuse(latest.arm.robot, int(np.argmax(held)))
                     if tell is not None:
-                        tell(t, rows[-1, joints])
+                        tell(t, rows[-1, joints], self.corrector.position)
                     rows[:, joints] = before + share[: len(rows)] * (after - before)
                     rows[-1, joints] = after
                     yield rows
@@ -310,6 +352,58 @@ class Compensator:
             f"no set-point within {shown_range(joint.lower, joint.upper, joint.unit)} reaches: "
             f"{shown(self.lost[k], joint.unit)} are lost on the way; stay further inside"
         )
+
+
+class Uncorrected:
+    """Stands for a corrector where the motors shall be what is wanted: it says what they report.
+
+    Parameters
+    ----------
+    robot : Robot
+
+    Examples
+    --------
+    >>> Uncorrected(truejoint.get_robot("raven2")).joints[:2]
+    ('shoulder', 'elbow')
+    """
+
+    def __init__(self, robot: Robot) -> None:
+        self.made_for: Final = robot.name, robot.arm
+        self.joints: Final = robot.joint_names
+        self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
+        self.spike_speed: Final = np.full(len(self.joints), math.inf)
+        self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
+        self.beside: Final[dict[str, Array]] = {}
+        self._t = -math.inf
+
+    def step(self, t: float, sample: ArrayLike) -> Status:
+        """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
+        self.position[:] = sample
+        if not (math.isfinite(t) and np.isfinite(self.position).all()):
+            return Status.NOT_FINITE
+        if t <= self._t:
+            return Status.STALE
+        self._t = t
+        return Status.OK
+
+    def release(self) -> None:
+        """Nothing is held that belongs to a thread."""
+
+
+def motor_loop(robot: Robot, rate: float = 100.0) -> Compensator:
+    """Loop for `truejoint.motion.follow` that keeps what an arm reports to a trajectory.
+
+    It makes up for what friction and the robot's own controller leave between set-point and
+    measured position; of what the cables lose it knows nothing. `rate` [Hz] must divide the arm's.
+
+    Examples
+    --------
+    >>> path = truejoint.motion.Trajectory(("elbow",), ("rad",), np.array([[1.5], [1.52]]))
+    >>> report = truejoint.motion.follow(arm, path, steering=motor_loop(arm.robot))
+    >>> bool(report.rms[0] < 1e-3)
+    True
+    """
+    return Compensator(Uncorrected(robot), robot, rate=rate)
 
 
 class _Latest:
@@ -361,7 +455,7 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
     """
     if not (0.0 < rate < math.inf and 0.0 <= lag < math.inf):
         raise CommandRefused(
-            f"loop margin: {rate} Hz, {lag} s; give a rate above 0 and a lag of 0 or more"
+            f"compensator: {rate} Hz, a lag of {lag} s; give a rate above 0 and a lag of 0 or more"
         )
     low, high = 0.0, 2.0 * math.pi * rate
     for _ in range(60):  # the phase falls with the frequency, so halving finds it
@@ -373,8 +467,6 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
 
 def check_rate(rate: float, lag: float, gain: float) -> None:
     """Raise CommandRefused where `rate` [Hz] is too slow for a loop's `gain` and a `lag` [s]."""
-    if not 0.0 < rate <= SERVO_RATE:
-        raise CommandRefused(f"compensator: {rate} Hz; give a rate from 0 to {SERVO_RATE:g} Hz")
     margin = loop_margin(rate, lag, gain)
     if margin < GAIN_MARGIN:
         raise CommandRefused(
@@ -424,13 +516,13 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
         Enabled and homed, and the compensator's corrector told so.
     compensator : Compensator
     wanted : array_like, shape (n, n_joints)
-        True positions of the corrector's joints at 1 kHz [rad or m].
+        True positions of the corrector's joints at `Arm.rate` [rad or m].
 
     Raises
     ------
     CommandRefused
-        If the arm is not ready or does not report a signal, a row is not finite, or the
-        compensator's rate does not divide 1 kHz.
+        If the arm is not ready or does not report a signal, a row is not finite or of other joints,
+        or the compensator's rate does not divide the arm's.
 
     Examples
     --------
@@ -441,16 +533,24 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     >>> compensated_motion(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """
-    rows = np.atleast_2d(np.asarray(wanted, dtype=np.float64))
+    rows, joints = (
+        floats(wanted, "compensated_motion", CommandRefused),
+        compensator.corrector.joints,
+    )
+    if rows.ndim != 2 or rows.shape[1] != len(joints) or not len(rows):
+        raise CommandRefused(
+            f"compensated_motion: wanted positions of shape {rows.shape}; give a row or more of "
+            f"{', '.join(joints)}"
+        )
     full = np.tile(arm.setpoint_js(math.inf).position, (len(rows), 1))
-    full[:, arm.robot.index(compensator.corrector.joints)] = rows
+    full[:, arm.robot.index(joints)] = rows
     checked_rows(arm.robot, full, "compensated_motion")
     told: list[tuple[float, Array, Array, Array, int]] = []
 
-    def tell(t: float, goal: Array) -> None:
-        corrected = compensator.corrector.position.copy()
-        told.append((t, goal, compensator.setpoint.copy(), corrected, int(compensator.status)))
+    def tell(t: float, goal: Array, corrected: Array) -> None:
+        status = int(compensator.status)
+        told.append((t, goal, compensator.setpoint.copy(), corrected.copy(), status))
 
     pieces = compensator.setpoints(arm, [full], tell)
-    arm.stream(pieces, len(rows) / SERVO_RATE, "compensated_motion").wait()
+    arm.stream(pieces, len(rows) / arm.rate, "compensated_motion").wait()
     return CompensatedMotion(*(np.array(part) for part in zip(*told, strict=True)))

@@ -13,8 +13,14 @@ import numpy as np
 from numpy import ndarray
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers
-from truejoint.calibration.encoding import CalibrationData, decode, encode
+from truejoint.array_types import Array, Integers, floats
+from truejoint.calibration.encoding import (
+    CalibrationData,
+    as_calibration,
+    as_recorded,
+    decode,
+    encode,
+)
 from truejoint.calibration.interval import check_level
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
@@ -242,7 +248,7 @@ class Corrector(Summarised):
         touched stop. Returns as `set_homing`, no longer HOMED_AGAIN, and ends ZERO_SUSPECT as
         `acknowledge` does; raises CalibrationError unless it is one finite number for each joint.
         """
-        values = np.asarray(offset, dtype=np.float64)
+        values = floats(offset, "offset", CalibrationError)
         if values.shape != self.offset.shape or not np.isfinite(values).all():
             raise CalibrationError(
                 f"offset {offset!r:.80} is not a finite number for each of {', '.join(self.joints)}"
@@ -266,9 +272,10 @@ class Corrector(Summarised):
     def run(self, recording: Recording) -> CorrectionTrace:
         """Correct a whole recording as the loop would, from a fresh start, homed as it was told.
 
-        Raises RecordingError if it lacks a signal, and CalibrationError while another thread has
-        the corrector.
+        Raises RecordingError if it is none or lacks a signal, and CalibrationError while another
+        thread has the corrector.
         """
+        as_recorded(recording)
         if not self._take():
             raise CalibrationError("another thread has this corrector; make one for this thread")
         forget(self._numbers, self._memory)
@@ -337,7 +344,7 @@ def _read(
     model: str | os.PathLike[str] | Calibration, rezeroing: bool
 ) -> CalibrationData[EstimatorData]:
     if not isinstance(model, (str, os.PathLike)):
-        return decode(*encode(model.fitted_for(rezeroing=rezeroing)))
+        return decode(*encode(as_calibration(model).fitted_for(rezeroing=rezeroing)))
     description, arrays = read_model_file(model)
     try:
         data = decode(description, arrays).fitted_for(rezeroing=rezeroing)

@@ -27,7 +27,7 @@ from truejoint.calibration.effort_baseline import (
     effort_terms,
     travelled,
 )
-from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
@@ -179,7 +179,7 @@ class Monitor:
     Raises
     ------
     CalibrationError
-        If the calibration has no effort baseline, or `working_time` is not above 0.
+        If it is no calibration or has no effort baseline, or `working_time` is not above 0.
 
     Examples
     --------
@@ -190,7 +190,7 @@ class Monitor:
     def __init__(
         self, calibration: CalibrationData[Any], *, working_time: float = LONGEST_WORK
     ) -> None:
-        baseline = calibration.effort_baseline
+        baseline = as_calibration(calibration).effort_baseline
         if baseline is None:
             raise CalibrationError(
                 f"the calibration of {calibration.robot} keeps no baseline of how efforts looked; "
@@ -296,6 +296,7 @@ class Monitor:
 
     def run(self, recording: Recording) -> MonitorTrace:
         """Watch a whole recording, from a fresh start; RecordingError if it lacks a signal."""
+        as_recorded(recording)
         self.reset()
         t = np.array(recording.t)
         signals = self._calibration.signals

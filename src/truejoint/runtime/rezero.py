@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array
-from truejoint.calibration.encoding import CalibrationData
+from truejoint.array_types import Array, floats
+from truejoint.calibration.encoding import CalibrationData, as_calibration
 from truejoint.calibration.plate import TOUCH_SD, BlockPose
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
@@ -64,7 +64,7 @@ class ReZero:
     Raises
     ------
     CalibrationError
-        If the calibration has no effort baseline, or a number is out of range.
+        If it is no calibration or has no effort baseline, or a number is out of range.
 
     Examples
     --------
@@ -77,14 +77,15 @@ class ReZero:
     def __init__(
         self, calibration: CalibrationData[Any], *, truth_sd: ArrayLike = 0.0, drift: float = DRIFT
     ) -> None:
-        if calibration.effort_baseline is None:
+        baseline = as_calibration(calibration).effort_baseline
+        if baseline is None:
             raise CalibrationError(
                 f"the calibration of {calibration.robot} does not say how large its errors are; "
                 "calibrate it again"
             )
         self._arm, self._joints = (calibration.robot, calibration.arm), calibration.joints
         n_joints = len(calibration.joints)
-        noise = np.asarray(truth_sd, dtype=np.float64)
+        noise = floats(truth_sd, "truth_sd", CalibrationError)
         if noise.shape not in ((), (n_joints,)) or not (np.isfinite(noise) & (noise >= 0.0)).all():
             raise CalibrationError(
                 f"truth_sd {truth_sd!r:.80}: give one standard deviation of 0 or more, or one for "
@@ -92,10 +93,10 @@ class ReZero:
             )
         if not 0.0 <= drift < math.inf:
             raise CalibrationError(f"drift {drift!r}: give a finite number of 0 or more")
-        self._residual = residual = calibration.effort_baseline.residual
+        self._residual = residual = baseline.residual
         # Truth without any noise would make the two states one.
         noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * residual)
-        correlation = CORRELATION_MARGIN * calibration.effort_baseline.correlation
+        correlation = CORRELATION_MARGIN * baseline.correlation
         self._noise = np.stack([residual, correlation, noise, (drift * residual) ** 2 / 3600.0])
         self._state = np.zeros((N_STATE, n_joints))
         self.offset = np.zeros(n_joints)
@@ -234,7 +235,7 @@ def _take_reading(innovation: float, noise: float, s: Array) -> None:
         s[SIDE] = side
         if s[REJECTED] < PATIENCE:
             return
-        # The offset has jumped: forget it, and what it shared with the local error.
+        # The offset has jumped: by how much is as good as unknown.
         s[VAR_OFFSET] += innovation * innovation
         gain_offset += innovation * innovation
         variance += innovation * innovation

@@ -48,6 +48,12 @@ class TwinOutput(StateBlock):
             joint=np.concatenate([part.joint for part in parts]),
         )
 
+    def every(self, ticks: int) -> TwinOutput:
+        """Keep of `ticks` rows the last one, and all that the joint encoders read."""
+        states = self.rows(slice(ticks - 1, None, ticks))
+        joint = self.joint[ticks - 1 :: ticks].copy()
+        return TwinOutput(**vars(states), truth=self.truth, joint=joint)
+
 
 class Twin(Protocol):
     """A virtual robot; its time passes only while `home`, `run` or `idle` run.

@@ -383,8 +383,14 @@ _WRIST_LOOP: Final = Study(
         _UNDER_LOADS,
         Option("seconds", 30.0, "of steps that are tracked [s]", small=10.0),
         Option("rate_hz", 200.0, "of the loop [Hz]"),
-        Option("gain", 0.3, "share of the remaining error that a step adds"),
+        Option("gain", 0.7, "share of the remaining error that a step adds"),
+        Option(
+            "loops",
+            ("open", "play_motor", "play_effort", "play_forward", "perfect", "perfect_forward"),
+            "what stands in them, as in studies/wrist/closed_loop.py; perfect is always one",
+        ),
     ),
+    version=2,
 )
 
 _WRIST_CHANGES: Final = Study(
@@ -399,6 +405,7 @@ _WRIST_CHANGES: Final = Study(
         _UNDER_LOADS,
         Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
     ),
+    version=2,
 )
 
 STUDIES: Final = {

@@ -25,7 +25,7 @@ _STYLE: Final[dict[Any, Any]] = {
     "font.size": 9,
 }
 _DPI: Final = 130
-_LEGEND: Final = 7
+_LEGEND: Final = 5
 """Names at most in a line of a legend."""
 
 

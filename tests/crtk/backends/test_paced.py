@@ -82,7 +82,7 @@ def test_timing_is_judged_by_its_periods(paced):
     arm, backend = paced
     arm.servo_jp_stream(np.tile(arm.robot.home, (20, 1)))
     assert backend.timing().periods >= 15
-    timing = LoopTiming.of(np.array([0.0, 0.001, 0.002, 0.0045]), restarts=2)
+    timing = LoopTiming.of(np.array([0.0, 0.001, 0.002, 0.0045]), 0.001, restarts=2)
     assert (timing.periods, timing.restarts) == (3, 2)
     assert timing.late_share == pytest.approx(1 / 3)
     assert timing.worst == pytest.approx(2.5e-3)

@@ -61,6 +61,7 @@ def _patient(monkeypatch):
     """On a busy machine a thread that reports may be silent for long, above all if it compiles."""
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         monkeypatch.setattr(ros, name, LONG)
+    monkeypatch.setattr("truejoint.crtk.arm.SILENCE", LONG)
 
 
 @pytest.fixture(params=["raven2_mended"])

@@ -133,6 +133,52 @@ def test_time_goes_on_over_blocks_moves_and_brakes():
         assert np.diff(t).max() == pytest.approx(3600.0, abs=0.05)
 
 
+def test_an_arm_on_its_brakes_goes_on_to_report(backend):
+    arm = Arm(backend)
+    arm.enable()
+    arm.home()
+    arm.servo_jp_stream(arm.robot.home + np.linspace(0, 0.001, 100)[:, None])
+    arm.pause()
+    braked = arm.measured_js()
+    assert braked.velocity.any()
+    for command in ("pause", "disable"):
+        arm.state_command(command)
+        arm.wait(60.0)
+        standing = arm.measured_js()
+        assert standing.t == pytest.approx(arm.time, abs=2e-3)
+        assert not standing.velocity.any()
+        assert np.array_equal(standing.position, braked.position)
+    arm.enable()
+    assert arm.setpoint_js().t == standing.t
+    arm.unhome()
+    arm.wait(1.0)
+    with pytest.raises(CommandRefused, match="not homed"):
+        arm.measured_js()
+
+
+def test_at_a_rate_of_its_own_a_set_point_holds_for_a_period():
+    slow, fine = (SimulatedBackend(Raven2Twin(arm="left", seed=1), rate=r) for r in (500.0, 1e3))
+    blocks = [[], []]
+    for backend, said in zip((slow, fine), blocks, strict=True):
+        backend.state_command("enable", 5.0)
+        backend.state_command("home", 120.0)
+        backend.connect(said.append)
+    rows = slow.robot.home + np.linspace(0, 0.001, 100)[:, None]
+    assert slow.servo_jp(rows, lambda: True) == 100
+    fine.servo_jp(np.repeat(rows, 2, axis=0), lambda: True)
+    assert slow.time == fine.time
+    ours, theirs = (StateBlock.joined([b for b in s[1:] if hasattr(b, "t")][:1]) for s in blocks)
+    for quantity in ("t", "measured", "effort", "setpoint"):
+        assert np.array_equal(getattr(ours, quantity), getattr(theirs, quantity)[1::2])
+    assert np.array_equal(blocks[0][2].position, blocks[1][2].position)  # all readings
+
+
+@pytest.mark.parametrize("rate", [0.0, -500.0, 300.0, 2000.0, np.nan, np.inf])
+def test_a_twin_takes_no_rate_that_does_not_divide_its_own(backend, rate):
+    with pytest.raises(RobotError, match="a twin runs at 1000 Hz"):
+        SimulatedBackend(backend.twin, rate=rate)
+
+
 def test_homing_again_registers_anew():
     arm = simulated_arm(seed=3)
     arm.enable()
@@ -234,6 +280,7 @@ def test_a_leap_that_is_stopped_in_the_middle_is_taken_back(name):
         backend.state_command("enable", 5.0)
         backend.state_command("home", 120.0)
         backend.connect(blocks.append)
+        assert blocks.pop().t[-1] == pytest.approx(backend.time, abs=2e-3)  # where the arm is
     stopped, undisturbed = backends
     rows = np.tile(stopped.robot.home, (400, 1)) + 1e-4 * np.sin(np.arange(400.0) / 50)[:, None]
     before = stopped.time

@@ -36,6 +36,16 @@ def test_closing_the_jaws_takes_off_what_engaging_moved(result):
     assert abs(moved - part.numbers["zero"]) < 0.5 * abs(moved)
 
 
+def test_the_opening_is_that_at_which_jaws_begin_to_press():
+    """Jaws of 1.5 Nm/rad that meet at 0.02 rad, wherever else they are when they press on less."""
+    grip = np.concatenate([np.linspace(0.0, 0.12, 60), np.linspace(0.12, 0.0, 60)])
+    opening = 0.02 - grip / 1.5 + np.where(grip > 0.0, 1e-3 * np.sin(np.arange(120.0)), 0.1)
+    opening[grip < 0.01] = 0.15
+    angle = np.column_stack([np.zeros(120), -0.5 * opening, 0.5 * opening])
+    load = np.column_stack([grip, np.ones((120, 2))])
+    assert changes.closed_opening(angle, load) == pytest.approx(0.02, abs=5e-4)
+
+
 def test_a_test_too_short_to_settle_is_refused():
     study = get_study("wrist-changes")
     with pytest.raises(StudyError, match="test_s=2; it must be above 2"):

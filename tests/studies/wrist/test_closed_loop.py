@@ -8,9 +8,22 @@ import pytest
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
-from truejoint.studies.wrist.closed_loop import CASES, OPEN, PERFECT, TITLES, summarise
+from truejoint.studies.wrist import closed_loop
+from truejoint.studies.wrist.closed_loop import (
+    CASES,
+    GRIPS,
+    OPEN,
+    PERFECT,
+    TITLES,
+    judged_grip,
+    summarise,
+)
 
-FEW = {"free_s": "24", "loaded_s": "12", "seconds": "4", "count": "1", "family": "measured"}
+FEW = {
+    "free_s": "40", "loaded_s": "12", "seconds": "2.5", "count": "1", "family": "measured",
+    "loops": "open,play_motor,play_effort",
+}  # fmt: skip
+KEYS = (OPEN, "play_motor", "play_effort", PERFECT)
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +36,7 @@ def result():
 def test_an_estimate_in_the_loop_is_nearly_a_perfect_sensor(result):
     (part,) = result[1].values()
     for case in CASES:
-        error = {key: np.mean(part.numbers["errors"][case][key]) for key in TITLES}
+        error = {key: np.mean(part.numbers["errors"][f"{case}/{key}"]) for key in KEYS}
         assert error["play_effort"] < 0.4 * error[OPEN]
         assert error["play_effort"] < 2.0 * error[PERFECT]
         assert np.degrees(error[PERFECT]) < 0.4
@@ -31,14 +44,61 @@ def test_an_estimate_in_the_loop_is_nearly_a_perfect_sensor(result):
 
 def test_motors_alone_do_not_see_a_push(result):
     (part,) = result[1].values()
-    pushed = part.numbers["errors"]["tip"]
-    assert np.mean(pushed["play_motor"]) > 1.05 * np.mean(pushed["play_effort"])
+    errors = part.numbers["errors"]
+    assert np.mean(errors["tip/play_motor"]) > 1.05 * np.mean(errors["tip/play_effort"])
+
+
+def test_jaws_grip_as_they_are_told(result):
+    (part,) = result[1].values()
+    assert not part.numbers["refused"]
+    for case in GRIPS:
+        found = {key: part.numbers["grip"][f"{case}/{key}"] for key in ("play_effort", PERFECT)}
+        assert found[PERFECT]["standing"] < 2e-3
+        assert found["play_effort"]["rms"] < 15e-3
+        grip = part.arrays[f"{case}/grip"]
+        assert np.ptp(grip) > 0.015
+
+
+def test_a_loop_that_refuses_is_a_row_and_the_others_go_on(result, monkeypatch):
+    def follow(bench, key, wanted, offset, pushed):
+        if pushed and key == "play_motor":
+            raise CommandRefused("compensator: pitch is wanted beyond its range")
+        return np.full((1000, 3), 1e-3 if key == PERFECT else 2e-3)
+
+    settings = get_study("wrist-loop").settings("small", options=FEW)
+    (part,) = get_study("wrist-loop").parts(settings)
+    monkeypatch.setattr(closed_loop, "calibrate", lambda *_, **__: None)
+    monkeypatch.setattr(closed_loop.GripModel, "fitted", lambda recordings: None)
+    monkeypatch.setattr(closed_loop.Bench, "follow", follow)
+    monkeypatch.setattr(closed_loop.Bench, "grip", lambda bench, key, path, wanted: wanted + 1e-3)
+    found = part.compute(**part.arguments)
+    assert set(found.numbers["refused"]) == {"tip/play_motor"}
+    joints, _, refused = summarise(settings, {part.key: found}).tables
+    assert ("tip", "measured", TITLES["play_motor"]) not in [row[:3] for row in joints.rows]
+    assert ("free", "measured", TITLES["play_motor"], "1") in [row[:4] for row in joints.rows]
+    assert refused.rows[0][1:3] == ("tip", TITLES["play_motor"])
+    assert "beyond its range" in refused.rows[0][3]
+
+
+def test_a_grip_is_judged_after_its_steps_and_by_how_far_it_goes_beyond():
+    wanted = np.concatenate(
+        [np.full(3000, 0.02), np.linspace(0.02, 0.05, 300), np.full(1700, 0.05)]
+    )
+    force = wanted.copy()
+    force[3310:3330] += 4e-3  # beyond the step's end
+    force[4500:] -= 1e-3
+    found = judged_grip(force, wanted)
+    assert found["overshoot"] == pytest.approx(4e-3)
+    assert found["standing"] == pytest.approx(1e-3 * np.sqrt(500 / 2200), rel=0.02)
+    assert found["rms"] == pytest.approx(np.sqrt(np.mean((force - wanted)[2000:] ** 2)))
 
 
 def test_its_table_and_figure_can_be_drawn(result):
     summary = summarise(*result)
-    assert len(summary.tables[0].rows) == len(CASES) * len(TITLES)
-    assert summary.tables[0].rows[3][-1] == "1.00"
+    assert len(summary.tables[0].rows) == len(CASES) * len(KEYS)
+    ratios = {row[:3]: row[-1] for row in summary.tables[0].rows}
+    assert ratios["tip", "measured", TITLES[PERFECT]] == "1.00"
+    assert len(summary.tables[1].rows) == 2 * len(GRIPS)
     assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())
 
 
@@ -46,5 +106,7 @@ def test_a_loop_too_slow_for_its_gain_is_refused_before_anything_is_computed():
     study = get_study("wrist-loop")
     with pytest.raises(CommandRefused, match="gain"):
         study.parts(study.settings(options={"gain": "5"}))
+    with pytest.raises(StudyError, match="no loop called 'closed'"):
+        study.parts(study.settings(options={"loops": "closed"}))
     with pytest.raises(StudyError, match="rate_hz=300; it must divide"):
         study.parts(study.settings(options={"rate_hz": "300"}))

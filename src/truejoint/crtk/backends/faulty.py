@@ -84,8 +84,12 @@ class FaultyBackend:
 
     def connect(self, listener: Listener) -> None:
         """Deliver all blocks that the faults let pass."""
-        self._backend.connect(self._pass_on)
-        self._listener = listener
+        before, self._listener = self._listener, listener
+        try:
+            self._backend.connect(self._pass_on)
+        except BaseException:
+            self._listener = before
+            raise
 
     def operating_state(self) -> OperatingState:
         """State as the robot reports it, FAULT or PAUSED by then."""
@@ -106,7 +110,7 @@ class FaultyBackend:
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
         """Stream set-points (n, n_joints) [rad or m] until there is a fault or the link is lost."""
         taken = 0
-        for piece in in_grains(position):
+        for piece in in_grains(position, max(round(self.grain * self.rate), 1)):
             self._check_link("servo_jp")
             if not self.operating_state().is_ready:
                 break

@@ -16,14 +16,14 @@ from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, TruejointError
-from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput
 
 _AHEAD: Final = 5
-"""Set-points that may wait to be executed while more are asked for: 5 ms."""
+"""Set-points that may wait to be executed while more are asked for: 5 ms at 1 kHz."""
 _HOPELESS: Final = 0.1  # lateness [s] after which the clock is taken up anew
 _KEPT: Final = 1_200_000  # periods, twenty minutes
-_LATE: Final = 1.5e-3  # [s]
+_LATE: Final = 1.5  # periods
 
 
 @dataclass(frozen=True)
@@ -37,13 +37,13 @@ class LoopTiming:
     median, p99, worst : float
         [s].
     late_share : float
-        Share of periods above 1.5 ms.
+        Share of periods more than half as long again as they are to be.
     restarts : int
         How often the loop fell so far behind that its clock was taken up anew.
 
     Examples
     --------
-    >>> LoopTiming.of(np.array([0.0, 0.001, 0.003])).late_share
+    >>> LoopTiming.of(np.array([0.0, 0.001, 0.003]), 0.001).late_share
     0.5
     """
 
@@ -55,24 +55,26 @@ class LoopTiming:
     restarts: int = 0
 
     @classmethod
-    def of(cls, starts: Array, restarts: int = 0) -> LoopTiming:
-        """Judge a loop whose passes started at `starts` (n,) [s], n >= 2."""
+    def of(cls, starts: Array, period: float, restarts: int = 0) -> LoopTiming:
+        """Judge a loop of a `period` [s] whose passes started at `starts` (n,) [s], n >= 2."""
         periods = np.diff(starts)
         median, p99 = np.quantile(periods, [0.5, 0.99])
-        late = float((periods > _LATE).mean())
+        late = float((periods > _LATE * period).mean())
         return cls(len(periods), float(median), float(p99), float(periods.max()), late, restarts)
 
 
 class PacedBackend(SimulatedBackend):
     """A digital twin that takes a millisecond for a millisecond, and reports all the time.
 
-    A thread runs the twin at 1 kHz: along the set-points sent, else holding the last one; state
-    messages come one at a time while the arm is enabled and homed. Close the arm to end it.
+    A thread runs the twin along the set-points sent, else holding the last one; once homed, state
+    messages come one at a time, `rate` a second. Close the arm to end it.
 
     Parameters
     ----------
     twin : Twin
         Kept by reference.
+    rate : float
+        As that of `SimulatedBackend`.
     homed : bool
         Begin enabled and homed, as if the robot had been before; that takes as long as it computes.
 
@@ -83,10 +85,11 @@ class PacedBackend(SimulatedBackend):
     >>> arm.close()
     """
 
-    def __init__(self, twin: Twin, *, homed: bool = False) -> None:
-        super().__init__(twin)
+    def __init__(self, twin: Twin, *, rate: float = 1.0 / SETPOINT_DT, homed: bool = False) -> None:
+        super().__init__(twin, rate=rate)
+        self.period: Final = 1.0 / self.rate
         if homed:
-            twin.home()
+            self._last = twin.home().rows(slice(-1, None))
             self._state = OperatingState("ENABLED", is_homed=True, is_busy=False, t=twin.time)
         self._waiting: deque[Array] = deque()
         self._moved = threading.Condition()
@@ -113,7 +116,8 @@ class PacedBackend(SimulatedBackend):
         if passes < 2:
             raise CommandRefused("timing refused: the loop has not run yet")
         first = passes - min(passes, _KEPT)
-        return LoopTiming.of(self._starts[np.arange(first, passes) % _KEPT], self._restarts)
+        starts = self._starts[np.arange(first, passes) % _KEPT]
+        return LoopTiming.of(starts, self.period, self._restarts)
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
         """Queue set-points (n, n_joints) [rad or m]; returns when nearly all are executed.
@@ -149,13 +153,13 @@ class PacedBackend(SimulatedBackend):
             if not self._state.is_ready:
                 self._waiting.clear()
                 raise CommandRefused(f"servo_jp stopped: the arm is {self._state.state}")
-            self._moved.wait(GRAIN)
+            self._moved.wait(self.grain)
         return dropped
 
     def _loop(self) -> None:
         due = time.perf_counter()
         while not self._closed.is_set():
-            due += SETPOINT_DT
+            due += self.period
             late = time.perf_counter() - due
             if late < 0.0:
                 time.sleep(-late)
@@ -177,15 +181,19 @@ class PacedBackend(SimulatedBackend):
         with self._turn():
             if self._state.is_busy:
                 return  # homing lets the time pass itself
-            if not self._state.is_ready:
-                self.twin.idle(SETPOINT_DT)
-                return
-            with self._moved:
-                if self._waiting:
-                    self._hold = self._waiting.popleft()
-                    self._moved.notify_all()
-            output = self.twin.run(self._hold[None])
+            output = self._go_on() if self._state.is_ready else self._stand(self.period)
         self._deliver(output)
+        with self._moved:  # who waits for a set-point finds it reported
+            if self._waiting and self._waiting[0] is self._hold:
+                self._waiting.popleft()
+            self._moved.notify_all()
+
+    def _go_on(self) -> TwinOutput:
+        """Go to the next set-point, or hold the last one."""
+        with self._moved:
+            if self._waiting:
+                self._hold = self._waiting[0]
+        return self._run(self._hold[None])
 
     def _passed(self, piece: TwinOutput) -> None:
         """Let the time of a piece of the homing pass."""

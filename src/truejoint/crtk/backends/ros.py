@@ -42,7 +42,8 @@ _LEADS_TO: Final = {
 class RosBackend:
     """Executes an arm's commands on a robot that speaks CRTK on ROS topics.
 
-    Set-points go to ``servo_jp`` at 1 kHz. Time is the robot's, by the stamps of its messages.
+    Set-points go to ``servo_jp``, `rate` a second. Time is the robot's, by the stamps of its
+    messages.
 
     Parameters
     ----------
@@ -57,6 +58,9 @@ class RosBackend:
         Of its topics, for instance ``"/PSM1"``; by default what the profile says.
     truth : str
         Topic of joint sensors, a JointState; empty where there are none.
+    rate : float
+        Set-points that the robot takes a second [Hz]; RAVEN-II's servo loop takes 1000 (peng2024
+        IV-A).
 
     Raises
     ------
@@ -85,8 +89,10 @@ class RosBackend:
         *,
         namespace: str = "",
         truth: str = "",
+        rate: float = 1.0 / SETPOINT_DT,
     ) -> None:
         self.robot: Final = robot
+        self.rate: Final = float(rate)
         self._transport = transport
         self._profile: Profile = profile_of(robot, profile)
         self._truth = truth
@@ -110,6 +116,11 @@ class RosBackend:
         self._has_commanded = False
         self._failure: BaseException | None = None
         self._closed = threading.Event()
+
+    @property
+    def grain(self) -> float:
+        """Time [s] within which it asks whether to go on: each set-point, and each look about."""
+        return max(GRAIN, 1.0 / self.rate)
 
     @property
     def time(self) -> float:
@@ -229,14 +240,14 @@ class RosBackend:
         self._command.publish(message)
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
-        """Send set-points (n, n_joints) [rad or m], one a millisecond, while ``go_on()``."""
+        """Send set-points (n, n_joints) [rad or m], `rate` a second, while ``go_on()``."""
         if self._failure is not None:
             failure, self._failure = self._failure, None
             raise failure
         self._reach(self._servo)
         for taken, row in enumerate(position):
             now = time.perf_counter()
-            self._due = now if now - self._due > _HOPELESS else self._due + SETPOINT_DT
+            self._due = now if now - self._due > _HOPELESS else self._due + 1.0 / self.rate
             if self._due > now:
                 time.sleep(self._due - now)
             if not go_on():

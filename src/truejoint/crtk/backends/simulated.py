@@ -9,12 +9,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
 from truejoint.array_types import Array
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import OperatingState, StateCommand, next_state
-from truejoint.errors import CommandRefused, MotionStopped
+from truejoint.errors import CommandRefused, MotionStopped, RobotError
 from truejoint.robots import Robot
+from truejoint.robots.blocks import StateBlock
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput, make_twin
@@ -23,10 +26,21 @@ from truejoint.simulation import Twin, TwinOutput, make_twin
 class SimulatedBackend:
     """Executes an arm's commands on a digital twin, far faster than real time.
 
+    Once homed it reports whenever time has passed: what it measures at each set-point, and after
+    a `wait` on the brakes, which hold the motors, what it measured last.
+
     Parameters
     ----------
     twin : Twin
         Kept by reference: its load may be changed while the arm works.
+    rate : float
+        Set-points and state messages a second [Hz], of which the twin's own 1 kHz is a multiple;
+        between two set-points the last one holds.
+
+    Raises
+    ------
+    RobotError
+        If `rate` does not divide 1 kHz.
 
     Examples
     --------
@@ -34,9 +48,13 @@ class SimulatedBackend:
     'raven2'
     """
 
-    def __init__(self, twin: Twin) -> None:
+    def __init__(self, twin: Twin, *, rate: float = 1.0 / SETPOINT_DT) -> None:
         self.twin = twin
         self.robot: Final[Robot] = twin.robot
+        self.rate: Final = float(rate)
+        self._ticks = _ticks_at(self.rate)  # of the twin, a set-point
+        self.grain: Final = max(GRAIN, self._ticks * SETPOINT_DT)
+        self._last: StateBlock | None = None  # message since the homing
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
         self._listener: Listener | None = None
         self._lock = threading.RLock()  # of the twin, whose time one thread at a time lets pass
@@ -65,6 +83,8 @@ class SimulatedBackend:
                 f"{self.robot.title} refused: another Arm controls it; close that one first"
             )
         self._listener = listener
+        if self._last is not None and self._state.is_homed:
+            listener(self._last)  # one who comes later knows where the arm is
 
     def disconnect(self) -> None:
         """Deliver no more blocks."""
@@ -88,7 +108,7 @@ class SimulatedBackend:
             self._home(timeout)
 
     def servo_jp(self, position: Array, go_on: Callable[[], bool]) -> int:
-        """Run the twin along set-points (n, n_joints) [rad or m] at 1 kHz, all or none.
+        """Run the twin along set-points (n, n_joints) [rad or m] at `rate`, all or none.
 
         For others the clock leaps. A leap that is stopped in the middle is taken back: the arm
         stands when who stopped it read the clock.
@@ -97,8 +117,8 @@ class SimulatedBackend:
         with self._turn():
             if not go_on():
                 return 0
-            back = self.twin.saved() if len(position) * SETPOINT_DT > GRAIN else None
-            output, load = self.twin.run(position), self.twin.load
+            back = self.twin.saved() if len(position) > self.grain * self.rate else None
+            output, load = self._run(position), self.twin.load
             now = self.twin.time
             if back is not None and not go_on():
                 back()
@@ -112,9 +132,26 @@ class SimulatedBackend:
         """Return at once: what is sent is executed."""
 
     def wait(self, duration: float) -> None:
-        """Let `duration` [s] pass with the brakes on."""
+        """Let `duration` [s] pass with the brakes on, and report where they hold the motors."""
         with self._turn():
-            self.twin.idle(duration)
+            standing = self._stand(duration)
+        self._deliver(standing)
+
+    def _run(self, position: Array) -> TwinOutput:
+        """Follow set-points (n, n_joints) [rad or m]; a row for each."""
+        if self._ticks == 1:
+            return self.twin.run(position)
+        return self.twin.run(np.repeat(position, self._ticks, axis=0)).every(self._ticks)
+
+    def _stand(self, duration: float) -> StateBlock | None:
+        """Let time [s] pass with the brakes on; what a homed arm then reports."""
+        before = self.twin.time
+        self.twin.idle(duration)
+        if self._last is None or not self._state.is_homed:
+            return None
+        last, passed = self._last, self.twin.time - before
+        still = np.zeros_like(last.velocity), np.zeros_like(last.motor_velocity)
+        return replace(last, t=last.t + passed, velocity=still[0], motor_velocity=still[1])
 
     def _home(self, timeout: float) -> None:
         start, last, pieces = self.twin.time, None, self.twin.homing()
@@ -129,8 +166,8 @@ class SimulatedBackend:
                 pieces.close()
                 self._state = replace(self._state, is_busy=False)
         # Positions before the registration mean nothing, so only the end pose is reported.
-        if last is not None and self._listener is not None:
-            self._listener(last.rows(slice(-1, None)))
+        if last is not None:
+            self._deliver(last.rows(slice(-1, None)))
 
     def _piece(self, pieces: Iterator[TwinOutput]) -> TwinOutput | None:
         """Next piece of the homing; after the last one the arm is homed."""
@@ -163,12 +200,26 @@ class SimulatedBackend:
     def _passed(self, piece: TwinOutput) -> None:
         """Note that a piece of the homing is over; it takes no longer than to compute it."""
 
-    def _deliver(self, output: TwinOutput) -> None:
+    def _deliver(self, output: StateBlock | None) -> None:
+        if output is None:
+            return
+        self._last = output.rows(slice(-1, None))
         if self._listener is None:
             return
         self._listener(output)
-        if len(output.truth.t):
+        if isinstance(output, TwinOutput) and len(output.truth.t):
             self._listener(output.truth)
+
+
+def _ticks_at(rate: float) -> int:
+    """Periods of a twin between two set-points; raises RobotError unless a whole number."""
+    ticks = 1.0 / (rate * SETPOINT_DT) if rate > 0.0 else 0.0
+    if not (ticks >= 1.0 - 1e-9 and abs(ticks - round(ticks)) < 1e-6 * ticks):
+        raise RobotError(
+            f"simulated arm: {rate:g} set-points a second; a twin runs at {1 / SETPOINT_DT:g} Hz: "
+            "give that, or a half, a third, ... of it"
+        )
+    return round(ticks)
 
 
 def simulated_arm(

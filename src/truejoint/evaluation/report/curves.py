@@ -13,10 +13,18 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Mask
+from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
-from truejoint.evaluation.results import OFFSET, RAW, Evaluation, Trace, estimator_title
+from truejoint.evaluation.results import (
+    OFFSET,
+    RAW,
+    Evaluation,
+    Trace,
+    as_evaluation,
+    estimator_title,
+)
 from truejoint.extras import require
 from truejoint.files import write_atomically
 from truejoint.recordings.signals import gaps
@@ -226,7 +234,12 @@ def cartesian_errors(evaluation: Evaluation) -> list[Figure]:
 
 
 def plot_corrected(
-    evaluation: Evaluation, path: str | Path, *, recording: int = 0, seconds: float = 60.0
+    evaluation: Evaluation,
+    path: str | Path,
+    *,
+    recording: int = 0,
+    seconds: float = 60.0,
+    overwrite: bool = False,
 ) -> Path:
     """Draw corrected and true position, and the error, of the first seconds of a recording.
 
@@ -239,12 +252,25 @@ def plot_corrected(
         Index into `Evaluation.traces`.
     seconds : float
         How much of it to show [s].
+    overwrite : bool
+        Whether a file at `path` may be replaced.
+
+    Raises
+    ------
+    CalibrationError
+        If there is no such recording.
+    RecordingError
+        If the file exists and may not be replaced, cannot be written, or is of another format.
 
     Examples
     --------
     >>> plot_corrected(evaluation, "jaw.png").name
     'jaw.png'
     """
+    if recording not in range(len(as_evaluation(evaluation).traces)):
+        raise CalibrationError(
+            f"no recording {recording!r:.20}; {len(evaluation.traces)} were judged, counted from 0"
+        )
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds
     t, count = trace.t[rows], len(evaluation.joints)
@@ -268,7 +294,10 @@ def plot_corrected(
             panel.grid(color=GRID, lw=0.7)
     legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
     figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
-    picture = Path(path)
-    draw = partial(figure.savefig, dpi=150, format=picture.suffix.removeprefix(".") or "png")
-    write_atomically(picture, draw, overwrite=True)
+    picture, known = Path(path), figure.canvas.get_supported_filetypes()
+    kind = picture.suffix.removeprefix(".") or "png"
+    if kind not in known:
+        raise RecordingError(f"{picture}: no picture is .{kind}; choose one of {', '.join(known)}")
+    draw = partial(figure.savefig, dpi=150, format=kind)
+    write_atomically(picture, draw, overwrite=overwrite, error=RecordingError)
     return picture

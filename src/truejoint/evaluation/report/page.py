@@ -15,10 +15,15 @@ from typing import Any, Final
 
 import jinja2
 
-from truejoint.errors import CalibrationError, RecordingError
+from truejoint.errors import RecordingError
 from truejoint.evaluation import view
 from truejoint.evaluation.report import curves, plot, residuals, space
-from truejoint.evaluation.results import Evaluation, estimator_phrase, estimator_title
+from truejoint.evaluation.results import (
+    Evaluation,
+    as_evaluation,
+    estimator_phrase,
+    estimator_title,
+)
 from truejoint.evaluation.tables import score_tables
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.data_check import DataCheck
@@ -67,10 +72,7 @@ def write_report(
     >>> write_report(evaluation, "report.html", training=training).name
     'report.html'
     """
-    if not isinstance(evaluation, Evaluation):
-        raise CalibrationError(
-            f"a {type(evaluation).__name__} is no Evaluation; give what `evaluate` gives"
-        )
+    as_evaluation(evaluation)
     render = partial(render_report, evaluation, training=training, checks=checks, command=command)
     return write_page(path, render, overwrite=overwrite)
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.crtk.messages import DEFINITIONS, message_type, ros2_definition
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, words
 from truejoint.extras import require
 from truejoint.recordings.bags.container import Topic
 
@@ -70,7 +70,7 @@ def field_types(topic: Topic) -> Types:
         except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
             raise RecordingError(
                 f"{topic.name}: the definition of {topic.type} in the bag is damaged "
-                f"({str(error).splitlines()[0]:.60})"
+                f"({words(error, 60)})"
             ) from None
     if name not in known:
         raise RecordingError(

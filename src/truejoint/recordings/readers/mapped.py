@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from numbers import Real
 from pathlib import Path
 from typing import Final
 
@@ -170,8 +171,8 @@ def read_header(
 
 def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
     """Column map with time stamps, or else with the rate that the caller states [Hz]."""
-    if not 0.0 <= rate <= 1e9:
-        raise RecordingError(f"{path}: a rate of {rate} Hz; state one above 0 Hz")
+    if not (isinstance(rate, Real) and 0.0 <= rate <= 1e9):
+        raise RecordingError(f"{path}: a rate of {rate!r:.40} Hz; state one above 0 Hz")
     if "t" in mapping.columns and rate:
         raise RecordingError(f"{path}: has time stamps, so no rate can be stated; leave it out")
     if "t" not in mapping.columns and not (rate or mapping.rate):

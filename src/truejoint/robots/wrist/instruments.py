@@ -14,6 +14,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.robots.cable_mechanism import CableMechanism, Contact, Node, Pin, loops
 from truejoint.robots.catalogue import INSTRUMENTS
+from truejoint.robots.chain import Axis, SerialChain
 from truejoint.robots.parts import Joint, Workspace
 from truejoint.robots.robot import Robot
 
@@ -33,6 +34,7 @@ _SEGMENTS: Final = (0.3, 0.3, 0.4)
 _NODES: Final = (Node(1.0), Node(1.6, "pitch"))
 # A push at the tip turns the pitch by 19 mm and the yaw, half of either jaw, by 10 mm.
 _ARMS: Final = {"pitch": {"pitch": 19e-3}, "yaw": {"jaw1": 5e-3, "jaw2": 5e-3}}
+_SHAFT: Final = 0.03  # [m] of it, from the origin of all poses to the wrist
 _TOP_SPEED: Final = math.radians(180.0)  # [rad/s]
 _HALF_OPEN: Final = math.radians(10.0)  # [rad] of either jaw at home
 
@@ -65,6 +67,23 @@ def instrument(values: Mapping[str, Any]) -> CableMechanism:
     )
 
 
+def kinematics(link: float) -> SerialChain:
+    """Pose of the jaws' axis at the end of a straight shaft, `link` [m] beyond that of the pitch.
+
+    Modified Denavit-Hartenberg parameters of the instruments' files, z along the shaft; the last
+    axis is the direction in which the closed jaws point, the mean of both.
+
+    Examples
+    --------
+    >>> print(kinematics(0.01).forward([0.0, 0.0, 0.0])[:3, 3])
+    [0.   0.   0.04]
+    """
+    quarter = 0.5 * math.pi
+    axes = (Axis(0.0, 0.0, _SHAFT, 0.0), Axis(-quarter, 0.0, 0.0, -quarter),
+            Axis(-quarter, link, 0.0, 0.0))  # fmt: skip
+    return SerialChain(axes, np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.5, 0.5]]))
+
+
 @cache
 def build(name: str) -> Robot:
     """Robot of the instrument called `name`, which is a model number or one of RAVEN's tools."""
@@ -82,6 +101,7 @@ def build(name: str) -> Robot:
             Joint("jaw2", "revolute", -jaw, jaw, _HALF_OPEN, _TOP_SPEED),
         ),
         arm=name,
+        kinematics=kinematics(1e-3 * row["link_mm"]),
         effort="motor",
         workspace=Workspace(
             JOINTS,

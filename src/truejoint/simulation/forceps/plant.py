@@ -412,15 +412,13 @@ def advance_plant(
     work space, `wheels` (3, 3) and `forces` (3,) the drive cable and the force at the tip at start,
     middle and end.
     """
-    history = state[N_STATES:]
+    history, keep = state[N_STATES:], bool(0)
     for stage in range(1, 4):
         part = 1.0 if stage == 3 else 0.5
         at = 2 if stage == 3 else 1
         for i in range(N_STATES):
             trial[i] = state[i] + part * dt * k[stage - 1, i]
-        plant_rates(
-            trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, history, False, k[stage]
-        )
+        plant_rates(trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, history, keep, k[stage])
     for i in range(N_STATES):
         state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
 
@@ -451,13 +449,13 @@ def advance(
     log = np.empty((n_steps // log_every + 1, N_LOGGED))
     trial, k = np.empty(N_STATES), np.empty((4, N_STATES))
     wheels, forces, goals = np.empty((3, 3)), np.empty(3), np.empty(5)
-    history = state[N_STATES:]
+    history, keep = state[N_STATES:], bool(0)  # a constant's type is its own: compiled once more
     for n in range(n_steps + 1):
         for i in range(5):
             goals[i] = _between(goal, n, 0.25 * i, per_sample)
         for i in range(3):
             forces[i] = _between(force, n, 0.5 * i, per_sample)
-        wheel_motion(motor, goals[0], c, history, True, wheels[0])
+        wheel_motion(motor, goals[0], c, history, not keep, wheels[0])
         drive_tension, reset_tension, x1 = plant_rates(
             state, wheels[0], forces[0], line_angle, c, 1.0 / dt, history, n < n_steps, k[0]
         )
@@ -470,7 +468,7 @@ def advance(
             break
         for half in range(2):  # the plant needs the motor in the middle of the step, too
             advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * dt, c)
-            wheel_motion(motor, goals[2 * half + 2], c, history, False, wheels[half + 1])
+            wheel_motion(motor, goals[2 * half + 2], c, history, keep, wheels[half + 1])
         advance_plant(state, k, trial, wheels, forces, line_angle, dt, c)
     return log
 

@@ -47,7 +47,10 @@ FLAGGED: Final = 0.04
 _CHECK: Final = 30.0  # [s] of free motion that tells
 _SEEN: Final = 0.75  # share of the free calibration that efforts are learnt from
 _OPEN: Final = 0.2  # [rad] from which jaws close on each other,
-_PRESSED: Final = -0.15  # to this
+_PRESSED: Final = -0.15  # to this,
+_YAWS: Final = (-0.5, 0.0, 0.5)  # [rad] here and there,
+_CLOSING: Final = 2.0  # [s] in which
+_FELT: Final = 0.01  # [Nm] of grip from which they meet for certain: pins hold less
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -100,27 +103,33 @@ def judge(
             "opening": float(np.mean(off[:, 2] - off[:, 1])),
             "strange": strange[name],
         }
-    before, after = (
-        closed_opening(tests[f"{name}, closing"], known[f"{name}, closing"][0])
-        for name in (NOTHING, ENGAGED)
-    )
+    before, after = (closed_opening(*known[f"{name}, closing"]) for name in (NOTHING, ENGAGED))
     return PartResult({"family": family, "errors": errors, "zero": after - before})
 
 
 def closing(twin: WristTwin) -> Recording:
-    """Record jaws that close on each other, and open again."""
-    pose = np.array([[0.0, 0.0, _OPEN], [0.0, 0.0, _PRESSED]])
-    apart, pressed = motions.joints(pose)
-    twin.run(glide(twin.commanded, apart, 1.5))
-    path = [glide(apart, pressed, 1.0), hold(pressed, 1.0), glide(pressed, apart, 1.0)]
+    """Record jaws that close on each other slowly, and open again, where they look each way."""
+    poses = [motions.joints(np.array([[0.0, y, _OPEN], [0.0, y, _PRESSED]])) for y in _YAWS]
+    before = poses[0][0]
+    twin.run(glide(twin.commanded, before, 1.5))
+    path = []
+    for apart, pressed in poses:
+        path += [glide(before, apart, 1.0), glide(apart, pressed, _CLOSING), hold(pressed, 0.5)]
+        path += [glide(pressed, apart, _CLOSING)]
+        before = apart
     return record_wrist(twin, np.vstack(path), session="closing")
 
 
-def closed_opening(run: Recording, angle: Array) -> float:
-    """Give the opening [rad] that is known of jaws that press on each other."""
-    t = run.t - run.t[0]
-    rows = (t > 1.5) & (t < 2.0)
-    return float(np.mean((angle[:, 2] - angle[:, 1])[rows]))
+def closed_opening(angle: Array, load: Array) -> float:
+    """Give the opening [rad] at which jaws begin to press on each other, by what is known of both.
+
+    Jaws give way as they press, by how much depends on where the zeros are; so it is that of a line
+    through their opening over their grip, closing and opening, where there is none.
+    """
+    pressed = load[:, 0] > _FELT
+    opening = (angle[:, 2] - angle[:, 1])[pressed]
+    rows = np.column_stack([np.ones(len(opening)), load[pressed, 0]])
+    return float(np.linalg.lstsq(rows, opening, rcond=None)[0][0])
 
 
 def amplified(run: Recording, gain: float) -> Recording:
@@ -197,8 +206,9 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         ),
         (
             "How far, in degrees, the mean error of the opening is from that before. Jaws that "
-            "press on each other are at the opening at which they were in calibration. Pitch and "
-            "yaw have no such stop here: what engaging moved of them stays.",
+            "begin to press on each other are at the opening at which they did in calibration: a "
+            "line through opening over grip tells it. Pitch and yaw have no such stop here: what "
+            "engaging moved of them stays.",
         ),
     )
     place = np.arange(len(CHANGES))

@@ -1,55 +1,120 @@
-"""Setting the joints of a wrist and not its motors: estimates in the loop, and a perfect sensor."""
+"""Setting the joints and the grip of a wrist and not its motors: estimates, a perfect sensor."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import numpy as np
+from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
-from truejoint.errors import StudyError
+from truejoint.errors import CommandRefused, StudyError
+from truejoint.estimators.base import JointRegressor
+from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
+from truejoint.recordings import Recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
-from truejoint.runtime import Compensator, Corrector, Status, compensated_motion
+from truejoint.runtime import (
+    Compensator,
+    Corrector,
+    FeedForward,
+    GripControl,
+    Status,
+    compensated_motion,
+)
 from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.twin import Twin, hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
-from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts
+from truejoint.studies.study import (
+    Part,
+    PartResult,
+    Settings,
+    Summary,
+    check_counts,
+    check_names,
+)
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, rms, specimens
 from truejoint.studies.wrist.physical import JOINTS
 
+
+@dataclass(frozen=True)
+class Around:
+    """What stands in a loop: calibrations by name, or `exact` what only a simulation knows."""
+
+    title: str
+    model: str = "play_effort"
+    exact: bool = False
+    forward: bool = False
+
+
 OPEN: Final = "open"
 PERFECT: Final = "perfect"
-TITLES: Final = {
-    OPEN: "none, an offset taken off",
-    "play_motor": "plays, motors",
-    "play_effort": "plays, motors and effort",
-    PERFECT: "a perfect sensor",
+PERFECT_FORWARD: Final = "perfect_forward"
+LOOPS: Final[Mapping[str, Around]] = {
+    "play_motor": Around("plays, motors", "play_motor"),
+    "play_effort": Around("plays, motors and effort"),
+    "play_forward": Around("plays, motors and effort, fed forward", forward=True),
+    PERFECT: Around("a perfect sensor", exact=True),
+    PERFECT_FORWARD: Around("a perfect sensor, fed forward", exact=True, forward=True),
 }
+TITLES: Final = {OPEN: "none, an offset taken off", **{k: v.title for k, v in LOOPS.items()}}
 """What stands in the loop."""
 CASES: Final = {"free": False, "tip": True}
 """Without a load, and with pushes of up to 2 N at the tip."""
+GRIPS: Final = {"standing": False, "moving": True}
+"""Something is gripped while pitch and yaw stand still, and while they step."""
+SEES_GRIP: Final = ("play_effort", PERFECT)
+"""Loops that grip; what is fed forward knows of no load."""
 
 # Where an estimator is sure of itself it is believed beyond what calibration saw.
 _BELIEVED: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
 _QUICK: Final = 0.01  # [s] in which what is lost is made up for
 _SETTLED: Final = 2.0  # [s] at the first pose, which are not judged
+_MOMENT: Final = 0.5  # [s] after a step of the grip, from which it counts as standing
+_STILL: Final = np.radians([10.0, 5.0])  # [rad] pitch and yaw where only the grip changes
+_APART: Final = math.radians(20.0)  # [rad] of the jaws before they grip
+_HELD: Final = math.radians(15.0)  # [rad] of what is between them
+
+
+class _Told(Corrector):
+    """A corrector that tells the grip beside the joints, by plays that were fitted to it too."""
+
+    def __init__(self, model: Calibration, grip: GripModel) -> None:
+        super().__init__(model)
+        self.beside = {"grip": np.zeros(2)}
+        self._grip = grip
+        self._at = [self.signals.index(name) for name in grip.features.signals]
+        self._before = grip.features.start(), grip.model.start()
+        self._row, self._t = np.empty(len(grip.features)), 0.0
+
+    def step(self, t: float, sample: Any) -> Status:
+        """Correct a sample, and tell its grip."""
+        status = super().step(t, sample)
+        features, model = self._before
+        own = np.asarray(sample, dtype=np.float64)[self._at]
+        fresh = self._grip.features.step(features, t, own, self._grip.gap, self._row)
+        dt = 0.0 if fresh else t - self._t
+        self.beside["grip"][0] = self._grip.model.step(model, dt, self._row)[0]
+        self._t = t
+        return status
 
 
 class PerfectSensor(Corrector):
-    """A corrector that is told by an arm on a twin where the joints are."""
+    """A corrector that is told by an arm on a twin where the joints are, and how they grip."""
 
     def __init__(self, model: Calibration, arm: Arm) -> None:
         super().__init__(model)
+        self.beside = {"grip": np.zeros(2)}
         self._exact = np.full(len(self.joints), np.nan)
         self._at = [self.signals.index(f"measured/{name}") for name in self.joints]
         arm.subscribe(self._hear)
@@ -58,6 +123,7 @@ class PerfectSensor(Corrector):
         if isinstance(block, StateBlock) and len(block.t):
             known = [block.extra[f"truth_exact/{name}"][-1] for name in self.joints]
             self._exact = np.array(known)
+            self.beside["grip"][0] = block.extra["truth_load/grip"][-1]
 
     def step(self, t: float, sample: Any) -> Status:
         """Set the correction to what the joints are off."""
@@ -66,12 +132,32 @@ class PerfectSensor(Corrector):
         return Status.OK
 
 
+@dataclass(frozen=True)
+class GripModel:
+    """Plays that tell the grip [Nm] from motors and efforts, one sample after the other."""
+
+    features: FeatureSet
+    model: JointRegressor
+    gap: float
+
+    @classmethod
+    def fitted(cls, recordings: Sequence[Recording]) -> GripModel:
+        """Fit to recordings, one of them under loads, whose ``truth_load/grip`` is known."""
+        method, gap = METHODS["play_effort"], default_gap_limit(recordings)
+        features = FeatureSet.parse(method.features)
+        X = np.vstack([features.compute(run, gap) for run in recordings])
+        y = np.concatenate([run.column("truth_load/grip") for run in recordings])
+        dt = np.concatenate([time_steps(run.t, gap) for run in recordings])
+        return cls(features, clone(method.estimator).fit(X, y[:, None], dt=dt), gap)
+
+
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
     check_counts(settings, "free_s", "loaded_s", "seconds", "rate_hz")
     if abs(math.remainder(1.0 / SETPOINT_DT, settings["rate_hz"])) > 1e-6:
         raise StudyError(f"rate_hz={settings['rate_hz']:g}; it must divide the arm's 1 kHz")
-    found = specimens(settings, judge, "free_s", "loaded_s", "seconds", "rate_hz", "gain")
+    check_names("loop", settings["loops"], tuple(TITLES))
+    found = specimens(settings, judge, "free_s", "loaded_s", "seconds", "rate_hz", "gain", "loops")
     for part in found:
         plant = WristParameters.from_dict(part.arguments["specimen"])
         check_rate(settings["rate_hz"], plant.motor.lag, settings["gain"])
@@ -87,8 +173,9 @@ def judge(
     seconds: float,
     rate_hz: float,
     gain: float,
+    loops: Sequence[str],
 ) -> PartResult:
-    """RMS tracking errors [rad] of every joint by what is in the loop, free and pushed."""
+    """RMS errors of joints [rad] and grip [Nm] by what is in the loop; what a loop refused."""
     # Every loop begins with the same zeros: what a homing moves no estimate can know.
     plant = WristParameters.from_dict(specimen).with_values({"homing.registration": 0.0})
     twin = WristTwin(plant, seed=number)
@@ -100,97 +187,259 @@ def judge(
         key: calibrate(data, METHODS[key].estimator, features=METHODS[key].features, joints=JOINTS)
         for key, data in (("play_motor", [free]), ("play_effort", [free, loaded]))
     }
-    off = free.columns("truth", JOINTS) - free.columns("measured", JOINTS)
+    bench = Bench(plant, number, models, GripModel.fitted([free, loaded]), rate_hz, gain)
+    off = (free.columns("truth", JOINTS) - free.columns("measured", JOINTS)).mean(axis=0)
     pose = motions.steps(seconds, seed + 2)
     wanted = np.vstack([hold(motions.joints(pose[:1])[0], _SETTLED), motions.joints(pose)])
-    errors: dict[str, dict[str, list[float]]] = {}
+    keys = [key for key in TITLES if key in {*loops, PERFECT}]
+    numbers: dict[str, Any] = {"family": family, "errors": {}, "grip": {}, "refused": {}}
     arrays: dict[str, Array] = {}
     for case, pushed in CASES.items():
-        errors[case] = {}
-        for key in TITLES:
-            model = models.get(key, models["play_effort"])
-            error = follow(
-                plant, number, key, model, wanted, off.mean(axis=0), pushed, rate_hz, gain
-            )
-            errors[case][key] = rms(error)
-            arrays[f"{case}/{key}"] = error[::10]
-    return PartResult({"family": family, "errors": errors}, arrays)
+        for key in keys:
+            where = f"{case}/{key}"
+            try:
+                error = bench.follow(key, wanted, off, pushed)
+            except CommandRefused as refused:
+                numbers["refused"][where] = str(refused)
+                continue
+            numbers["errors"][where] = rms(error)
+            arrays[where] = error[::10]
+    for case, moving in GRIPS.items():
+        path, grip = motions.grip_steps(seconds, seed + 3)
+        if not moving:
+            path[:] = np.append(_STILL, 0.0)
+        path[:, 2] = _APART
+        arrays[f"{case}/grip"] = grip[::10]
+        for key in filter(SEES_GRIP.__contains__, keys):
+            where = f"{case}/{key}"
+            try:
+                force = bench.grip(key, motions.joints(path), grip)
+            except CommandRefused as refused:
+                numbers["refused"][where] = str(refused)
+                continue
+            numbers["grip"][where] = judged_grip(force, grip)
+            arrays[where] = force[::10]
+    return PartResult(numbers, arrays)
 
 
-def follow(
-    plant: WristParameters,
-    number: int,
-    key: str,
-    model: Calibration,
-    wanted: Array,
-    offset: Array,
-    pushed: bool,
-    rate: float,
-    gain: float,
-) -> Array:
-    """Joints less wanted (n, 3) [rad] along `wanted` at 1 kHz, from the end of its first pause."""
-    twin = WristTwin(plant, seed=number)
-    arm = Arm(SimulatedBackend(cast("Twin", twin)))
-    arm.enable()
-    arm.home()
-    arm.move_jp(wanted[0] - offset if key == OPEN else wanted[0]).wait()
-    if pushed:
-        start = twin.time + _SETTLED
-        force = motions.pushes(len(wanted), number)
-        twin.tip_force = motions.later(start, force)
+@dataclass(frozen=True, eq=False)
+class Bench:
+    """An instrument that loops are tried on, each homed anew, with what they are made of."""
+
+    plant: WristParameters
+    number: int
+    models: Mapping[str, Calibration]
+    grip_model: GripModel
+    rate: float
+    gain: float
+
+    def follow(self, key: str, wanted: Array, offset: Array, pushed: bool) -> Array:
+        """Joints less wanted (n, 3) [rad] along `wanted` at 1 kHz, from the end of its pause.
+
+        Raises CommandRefused where the loop does.
+        """
+        twin, arm = self._arm()
+        arm.move_jp(wanted[0] - offset if key == OPEN else wanted[0]).wait()
+        if pushed:
+            force = motions.pushes(len(wanted), self.number)
+            twin.tip_force = motions.later(twin.time + _SETTLED, force)
+        heard = _heard(arm, [f"truth_exact/{name}" for name in JOINTS])
+        if key == OPEN:
+            arm.servo_jp_stream(wanted - offset)
+        else:
+            compensated_motion(arm, self._loop(key, arm), wanted)
+        error = np.concatenate(heard)[-len(wanted) :] - wanted
+        return np.asarray(error[round(_SETTLED / SETPOINT_DT) :])
+
+    def grip(self, key: str, path: Array, wanted: Array) -> Array:
+        """Grip (n,) [Nm] of jaws that are to grip as `wanted` (n,) on their path (n, 3) at 1 kHz.
+
+        Raises CommandRefused where the loop does.
+        """
+        twin, arm = self._arm()
+        arm.move_jp(path[0]).wait()
+        twin.held = lambda t: np.full(len(t), _HELD)
+        heard = _heard(arm, ["truth_load/grip"])
+        loop = self._loop(key, arm)
+        pieces = loop.setpoints(arm, GripControl(loop, arm.robot).pieces(path, wanted, arm.rate))
+        arm.stream(pieces, len(path) * SETPOINT_DT, "grip").wait()
+        return np.concatenate(heard)[-len(path) :, 0]
+
+    def _arm(self) -> tuple[WristTwin, Arm]:
+        twin = WristTwin(self.plant, seed=self.number)
+        arm = Arm(SimulatedBackend(cast("Twin", twin)))
+        arm.enable()
+        arm.home()
+        return twin, arm
+
+    def _loop(self, key: str, arm: Arm) -> Compensator:
+        around = LOOPS[key]
+        model = self.models[around.model].without_redundant()
+        if around.exact:
+            corrector: Corrector = PerfectSensor(model, arm)
+        elif key in SEES_GRIP:
+            corrector = _Told(model, self.grip_model)
+        else:
+            corrector = Corrector(model)
+        corrector.set_homing(True)
+        ahead = self.models["play_motor"]
+        return Compensator(
+            corrector, arm.robot, rate=self.rate, lag=self.plant.motor.lag, gain=self.gain,
+            time_constant=_QUICK, integral_time=math.inf, believed=_BELIEVED,
+            forward=FeedForward(ahead, arm.robot) if around.forward else None,
+        )  # fmt: skip
+
+
+def _heard(arm: Arm, columns: Sequence[str]) -> list[Array]:
+    """Rows (n, n_columns) of what an arm on a twin tells beside its state, added as they come."""
     heard: list[Array] = []
 
     def hear(block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock):
-            heard.append(np.column_stack([block.extra[f"truth_exact/{name}"] for name in JOINTS]))
+            heard.append(np.column_stack([block.extra[name] for name in columns]))
 
     arm.subscribe(hear)
-    if key == OPEN:
-        arm.servo_jp_stream(wanted - offset)
-    else:
-        used = model.without_redundant()
-        corrector = PerfectSensor(used, arm) if key == PERFECT else Corrector(used)
-        corrector.set_homing(True)
-        compensator = Compensator(
-            corrector, arm.robot, rate=rate, lag=plant.motor.lag, gain=gain, time_constant=_QUICK,
-            integral_time=math.inf, believed=_BELIEVED,
-        )  # fmt: skip
-        compensated_motion(arm, compensator, wanted)
-    exact = np.concatenate(heard)[-len(wanted) :]
-    return np.asarray((exact - wanted)[round(_SETTLED / SETPOINT_DT) :])
+    return heard
+
+
+def judged_grip(force: Array, wanted: Array) -> dict[str, float]:
+    """RMS [Nm] of grip less wanted (n,): over all, and where it has stood for half a second.
+
+    And by how much, in the median, it goes beyond where a step ends.
+    """
+    first = round(_SETTLED / SETPOINT_DT)
+    error, change = force - wanted, np.diff(wanted, prepend=wanted[0])
+    ends = np.flatnonzero((change[:-1] != 0.0) & (change[1:] == 0.0)) + 1
+    ends = ends[ends >= first]
+    moment = round(_MOMENT / SETPOINT_DT)
+    stands = np.ones(len(error), dtype=bool)
+    stands[:first] = False
+    for row in np.flatnonzero(change):
+        stands[row : row + moment] = False
+    beyond = [np.max(np.sign(change[e - 1]) * error[e : e + moment]) for e in ends]
+    return {
+        "rms": float(np.sqrt(np.mean(error[first:] ** 2))),
+        "standing": float(np.sqrt(np.mean(error[stands] ** 2))),
+        "overshoot": float(np.median(beyond)),
+    }
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Medians by family and case, each loop beside that of a perfect sensor."""
     numbers = [result.numbers for result in results.values()]
+    families = list(dict.fromkeys(n["family"] for n in numbers))
+    tables = [_joint_table(numbers, families, settings), _grip_table(numbers, families)]
+    refused = [
+        (part, case, TITLES[key], text)
+        for part, result in results.items()
+        for (case, key), text in (
+            (where.split("/"), text) for where, text in result.numbers["refused"].items()
+        )
+    ]
+    if refused:
+        header = ("instrument", "load", "in the loop", "refused")
+        tables.append(Table("Loops that refused", header, tuple(refused)))
+    arrays = next(iter(results.values())).arrays
+    return Summary(
+        tables, {"wrist-loop": _joint_figure(arrays), "wrist-grip": _grip_figure(arrays)}
+    )
+
+
+def _rows_of(
+    numbers: Sequence[Mapping[str, Any]], families: Sequence[str], what: str, cases: Sequence[str],
+    keys: Sequence[str],
+) -> Iterator[tuple[str, str, str, list[Any], list[Any]]]:  # fmt: skip
+    """Case, family, key, what was found, and what with a perfect sensor, where both were."""
+    for case in cases:
+        for family in families:
+            own = [n[what] for n in numbers if n["family"] == family]
+            for key in keys:
+                here, best = f"{case}/{key}", f"{case}/{PERFECT}"
+                both = [one for one in own if here in one and best in one]
+                if both:
+                    yield case, family, key, [n[here] for n in both], [n[best] for n in both]
+
+
+def _joint_table(
+    numbers: Sequence[Mapping[str, Any]], families: Sequence[str], settings: Settings
+) -> Table:
     rows = []
-    for case in CASES:
-        for family in dict.fromkeys(n["family"] for n in numbers):
-            own = [n["errors"][case] for n in numbers if n["family"] == family]
-            best = np.array([one[PERFECT] for one in own])
-            for key, title in TITLES.items():
-                error = np.array([one[key] for one in own])
-                middle = " ".join(f"{v:.3f}" for v in np.degrees(np.median(error, axis=0)))
-                ratio = f"{np.median(error / best):.2f}"
-                worst = f"{np.degrees(error.max()):.2f}"
-                rows.append((case, family, title, str(len(own)), middle, worst, ratio))
+    for case, family, key, own, best in _rows_of(
+        numbers, families, "errors", tuple(CASES), tuple(TITLES)
+    ):
+        error = np.array(own)
+        middle = " ".join(f"{v:.3f}" for v in np.degrees(np.median(error, axis=0)))
+        ratio = f"{np.median(error / np.array(best)):.2f}"
+        worst = f"{np.degrees(error.max()):.2f}"
+        rows.append((case, family, TITLES[key], str(len(own)), middle, worst, ratio))
     header = ("load", "family", "in the loop", "n", "pitch jaw1 jaw2", "worst", "of perfect")
     notes = (
         f"RMS of joint less wanted in degrees along {settings['seconds']:g} s of steps with rests, "
         f"medians of the specimens of seed {settings.seed}; the loop runs at "
         f"{settings['rate_hz']:g} Hz. tip: pushes up to 2 N. The last column is the median of the "
-        "ratio to the same loop around a sensor that knows the joints exactly.",
+        "ratio to the same loop, not fed forward, around a sensor that knows the joints exactly.",
     )
-    table = Table("Joints in a closed loop", header, tuple(rows), notes)
-    first = next(iter(results.values()))
-    panels = []
-    for j, joint in enumerate(JOINTS):
-        curves = []
-        for n, (key, title) in enumerate(TITLES.items()):
-            error = np.degrees(first.arrays[f"tip/{key}"][:, j])
-            t = np.arange(len(error)) * 10.0 * SETPOINT_DT
-            curves.append(Curve(t, error, title, f"C{n}"))
-        panels.append(Panel(curves, "time [s]", "joint less wanted [deg]", joint))
+    return Table("Joints in a closed loop", header, tuple(rows), notes)
+
+
+def _grip_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
+    rows = []
+    for case, family, key, own, best in _rows_of(
+        numbers, families, "grip", tuple(GRIPS), SEES_GRIP
+    ):
+        found = 1e3 * np.array([[n[k] for k in ("rms", "standing", "overshoot")] for n in own])
+        ratio = np.median(found[:, 0] / (1e3 * np.array([n["rms"] for n in best])))
+        middle = np.median(found, axis=0)
+        errors = [f"{middle[k]:.1f} ({found[:, k].max():.1f})" for k in (0, 1)]
+        what = case, family, TITLES[key], str(len(own))
+        rows.append((*what, *errors, f"{middle[2]:.1f}", f"{ratio:.2f}"))
+    header = (
+        "pitch, yaw", "family", "in the loop", "n", "RMS (worst)", "between steps", "overshoot",
+        "of perfect",
+    )  # fmt: skip
+    notes = (
+        "Grip less wanted in mNm, medians of the specimens: jaws close on something, grip it at "
+        "10 to 70 mNm in minimum-jerk steps of 0.3 s, and hold each for 1 to 2 s; standing, and "
+        "while pitch and yaw step too. Between steps counts from 0.5 s after each.",
+    )
+    return Table("Grip in a closed loop", header, tuple(rows), notes)
+
+
+def _joint_figure(arrays: Mapping[str, Array]) -> Figure:
+    def errors(j: int) -> Callable[[Array], Array]:
+        return lambda error: np.degrees(error[:, j])
+
+    panels = [
+        Panel(_curves(arrays, "tip", tuple(TITLES), errors(j)), "time [s]",
+              "joint less wanted [deg]", joint)
+        for j, joint in enumerate(JOINTS)
+    ]  # fmt: skip
     caption = "First specimen, pushed at its tip."
-    figure = Figure("Joints in a closed loop", (panels,), caption, legend=True, height=4.5)
-    return Summary((table,), {"wrist-loop": figure})
+    return Figure("Joints in a closed loop", (panels,), caption, legend=True, height=4.5)
+
+
+def _grip_figure(arrays: Mapping[str, Array]) -> Figure:
+    panels = []
+    for case in GRIPS:
+        wanted = 1e3 * arrays[f"{case}/grip"]
+        t = np.arange(len(wanted)) * 10.0 * SETPOINT_DT
+        curves = _curves(arrays, case, SEES_GRIP, lambda force: 1e3 * force)
+        panels.append(
+            Panel([Curve(t, wanted, "wanted", "black"), *curves], "time [s]", "grip [mNm]", case)
+        )
+    caption = "First specimen, pitch and yaw standing and moving."
+    return Figure("Grip in a closed loop", (panels,), caption, legend=True, height=3.6)
+
+
+def _curves(
+    arrays: Mapping[str, Array], case: str, keys: Sequence[str], shown: Callable[[Array], Array]
+) -> list[Curve]:
+    """Curves over time of the loops that did not refuse."""
+    curves = []
+    for n, key in enumerate(keys):
+        if f"{case}/{key}" in arrays:
+            values = shown(arrays[f"{case}/{key}"])
+            curves.append(
+                Curve(np.arange(len(values)) * 10.0 * SETPOINT_DT, values, TITLES[key], f"C{n}")
+            )
+    return curves

@@ -27,6 +27,9 @@ _BETWEEN: Final = (0.8, 3.0)  # [s] from one rest of theirs to the next
 _RAMP: Final = 0.4  # [s] in which a grip builds up
 _CLEAR: Final = 0.05  # [rad] by which what jaws close on is smaller than their opening
 _PRESSED: Final = (0.06, 0.2)  # [rad] by which they are asked to close beyond it
+_GRIP: Final = (0.01, 0.07)  # [Nm] between which a controlled grip steps,
+_STEP: Final = 0.3  # [s] in which,
+_LIGHT: Final = 0.02  # [Nm] and with which jaws close
 _FREE: Final = -0.3  # [rad] by which what is between them is out of their reach
 _FORCE: Final = 2.0  # [N] of a push at the tip, at most
 _PUSH: Final = (0.6, 2.0)  # [s]
@@ -76,12 +79,17 @@ def steps(seconds: float, seed: int) -> Array:
     while rows < length:
         end = _CENTRE + 0.9 * _REACH * rng.uniform(-1.0, 1.0, 3)
         duration = max(0.2, 1.875 * float(np.abs(end - pose).max()) / _SPEED)
-        s = np.arange(1, round(duration / SETPOINT_DT) + 1) * SETPOINT_DT / duration
-        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        blend = _blend(duration)
         rest = round(rng.uniform(*_REST) / SETPOINT_DT)
         parts += [pose + blend[:, None] * (end - pose), np.tile(end, (rest, 1))]
-        rows, pose = rows + len(s) + rest, end
+        rows, pose = rows + len(blend) + rest, end
     return np.asarray(np.vstack(parts)[:length])
+
+
+def _blend(duration: float) -> Array:
+    """Minimum jerk from 0 to 1 (n,) in `duration` [s], a row a millisecond."""
+    s = np.arange(1, round(duration / SETPOINT_DT) + 1) * SETPOINT_DT / duration
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 def grips(pose: Array, seed: int) -> tuple[Array, Array]:
@@ -104,6 +112,24 @@ def grips(pose: Array, seed: int) -> tuple[Array, Array]:
         asked[:, 2] += closed * (size - pressed - asked[:, 2])
         at += 2.0 * length
     return asked, held
+
+
+def grip_steps(seconds: float, seed: int) -> tuple[Array, Array]:
+    """Pose (n, 3) [rad] in `steps` after a rest, and grip (n,) [Nm] that is wanted along it.
+
+    None for a second, then a light one, and from the end of the next second on minimum-jerk steps
+    from 10 to 70 mNm, each held for 1 to 2 s.
+    """
+    rng, start = np.random.default_rng([seed, 3]), round(1.0 / SETPOINT_DT)
+    parts, level, rows = [np.zeros(start), np.full(start, _LIGHT)], _LIGHT, 0
+    blend = _blend(_STEP)
+    while rows < seconds / SETPOINT_DT:
+        end, held = rng.uniform(*_GRIP), round(rng.uniform(1.0, 2.0) / SETPOINT_DT)
+        parts += [level + blend * (end - level), np.full(held, end)]
+        rows, level = rows + len(blend) + held, end
+    grip = np.concatenate(parts)[: 2 * start + round(seconds / SETPOINT_DT)]
+    pose = steps(seconds, seed)
+    return np.vstack([np.tile(pose[0], (2 * start, 1)), pose]), grip
 
 
 def pushes(rows: int, seed: int) -> Array:

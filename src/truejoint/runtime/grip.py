@@ -1,0 +1,124 @@
+"""Jaws that close until they grip as wanted, by what the corrector says of their grip."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.array_types import Array
+from truejoint.errors import CommandRefused
+from truejoint.robots import Robot
+from truejoint.runtime.compensator import Compensator
+
+
+class GripControl:
+    """Wanted joint positions for a `Compensator` that make two jaws grip as wanted.
+
+    Jaws that give way by ``grip / stiffness`` beyond the opening at which they meet something are
+    closed by that much: ``opening = met - wanted / stiffness``, where `met` follows ``known opening
+    + known grip / stiffness``. An estimate that is off in the opening is off in both, and what is
+    left is how far the grip is off. Jaws that hold nothing close at ``wanted / stiffness`` in each
+    time constant until they do. Where no grip is wanted, the opening is that of the positions.
+
+    Parameters
+    ----------
+    compensator : Compensator
+        Whose corrector tells the grip beside the joints (`Corrector.beside`).
+    robot : Robot
+        Whose cable mechanism says which joints open the jaws and how stiff they meet.
+    load : str
+        Name of the grip in `Corrector.beside`.
+    time_constant : float
+        With which the opening where jaws meet is followed [s].
+
+    Attributes
+    ----------
+    opening : float
+        Wanted at the last step [rad].
+
+    Raises
+    ------
+    CommandRefused
+        If the robot states no jaws that meet, the corrector tells no grip or does not correct the
+        jaws, or the time constant is shorter than two steps of the loop.
+
+    Examples
+    --------
+    >>> robot = truejoint.get_robot("wrist")
+    >>> GripControl(compensator, robot)  # doctest: +SKIP
+    """
+
+    def __init__(
+        self,
+        compensator: Compensator,
+        robot: Robot,
+        *,
+        load: str = "grip",
+        time_constant: float = 0.1,
+    ) -> None:
+        corrector, mechanism = compensator.corrector, robot.cable_mechanism
+        if mechanism is None or mechanism.contact is None:
+            raise CommandRefused(
+                f"grip: {robot.title} states no jaws that meet; add [cable_mechanism.contact]"
+            )
+        if load not in corrector.beside:
+            known = ", ".join(corrector.beside) or "no load"
+            raise CommandRefused(
+                f"grip: the model tells {known}, not {load!r:.40}; calibrate one that is fitted to "
+                "loads as well"
+            )
+        way = mechanism.row(mechanism.contact.opening)
+        jaws = [name for name, part in zip(robot.joint_names, way, strict=True) if part]
+        if missing := [name for name in jaws if name not in corrector.joints]:
+            raise CommandRefused(f"grip: the model does not correct {', '.join(missing)}")
+        if not 2.0 / compensator.rate <= time_constant < math.inf:
+            raise CommandRefused(
+                f"grip: a time constant of {time_constant} s; give {2.0 / compensator.rate:g} s, "
+                "two steps of the loop, or more"
+            )
+        self._compensator = compensator
+        self._grip = corrector.beside[load]
+        self._way = way
+        self._known_way = way[robot.index(corrector.joints)]
+        self._stiffness = mechanism.contact.stiffness
+        self._share = 1.0 / (1.0 + time_constant * compensator.rate)
+        speeds = np.array([joint.max_speed for joint in robot.joints])
+        self._step = float(np.abs(way) @ np.where(way, speeds, 0.0)) / compensator.rate
+        reach = np.array([way * robot.lower, way * robot.upper])
+        self._lowest = float(np.nan_to_num(reach.min(axis=0)).sum())
+        self.opening = math.nan
+
+    def pieces(self, wanted: ArrayLike, grip: ArrayLike, rate: float) -> Iterator[Array]:
+        """Positions of all joints, a piece for each step, for `Compensator.setpoints`.
+
+        Each is made when it is asked for, of what is known then of jaws and grip.
+
+        Parameters
+        ----------
+        wanted : array_like, shape (n, n_joints)
+            Positions [rad or m].
+        grip : array_like, shape (n,)
+            Torque of the jaws [Nm]; 0 where their opening shall be that of the positions.
+        rate : float
+            Of the rows, `Arm.rate` [Hz].
+        """
+        rows, torque = np.array(wanted, dtype=np.float64), np.asarray(grip, dtype=np.float64)
+        period = round(rate / self._compensator.rate)
+        apart, unit = rows @ self._way, self._way / (self._way @ self._way)
+        self.opening = met = float(apart[0])
+        for first in range(0, len(rows), period):
+            piece, goal = rows[first : first + period], float(torque[first])
+            own = float(apart[first : first + period][-1])
+            known = float(self._compensator.known @ self._known_way)
+            if goal > 0.0 and math.isfinite(known):
+                met += self._share * (known + self._grip[0] / self._stiffness - met)
+                own = max(met - goal / self._stiffness, self._lowest)
+            else:
+                met = known if math.isfinite(known) else own
+            before = self.opening
+            self.opening = min(max(own, before - self._step), before + self._step)
+            between = np.linspace(before, self.opening, len(piece) + 1)[1:]
+            yield piece + (between - apart[first : first + period])[:, None] * unit

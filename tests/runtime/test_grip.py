@@ -1,0 +1,87 @@
+"""Jaws that close until they grip as wanted, on something that gives way as springs do."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from truejoint.errors import CommandRefused
+from truejoint.robots import get_robot
+from truejoint.runtime import GripControl
+
+ROBOT = get_robot("wrist")
+STIFFNESS = 1.5  # [Nm/rad] of the contact
+HELD = 0.25  # [rad]
+RATE = 200.0
+OPEN = np.array([0.1, -0.2, 0.2])
+
+
+def loop(joints=("pitch", "jaw1", "jaw2"), grip=True):
+    """As much of a compensator as a grip needs; what it knows is set by a test."""
+    corrector = SimpleNamespace(joints=joints, beside={"grip": np.zeros(2)} if grip else {})
+    return SimpleNamespace(corrector=corrector, rate=RATE, known=OPEN.copy())
+
+
+def gripped(wanted, off=0.0, felt=1.0):
+    """Grips (n,) [Nm] of jaws that go where they are told, and poses, a row a step of the loop.
+
+    Their opening is known `off` [rad] too large, and their grip `felt` times as large.
+    """
+    compensator = loop()
+    rows = np.tile(OPEN, (len(wanted), 1))
+    grips, poses = [], []
+    for piece in GripControl(compensator, ROBOT).pieces(rows, wanted, 1000.0):
+        poses.append(piece[-1])
+        # The loop takes what is known to where it is wanted, so that the jaws are `off` it.
+        opening = piece[-1, 2] - piece[-1, 1] - off
+        grips.append(STIFFNESS * max(HELD - opening, 0.0))
+        compensator.known = piece[-1]
+        compensator.corrector.beside["grip"][0] = felt * grips[-1]
+    return np.array(grips), np.array(poses)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.03])
+def test_jaws_close_until_they_grip_as_wanted_wherever_they_are_thought_to_be(off):
+    wanted = np.concatenate([np.full(3000, 0.04), np.full(1500, 0.06)])
+    grips, poses = gripped(wanted, off)
+    assert grips[0] == 0.0
+    np.testing.assert_allclose(grips[500:600], 0.04, rtol=1e-3)
+    np.testing.assert_allclose(grips[-20:], 0.06, rtol=1e-3)
+    assert grips.max() < 0.062
+    np.testing.assert_allclose(poses[:, 1] + poses[:, 2], 0.0, atol=1e-12)  # the yaw stays
+    np.testing.assert_array_equal(poses[:, 0], OPEN[0])
+
+
+def test_who_feels_too_much_grips_too_little():
+    grips, _ = gripped(np.full(4000, 0.04), felt=1.25)
+    assert grips[-1] == pytest.approx(0.032, rel=1e-3)
+
+
+def test_jaws_open_again_where_no_grip_is_wanted_as_fast_as_they_may():
+    grips, poses = gripped(np.concatenate([np.full(3000, 0.04), np.zeros(2000)]))
+    assert grips[-1] == 0.0
+    np.testing.assert_allclose(poses[-1], OPEN, atol=1e-12)
+    speed = np.abs(np.diff(poses[:, 1:], axis=0)).max() * RATE
+    assert speed <= ROBOT.joints[1].max_speed * (1.0 + 1e-9)
+
+
+def test_pieces_join_without_a_jump():
+    pieces = list(
+        GripControl(loop(), ROBOT).pieces(np.tile(OPEN, (103, 1)), np.full(103, 0.05), 1000.0)
+    )
+    assert [len(piece) for piece in pieces] == [5] * 20 + [3]
+    steps = np.diff(np.vstack([OPEN, *pieces]), axis=0)
+    assert np.abs(steps).max() <= ROBOT.joints[1].max_speed * 1e-3 * (1.0 + 1e-9)
+
+
+def test_what_tells_no_grip_or_has_no_jaws_is_refused():
+    with pytest.raises(CommandRefused, match="the model tells no load, not 'grip'; calibrate one"):
+        GripControl(loop(grip=False), ROBOT)
+    with pytest.raises(CommandRefused, match=r"raven2 .* states no jaws that meet"):
+        GripControl(loop(), get_robot("raven2"))
+    with pytest.raises(CommandRefused, match="does not correct jaw2"):
+        GripControl(loop(("pitch", "jaw1")), ROBOT)
+    with pytest.raises(CommandRefused, match=r"a time constant of 0\.001 s; give 0\.01 s"):
+        GripControl(loop(), ROBOT, time_constant=1e-3)
