@@ -17,7 +17,7 @@ demo: $(VENV)/.installed ## Calibrate a simulated RAVEN-II from homing to report
 # A process for each core, and one thread in each: more would wait for each other.
 ONE_THREAD := OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1
 test: $(VENV)/.installed-dev ## Run the test suite
-	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder
+	$(ONE_THREAD) $(BIN)/python -m pytest -n auto --dist loadfile
 
 lint: $(VENV)/.installed-dev ## Check style, types and which package imports which
 	$(BIN)/ruff check .

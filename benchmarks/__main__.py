@@ -28,6 +28,8 @@ BENCHMARKS = (
     "beyond_chance",
     "clock_offset",
     "histories",
+    "sensor_floors",
+    "pose_network",
     "raven_estimators",
     "grasper",
     "tracker",

@@ -8,8 +8,7 @@ identified  Coupling of the jaw to its disc and to the pitch, stretch and capsta
 held-out    Calibrated at pitch 0, judged at the other postures, the jaw's position being that of
             the coupling at the pitch that the protractor showed. The zero of the jaw differs by
             2-3 deg from file to file, so that either one offset of each file is taken off, or the
-            first 2 s of its truth set the zero. *Pitch known by hand* is fitted to the same files
-            as if the protractor had been off by 2.5 deg either way, too.
+            first 2 s of its truth set the zero.
 
 Prints Markdown tables. Angles in deg.
 """
@@ -20,7 +19,6 @@ import argparse
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,29 +48,17 @@ DRAWS = 400
 BY_HAND = 2.5
 """Standard deviation of a pitch that was set by protractor [deg]."""
 PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
-
-
-class Method(NamedTuple):
-    """A row of the table; fitted once more for each angle [deg] by which the pitch may be `off`."""
-
-    estimator: str | RichPlay
-    features: list[str]
-    zero: ZeroOf = "recording"
-    off: tuple[float, ...] = (0.0,)
-
-
-JAW = ["measured/jaw", "effort/jaw"]
-METHODS: dict[str, Method] = {
-    "linear": Method("linear", JAW),
-    "linear in play operators": Method("linear", list(DATASETS["davinci_grasper_umn"].features)),
-    "ridge on plays": Method(PLAYS, JAW),
-    "ridge on plays, motor too": Method(PLAYS, [*JAW, "motor/jaw"]),
-    "ridge on plays, zero moves the input": Method(PLAYS, JAW, "homing"),
-    "ridge on plays, pitch known by hand": Method(PLAYS, JAW, off=(-BY_HAND, 0.0, BY_HAND)),
-    "ukf_elastic": Method("ukf_elastic", ["driver/jaw", "effort/jaw"]),
-    "ukf_elastic, pitch known by hand": Method(
-        "ukf_elastic", ["driver/jaw", "effort/jaw"], off=(-BY_HAND, 0.0, BY_HAND)
+METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
+    "linear": ("linear", ["measured/jaw", "effort/jaw"], "recording"),
+    "linear in play operators": (
+        "linear",
+        list(DATASETS["davinci_grasper_umn"].features),
+        "recording",
     ),
+    "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"], "recording"),
+    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"], "recording"),
+    "ridge on plays, zero moves the input": (PLAYS, ["measured/jaw", "effort/jaw"], "homing"),
+    "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"], "recording"),
 }
 
 
@@ -226,20 +212,21 @@ def held_out() -> None:
         cells = []
         for pitch, recordings in by_pitch.items():
             if pitch:
-                model = fitted(by_pitch[0.0], how)
+                model = fitted(by_pitch[0.0], *how)
                 found = off(model, recordings)
             else:  # each half judged by a model of the other
                 halves = [recordings[::2], recordings[1::2]]
-                pairs = [off(fitted(a, how), b) for a, b in (halves, halves[::-1])]
+                pairs = [off(fitted(a, *how), b) for a, b in (halves, halves[::-1])]
                 found = tuple(np.concatenate(pair) for pair in zip(*pairs, strict=True))  # type: ignore[assignment]
             cells += [f"{np.sqrt(np.mean(values**2)):.2f}" for values in found]
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
 
 
-def fitted(recordings: Sequence[Recording], how: Method) -> Calibration:
+def fitted(
+    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str], zero: ZeroOf
+) -> Calibration:
     """Calibrate with a zero for each file, as the files have."""
-    seen = [coupled(recording, pitch) for pitch in how.off for recording in recordings]
-    model = calibrate(seen, how.estimator, features=how.features, zero=how.zero, fit_rate=FIT_RATE)
+    model = calibrate(recordings, estimator, features=features, zero=zero, fit_rate=FIT_RATE)
     return model.fitted_for(rezeroing=True)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -28,30 +27,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("steady")
-
-
-LONGEST = {
-    "calibration/test_zero.py", "cli/test_commands.py", "cli/test_study.py", "cli/test_teleop.py",
-    "estimators/test_contract.py", "evaluation/report/test_page.py", "export/test_export_c.py",
-    "export/test_registered_c.py", "export/test_sanitizers.py", "simulation/raven2/test_twin.py",
-    "studies/forceps/test_experiments.py", "studies/raven2/test_experiments.py",
-    "studies/raven2/test_minutes.py", "studies/test_runner.py", "studies/wrist/test_accuracy.py",
-    "test_examples.py", "test_lab_day.py", "test_plugins.py", "test_readme.py",
-}  # fmt: skip
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with what takes longest, then what is most: in the end one process waits for another.
-
-    `make test` deals files out in this order.
-    """
-    tests, size = Path(__file__).parent, Counter(item.path for item in items)
-    ranks = {
-        path: (path.relative_to(tests).as_posix() not in LONGEST, -count)
-        for path, count in size.items()
-        if path.is_relative_to(tests)
-    }
-    items.sort(key=lambda item: ranks.get(item.path, (True, 0)))
 
 
 @pytest.fixture(autouse=True)

@@ -27,6 +27,19 @@ for name in sys.argv[1:]:
 """
 
 
+COMMANDS = """
+import sys
+from truejoint.cli.app import main
+for words in {words}:
+    sys.argv[1:] = words
+    try:
+        main()
+    except SystemExit as end:
+        print(f"ended with {{end.code or 0}}")
+    print("next", file=sys.stderr)
+"""
+
+
 def install(folder: Path, name: str, points: dict[str, dict[str, str]]) -> None:
     """What an installer leaves behind beside a package's modules."""
     about = folder / f"{name.replace('-', '_')}-1.0.dist-info"
@@ -63,20 +76,16 @@ def test_the_example_serves_the_command_line(example: Path) -> None:
     counts = np.column_stack([steps * 10, motor, motor * (8192 / 4096 / 50) * 0.9 + 5])
     np.savetxt(example / "run.txt", counts)
     model = example / "lever.safetensors"
-    result = run(
-        example, "-c",
-        "import sys; from truejoint.cli.app import main; main()",
+    (example / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
+    fit = [
         "calibrate", str(example / "run.txt"), "--format", "example_counts",
         "-e", "example_ridge", "-o", str(model),
-    )  # fmt: skip
-    assert result.returncode == 0, result.stderr
-    assert "joints       lever" in result.stdout
-    (example / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
-    result = run(
-        example, "-c", "import sys; from truejoint.cli.app import main; main()",
-        "evaluate", str(model), str(example / "run.csv"), "--robot", "example_lever",
-    )  # fmt: skip
-    assert result.returncode in {0, 1}, result.stderr
+    ]  # fmt: skip
+    judge = ["evaluate", str(model), str(example / "run.csv"), "--robot", "example_lever"]
+    result = run(example, "-c", COMMANDS.format(words=[fit, judge]))
+    fitted, judged = result.stdout.split("ended with 0\n", maxsplit=1)
+    assert "joints       lever" in fitted, result.stderr
+    assert judged.splitlines()[-1] in {"ended with 0", "ended with 1"}, result.stderr
 
 
 def test_a_plug_in_that_cannot_be_loaded_is_named_and_the_rest_works(example: Path) -> None:
@@ -168,8 +177,8 @@ def test_two_with_one_name_are_named_once_and_the_rest_works(example: Path) -> N
 
 def test_a_clash_is_told_where_the_name_is_looked_up_and_nowhere_else(tmp_path: Path) -> None:
     install(tmp_path, "other-one", {"truejoint.estimators": {"dnn": "math:pi"}})
-    program = "import sys; from truejoint.cli.app import main; main()"
-    listed = run(tmp_path, "-c", program, "datasets")
-    assert (listed.returncode, listed.stderr) == (0, "")
-    fitted = run(tmp_path, "-c", program, "calibrate", str(tmp_path), "-e", "dnn", "-o", "m.st")
-    assert "truejoint.estimators 'dnn' of other-one: the name is taken" in fitted.stderr
+    fit = ["calibrate", str(tmp_path), "-e", "dnn", "-o", "m.st"]
+    result = run(tmp_path, "-c", COMMANDS.format(words=[["datasets"], fit]))
+    listed, fitted = result.stderr.split("next\n", maxsplit=1)
+    assert listed == ""
+    assert "truejoint.estimators 'dnn' of other-one: the name is taken" in fitted

@@ -189,9 +189,9 @@ def test_recordings_that_do_not_belong_together_are_refused(build, recording):
     other = Recording(recording.table, units, recording.provenance)
     refused("'effort/elbow' is in N, in synthetic-0 in Nm", [recording, other])
     other = Recording(
-        recording.table, {**recording.units, "truth/elbow": "deg"}, recording.provenance
+        recording.table, {**recording.units, "truth/elbow": "m"}, recording.provenance
     )
-    refused("'truth/elbow' is in deg, 'measured/elbow' in rad", other)
+    refused("'truth/elbow' is in m, 'measured/elbow' in rad", other)
 
 
 def test_missing_columns_are_named(recording):

@@ -34,7 +34,7 @@ def test_options_are_of_one_study(call):
 
 
 def test_a_study_prints_json_and_leaves_files(call, tmp_path):
-    arguments = ("study", "forceps-unloaded", "--set", "methods=lsm,play_gated", "-o", tmp_path)
+    arguments = ("study", "forceps-unloaded", "--set", "methods=lsm", "-o", tmp_path)
     result = call(*arguments, "--json", "--jobs", "1")
     assert result.code == 0
     assert json.loads(result.out)["settings"]["options"]["specimen"] == "A"
@@ -54,11 +54,11 @@ def test_a_designers_own_file_is_taken(call, tmp_path):
     path = tmp_path / "stiff.toml"
     path.write_text("[drive_cable]\nstiffness = 16000.0\n", encoding="utf-8")
     result = call(
-        "study", "forceps-load", "--set", f"specimen={path}", "--set", "masses_g=50", "--set",
-        "directions=along", "-o", tmp_path, "--jobs", "1",
+        "study", "forceps-recordings", "--set", f"specimen={path}", "--set", "motions=cycle",
+        "-o", tmp_path, "--jobs", "1",
     )  # fmt: skip
     assert result.code == 0
-    assert "specimen-stiff" in result.out
+    assert (tmp_path / "forceps-recordings" / "cycle-stiff.parquet").exists()
 
 
 @pytest.fixture

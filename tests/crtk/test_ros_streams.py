@@ -10,8 +10,8 @@ import pytest
 from tests.local_ros import LocalRos
 
 from truejoint.crtk.messages import JOINT_STATE, PROFILES
+from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import StateStream, ros2
-from truejoint.crtk.ros.transport import SILENCE
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2")

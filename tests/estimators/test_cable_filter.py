@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.runtime.registered import model, ready, unseen, wrist
+from tests.runtime.registered import model, unseen, wrist
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import CableFilter
 from truejoint.estimators import cable_filter as own
+from truejoint.models import cable_filter
 from truejoint.models import cable_loops as r
 from truejoint.models.features import time_steps
 from truejoint.robots import get_robot
@@ -35,18 +36,19 @@ def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
 
 
 def test_its_row_states_what_its_estimate_of_a_whole_record_states():
-    calibration, recording = model("ukf_cables"), unseen("ukf_cables")
+    calibration, recording = model("ukf_cables"), unseen("ukf_cables").rows(np.arange(300))
     X = calibration.feature_set.compute(recording, calibration.gap_limit)
-    found = calibration.model.states(X, time_steps(recording.t, calibration.gap_limit))
-    corrector = ready(calibration, range_margin=1.0)
-    trace = corrector.run(recording)
-    good = trace.status == 0
-    assert good.mean() > 0.5
-    np.testing.assert_allclose(trace.position[good], found.angle[good], atol=1e-12)
-    grip, half_width = trace.beside["grip"][good].T
-    np.testing.assert_allclose(grip, found.load[good, 0], atol=1e-12)
-    np.testing.assert_allclose(half_width / found.load_deviation[good, 0], half_width[0]
-                               / found.load_deviation[good][0, 0], rtol=1e-9)  # fmt: skip
+    dt = time_steps(recording.t, calibration.gap_limit)
+    found = calibration.model.states(X, dt)
+    state = calibration.model.start()
+    state.memory.memory[cable_filter.DEVIATIONS] = 1.0
+    for i, row in enumerate(X):
+        angle = calibration.model.step(state, dt[i], row)
+        np.testing.assert_allclose(angle, found.angle[i], rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
+        for k, name in enumerate(("grip", "tip_first", "tip_second")):
+            told = found.load[i, k], found.load_deviation[i, k]
+            np.testing.assert_allclose(state.memory.view(name), told, rtol=1e-9, atol=1e-15)
 
 
 def test_what_it_identified_has_names_and_deviations():

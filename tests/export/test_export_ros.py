@@ -21,8 +21,10 @@ def test_each_signal_is_taken_from_its_place_in_a_joint_state(tmp_path):
               "measured/unused": "0.0"}  # fmt: skip
     assert {name: value for value, name in taken if name in wanted} == wanted
     assert "setpoint_js" not in (tmp_path / "left_ros1.cpp").read_text()
+    paths[0].unlink()
     with pytest.raises(ExportError, match="exists"):
         export_ros(model, tmp_path, prefix="left")
+    assert not paths[0].exists()  # all of a package or nothing
 
 
 def test_a_model_of_what_no_joint_state_has_is_refused(tmp_path):

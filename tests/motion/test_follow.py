@@ -78,6 +78,7 @@ def test_a_loop_around_motors_believes_no_old_message():
     assert loop.step(1.0, [0.2]) == Status.STALE
     assert loop.step(2.0, [np.nan]) == Status.NOT_FINITE
     assert loop.step(np.nan, [0.1]) == Status.NOT_FINITE
+    assert loop.step(2.0, [0.1, 0.2]) == Status.WRONG_SIZE
     assert loop.step(2.0, [0.3]) == Status.OK
     assert loop.position == [0.3]
 

@@ -192,7 +192,7 @@ def record(
 
 def _listen(arm: truejoint.crtk.Arm) -> None:
     """Raise CommandRefused if a homed arm does not report."""
-    from truejoint.crtk.ros.transport import SILENCE  # noqa: PLC0415
+    from truejoint.crtk.protocol import SILENCE  # noqa: PLC0415
 
     if arm.operating_state().is_homed:
         arm.measured_js(SILENCE)

@@ -18,8 +18,7 @@ from truejoint.crtk import cartesian
 from truejoint.crtk.handle import Motion
 from truejoint.crtk.limits import check_range, check_steps, checked_pace, jump_of, move_speed
 from truejoint.crtk.planning import time_law
-from truejoint.crtk.protocol import Backend, Listener
-from truejoint.crtk.ros.transport import SILENCE
+from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.subscription import Subscription
 from truejoint.crtk.topics import joint_efforts

@@ -13,6 +13,9 @@ from truejoint.robots.blocks import StateBlock, TruthBlock
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""
 
+SILENCE: Final = 1.0
+"""Time without a message [s] after which an arm, or a topic, counts as silent."""
+
 Listener = Callable[[StateBlock | TruthBlock], None]
 
 

@@ -112,6 +112,31 @@ def export_c(
     >>> [path.name for path in export_c(model, "controller", prefix="jaw")]
     ['jaw.h', 'jaw.c', 'jaw_vectors.h', 'jaw_check.c']
     """
+    contents = source_files(
+        calibration, prefix, precision, level=level, range_margin=range_margin,
+        compensator=compensator,
+    )  # fmt: skip
+    return write_files(folder, contents, overwrite=overwrite)
+
+
+def source_files(
+    calibration: Calibration,
+    prefix: str | None = None,
+    precision: Precision = "double",
+    *,
+    level: float = 0.9,
+    range_margin: float = RANGE_MARGIN,
+    compensator: Compensator | None = None,
+) -> dict[str, bytes]:
+    """Give what `export_c` writes, by the name of each file.
+
+    Examples
+    --------
+    >>> from truejoint.export.export_c import source_files
+    >>> list(source_files(model, "jaw"))
+    ['jaw.h', 'jaw.c', 'jaw_vectors.h', 'jaw_check.c']
+    """
+    calibration = as_calibration(calibration)
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)
     calibration = calibration.fitted_for(rezeroing=False)
@@ -155,8 +180,7 @@ def export_c(
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in templates.items()
     }
-    contents = {name: text.encode("ascii") for name, text in texts.items()}
-    return write_files(folder, contents, overwrite=overwrite)
+    return {name: text.encode("ascii") for name, text in texts.items()}
 
 
 def default_prefix(calibration: Calibration) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from truejoint.calibration.encoding import as_calibration
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, render, write_files
-from truejoint.export.export_c import default_prefix, export_c
+from truejoint.export.export_c import default_prefix, source_files
 from truejoint.robots import Robot, get_robot
 
 if TYPE_CHECKING:
@@ -74,11 +74,9 @@ def export_ros(
         name.format(prefix): render(template, context, precision)
         for name, template in _TEMPLATES.items()
     }
-    source = export_c(
-        calibration, folder, prefix=prefix, precision=precision, overwrite=overwrite, **how
-    )
-    contents = {name: text.encode("ascii") for name, text in texts.items()}
-    return (*source, *write_files(folder, contents, overwrite=overwrite))
+    contents = source_files(calibration, prefix, precision, **how)
+    contents |= {name: text.encode("ascii") for name, text in texts.items()}
+    return write_files(folder, contents, overwrite=overwrite)
 
 
 def _context(calibration: Calibration, robot: Robot, prefix: str) -> dict[str, Any]:

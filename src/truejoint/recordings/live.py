@@ -11,8 +11,8 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.messages import ARMS, JOINT_STATE, RAVEN_FIELDS, USUAL_QUANTITIES
+from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import Transport
-from truejoint.crtk.ros.transport import SILENCE
 from truejoint.errors import RecordingError
 from truejoint.recordings.bags.assembling import assemble
 from truejoint.recordings.bags.series import Lot

@@ -378,7 +378,10 @@ class Uncorrected:
 
     def step(self, t: float, sample: ArrayLike) -> Status:
         """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
-        self.position[:] = sample
+        values = np.asarray(sample)
+        if values.shape != self.position.shape or values.dtype.kind not in "fiub":
+            return Status.WRONG_SIZE
+        self.position[:] = values
         if not (math.isfinite(t) and np.isfinite(self.position).all()):
             return Status.NOT_FINITE
         if t <= self._t:

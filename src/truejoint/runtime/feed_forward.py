@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.calibration.encoding import as_calibration
 from truejoint.errors import CommandRefused
 from truejoint.robots import Robot
 
@@ -49,7 +50,7 @@ class FeedForward:
     CommandRefused
         If an input is of anything else, such as an effort: nothing tells what that will be.
     CalibrationError
-        If the calibration is of another arm.
+        If it is none, or of another arm.
 
     Examples
     --------
@@ -59,7 +60,7 @@ class FeedForward:
     """
 
     def __init__(self, calibration: Calibration, robot: Robot) -> None:
-        calibration.check_robot(robot)
+        as_calibration(calibration).check_robot(robot)
         self.joints: Final = calibration.joints
         self._calibration = calibration
         self._signals = _signals(calibration, robot)

@@ -19,8 +19,9 @@ from truejoint.crtk.messages import (
     STRING_STAMPED,
     profile_of,
 )
+from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import Publisher, StateStream, Transport
-from truejoint.crtk.ros.transport import SILENCE, header_of
+from truejoint.crtk.ros.transport import header_of
 from truejoint.errors import RosError
 from truejoint.robots import Robot
 from truejoint.runtime.corrector import Corrector

@@ -166,10 +166,10 @@ _RAVEN: Final = (
             Option(
                 "models",
                 (
-                    "dnn", "linear", "poly2", "gru", "lstm", "tcn", "gpr", "forest",
+                    "dnn", "linear", "poly2", "ukf_two_mass", "gru", "lstm", "tcn", "gpr", "forest",
                     "network_forest", "rich_play", "rich_trees",
                 ),
-                "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
+                "rows of the tables", small=("dnn", "linear", "ukf_two_mass", "gpr", "rich_play"),
             ),
             _LONGEST, replace(_HOURS, small=2), _SESSIONS,
         ),
@@ -236,7 +236,8 @@ _REAL: Final = (
                 "estimators",
                 (
                     "linear", "poly2", "dnn", "poly2_ridge", "linear_trees", "network_forest",
-                    "rich_play", "rich_trees", "gp", "gru", "lstm", "tcn", "ukf_elastic",
+                    "rich_play", "rich_trees", "coupled_play", "gp", "gru", "lstm", "tcn",
+                    "ukf_elastic", "ukf_two_mass", "hybrid",
                 ),
                 "columns of the table, any of -e", small=("linear", "poly2", "dnn", "rich_play"),
             ),

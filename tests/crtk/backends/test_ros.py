@@ -86,6 +86,14 @@ def test_an_arm_over_ros_moves_and_reports_as_any_other(served, arm):
     served.ros.wait_for(
         "/ravenstate", lambda m: abs(m.jpos_d[0] - np.degrees(goal[0])) < 1e-4
     )  # RAVEN's own message, in degrees
+    there = threading.Event()
+
+    def look(block):
+        if isinstance(block, StateBlock) and abs(block.measured[-1, 0] - goal[0]) < 5e-7:
+            there.set()
+
+    arm.subscribe(look)
+    assert there.wait(LONG)
     now = arm.measured_js(LONG)
     assert now.name == JOINTS
     assert now.position == pytest.approx(goal, abs=1e-6)

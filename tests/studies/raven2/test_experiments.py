@@ -245,6 +245,13 @@ def test_rivals_stand_beside_those_of_the_paper():
     assert "Mahler" in tool
 
 
+def test_what_is_compared_is_registered():
+    known = {*registry.estimator_names(), "gpr", "forest"}
+    assert set(rivals.RIVALS) <= known
+    for study, option in (("state-of-the-art", "models"), ("real", "estimators")):
+        assert known.issuperset(get_study(study).settings("full")[option])
+
+
 def test_fits_and_samples_are_timed():
     options = {"models": "linear,dnn", "training": "1", "samples": 1000, "repeats": 1}
     result = run_study("timing", options)

@@ -13,7 +13,10 @@ from truejoint.studies.figures import png
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import judge, summarise
 
-FEW = {"free_s": "20", "loaded_s": "12", "test_s": "8", "count": "1", "family": "measured"}
+FEW = {
+    "free_s": "20", "loaded_s": "12", "test_s": "8", "count": "1", "family": "measured",
+    "methods": "coupling,linear_motor,play_motor,model,play_effort,filter",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -34,6 +37,11 @@ def test_plays_know_what_the_coupling_and_a_line_do_not(result):
     assert (free["linear_motor"] < free["coupling"]).all()
 
 
+def test_the_model_knows_from_motors_alone_where_unloaded_joints_are(result):
+    assert (rms(result, "model", "free") < 0.6 * rms(result, "linear_motor", "free")).all()
+    assert (rms(result, "model", "loaded") > 1.5 * rms(result, "filter", "loaded"))[1:].all()
+
+
 def test_only_effort_sees_a_load(result):
     blind, seen = (rms(result, key, "loaded") for key in ("play_motor", "play_effort"))
     assert (seen < 0.6 * blind).all()
@@ -51,7 +59,7 @@ def test_a_grip_is_told_from_none(result):
 
 def test_the_filter_finds_the_instrument_and_says_how_well_it_knows_it(result):
     (part,) = result[1].values()
-    stiffness, deviation = part.numbers["identified"]["jaw_stiffness"]
+    stiffness, deviation, _unit = part.numbers["identified"]["jaw1_stiffness"]
     assert 110e3 < stiffness < 200e3  # of 135-180
     assert 0.0 < deviation < 0.2 * stiffness
     assert (rms(result, "filter", "loaded") < 0.6 * rms(result, "play_motor", "loaded")).all()

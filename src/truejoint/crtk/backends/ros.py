@@ -18,9 +18,9 @@ from truejoint.crtk.messages import (
     Profile,
     profile_of,
 )
-from truejoint.crtk.protocol import Listener
+from truejoint.crtk.protocol import SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
-from truejoint.crtk.ros.transport import SILENCE, Publisher, Transport
+from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
 from truejoint.robots import Robot

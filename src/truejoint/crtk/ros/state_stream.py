@@ -19,7 +19,8 @@ from truejoint.crtk.messages import (
     joint_state_columns,
     raven_state_columns,
 )
-from truejoint.crtk.ros.transport import SILENCE, Transport
+from truejoint.crtk.protocol import SILENCE
+from truejoint.crtk.ros.transport import Transport
 from truejoint.errors import RobotError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import QUANTITIES

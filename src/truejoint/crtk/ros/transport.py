@@ -8,9 +8,6 @@ from typing import Any, Final, Protocol
 QUEUE: Final = 1000
 """Messages that wait for a slow reader before the oldest is dropped: a second at 1 kHz."""
 
-SILENCE: Final = 1.0
-"""Time without a message [s] after which a topic, or an arm, counts as silent."""
-
 
 class Publisher(Protocol):
     """A topic that is written."""

@@ -16,6 +16,7 @@ from truejoint.crtk.messages import (
     raven_state_columns,
 )
 from truejoint.errors import RecordingError, RobotError
+from truejoint.recordings.bags.fields import STAMP, Fields
 from truejoint.recordings.bags.series import Lot, Series, keep_rows
 from truejoint.recordings.bags.wiring import HOMED, Wiring
 from truejoint.recordings.joining import cover_same_time, join_truth
@@ -32,6 +33,7 @@ from truejoint.recordings.synchronise import Stream, synchronise, usable_rows
 from truejoint.robots import Robot
 
 _SECOND: Final = 1e9  # ns
+_RAVEN_VALUES: Final = 16  # in each list of RAVEN's state: of both arms
 
 
 def assemble(
@@ -111,6 +113,7 @@ def _series_of(
     }
     series = {name: Series(wiring.counts.get(name, 0)) for name in (*wiring.joints, wiring.homed)}
     for name, places, stamps, fields, texts in lots:
+        _require_numbers(fields, name, wiring, place)
         if name == wiring.homed:
             columns = {HOMED: fields[HOMED][:, 0].astype(np.float64)}
         elif "runlevel" in fields:
@@ -124,6 +127,20 @@ def _series_of(
                 raise RecordingError(f"{place}: {name}: {error}") from None
         series[name].add(places, stamps, columns)
     return series
+
+
+def _require_numbers(fields: Fields, name: str, wiring: Wiring, place: str) -> None:
+    """Raise RecordingError where a message of a known type has other fields than that type."""
+    if name == wiring.homed:
+        wanted = {HOMED: 1}
+    elif "runlevel" in fields:
+        wanted = {field: _RAVEN_VALUES for field in fields if field not in ("runlevel", STAMP)}
+        wanted["runlevel"] = 1
+    else:
+        wanted = {"position": 0}
+    for field, least in wanted.items():
+        if field not in fields or fields[field].shape[1] < least:
+            raise RecordingError(f"{place}: {name}: its {field} is not as such a message has it")
 
 
 def _with_truth(

@@ -44,6 +44,7 @@ _U32: Final = struct.Struct("<I")
 _U64: Final = struct.Struct("<Q")
 _ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
 _MCAP_MESSAGE: Final = struct.Struct("<HIQ")  # channel, sequence, log time
+_LATEST: Final = (1 << 63) - 1  # [ns] that a stamp may be
 _MCAP_CHUNK: Final = struct.Struct("<QQQI")  # first and last time, size unpacked, checksum
 
 
@@ -425,6 +426,7 @@ class _McapState:
         for op, data in records:
             if op == 0x05:
                 channel, _, time = _MCAP_MESSAGE.unpack_from(data)
+                time = min(time, _LATEST)
                 topic = self._topics.get(channel)
                 if topic is not None:
                     found[topic][0].append(time)
@@ -491,7 +493,9 @@ def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
             for key, name, kind, form in base.execute(
                 "SELECT id, name, type, serialization_format FROM topics"
             ):
-                encoding, text = texts.get(kind, ("", ""))
+                if not (isinstance(name, str) and isinstance(kind, str)):
+                    continue  # a table of SQLite may hold anything anywhere
+                encoding, text = map(str, texts.get(kind, ("", "")))
                 topic = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
                 topics[key] = topic if form == "cdr" and wanted(topic) else None
             rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid")
@@ -499,7 +503,9 @@ def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
                 found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
                 for key, time, data in batch:
                     topic_or_none = topics.get(key)
-                    if topic_or_none is not None:
+                    if not (isinstance(time, int) and isinstance(data, bytes)):
+                        lost[DAMAGED] += topic_or_none is not None
+                    elif topic_or_none is not None:
                         found[topic_or_none][0].append(time)
                         found[topic_or_none][1].append(_plain(data))
                 for topic, (times, messages) in found.items():

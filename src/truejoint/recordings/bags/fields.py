@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import islice
 from typing import Any, Final
 
 import numpy as np
@@ -28,8 +29,10 @@ _SIZES: Final = {
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
 _MOST_LAYOUTS: Final = 1000  # of messages of one topic: joints do not come and go that often
+_ONE_INTEGER: Final = tuple((order + kind, 1) for order in "<>" for kind in ("i4", "u4"))
 _DEEPEST: Final = 20  # messages within messages
 _MOST_VALUES: Final = 1 << 20  # in one list of a message
+_MOST_FIELDS: Final = 1 << 16  # of a message, with those of messages within it
 PURPOSE: Final = "reading and writing bags"
 
 Fields = Mapping[str, NDArray[Any]]
@@ -106,7 +109,13 @@ class Decoder:
 
     def __post_init__(self) -> None:
         self._types = field_types(self.topic)
-        missing = sorted(set(self.wanted) - set(self._leaves(full_name(self.topic.type), "")))
+        fields = list(islice(self._leaves(full_name(self.topic.type), ""), _MOST_FIELDS + 1))
+        if len(fields) > _MOST_FIELDS:
+            raise RecordingError(
+                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
+                f"(more than {_MOST_FIELDS} fields)"
+            )
+        missing = sorted(set(self.wanted) - set(fields))
         if missing:
             has = ", ".join(name for name, _ in self._types[full_name(self.topic.type)][1])
             raise RecordingError(
@@ -175,6 +184,7 @@ class _Walk:
         if self._aligned and (len(data) < 4 or data[0] or data[1] > 1):
             raise _DamagedError
         self._order = ">" if self._aligned and data[1] == 0 else "<"
+        self._left = _MOST_VALUES  # fields to walk through: those of an empty type take no bytes
         self.places: dict[str, tuple[int, str, int]] = {}
         self.texts: dict[str, tuple[str, ...]] = {}
 
@@ -196,6 +206,9 @@ class _Walk:
 
     def _value(self, path: str, what: tuple[Any, Any], depth: int) -> None:
         shape, inner = what
+        self._left -= 1
+        if self._left < 0:
+            raise _DamagedError
         if int(shape) == 2:
             self.walk(inner, f"{path}.", depth + 1)
         elif inner[0] in ("string", "wstring"):
@@ -253,7 +266,7 @@ class _Walk:
         found = {name: self._field(raw, name) for name in wanted if name in self.places}
         for header in ("header", "hdr"):
             parts = [f"{header}.stamp.{seconds}" for seconds in ("sec", "nanosec")]
-            if all(part in self.places for part in parts):
+            if all(self.places.get(part, (0, "", 0))[1:] in _ONE_INTEGER for part in parts):
                 seconds, rest = (self._field(raw, p)[:, 0].astype(np.int64) for p in parts)
                 found[STAMP] = seconds * 1_000_000_000 + rest
         found.setdefault(STAMP, np.zeros(len(raw), dtype=np.int64))

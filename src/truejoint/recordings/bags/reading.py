@@ -104,6 +104,7 @@ def read_bag(
     (('jaw',), 400)
     """
     paths = _paths(bags)
+    quantities = [quantities] if isinstance(quantities, str) else list(quantities)
     for quantity in quantities:
         if quantity not in RAVEN_FIELDS:
             raise RecordingError(unknown("quantity", quantity, RAVEN_FIELDS))
@@ -170,7 +171,7 @@ def read_topic(
     >>> found["position"].shape
     (400, 1)
     """
-    paths = _paths(bags)
+    paths, fields = _paths(bags), [fields] if isinstance(fields, str) else list(fields)
     topics = bag_topics(paths)
     require_topic(paths[0], topics, topic)
     series = Series(topics[topic][1])
@@ -236,7 +237,8 @@ def _hash(paths: Sequence[Path]) -> str:
     """SHA-256 of all files, one after the other."""
     digest = hashlib.sha256()
     for path in paths:
-        for part in sorted(path.iterdir()) if path.is_dir() else [path]:
+        within = sorted(part for part in path.iterdir() if part.is_file()) if path.is_dir() else []
+        for part in within or [path]:
             with part.open("rb") as file:
                 while block := file.read(1 << 20):
                     digest.update(block)
