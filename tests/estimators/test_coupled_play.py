@@ -49,6 +49,7 @@ def test_positions_are_those_that_are_measured():
     names = ("effort/a", "measured/a", "lowpass(measured/a, 0.1)", "measured/b")
     assert RichPlay(couple=True).for_features(names).positions == (1, 3)
     assert RichPlay(positions=(0, 2)).for_features(names).positions == (0, 2)
+    assert RichPlay().for_features(names).positions is None
 
 
 def test_other_features_are_not_coupled_and_count_all_the_same():
