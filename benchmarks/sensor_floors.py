@@ -36,9 +36,10 @@ STILL_ROWS = 9  # in so many rows
 LEAST_ROWS = 20
 
 
-def step(truth: Values) -> float:
+def step(recordings: list[Recording], joint: str) -> float:
     """Smallest change of a truth that changes."""
-    changes = np.abs(np.diff(truth))
+    found = [np.abs(np.diff(one.column(f"truth/{joint}"))) for one in recordings]
+    changes = np.concatenate(found)
     return float(changes[changes > 1e-9].min())
 
 
@@ -88,9 +89,8 @@ def main() -> None:
             recordings = read(dataset, pattern, RATE)
             for joint in recordings[0].joints_of("truth"):
                 unit = display_unit(recordings[0].units[f"truth/{joint}"])
-                truth = np.concatenate([one.column(f"truth/{joint}") for one in recordings])
                 values = (
-                    step(truth) / np.sqrt(12.0),
+                    step(recordings, joint) / np.sqrt(12.0),
                     at_rest(recordings, joint),
                     repeated(recordings, joint),
                 )

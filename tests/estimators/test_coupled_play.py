@@ -51,6 +51,7 @@ def test_positions_are_those_that_are_measured():
     told = names, get_robot("raven2"), ("elbow",)
     assert RichPlay(couple=True).for_features(*told).positions == (1, 3)
     assert RichPlay(positions=(0, 2)).for_features(*told).positions == (0, 2)
+    assert RichPlay().for_features(*told).positions is None
 
 
 def test_other_features_are_not_coupled_and_count_all_the_same():

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.preprocessing import PolynomialFeatures
-from sklearn.utils.estimator_checks import parametrize_with_checks
+from sklearn.utils.estimator_checks import (
+    check_get_params_invariance,
+    check_no_attributes_set_in_init,
+    check_set_params,
+    parametrize_with_checks,
+)
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
@@ -59,6 +64,16 @@ def test_an_unknown_value_leaves_the_others_of_its_row(estimator: JointRegressor
 @parametrize_with_checks([*of_rows_alone(), PolynomialRegressor(degree=3)])
 def test_scikit_learn_contract(estimator, check):
     check(estimator)
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_each_keeps_its_parameters_as_scikit_learn_wants_them(name):
+    estimator = get_estimator(name)
+    for check in (check_no_attributes_set_in_init, check_get_params_invariance, check_set_params):
+        check(name, estimator)
+    again = clone(estimator)
+    assert again.get_params() == estimator.get_params()
+    assert (again.name, again.family) == (name, estimator.family)
 
 
 @pytest.fixture

@@ -71,6 +71,17 @@ def test_a_position_that_is_none_is_told_and_forgotten(fitted):
     np.testing.assert_array_equal(found[101:], fitted.predict(X[101:], dt[101:]))
 
 
+def test_efforts_that_are_none_do_not_stop_a_fit(fitted, monkeypatch):
+    monkeypatch.setattr("truejoint.models.two_mass._STRONGEST", 8.0)
+    X, y, dt = rows(0)
+    X[[400, 900], 1] = 4.0
+    odd = TwoMassFilter().fit(X, y, dt=dt)
+    assert np.flatnonzero(np.isnan(odd.predict(X, dt))).tolist() == [400, 900]
+    X, y, dt = rows(1)
+    error, usual = (np.std((one.predict(X, dt) - y)[50:]) for one in (odd, fitted))
+    assert error < 2.0 * usual
+
+
 def test_the_joints_are_those_with_truth():
     model = calibrate([recording(0)], "ukf_two_mass")
     assert model.target == "position"

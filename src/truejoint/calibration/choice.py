@@ -110,10 +110,11 @@ class Rows:
 
 @dataclass(frozen=True, eq=False)
 class Choice:
-    """What was chosen, unfitted, its features, and how that came about, as JSON values."""
+    """What was chosen, unfitted, what it is fitted to, and how that came about, as JSON values."""
 
     estimator: JointRegressor
     features: FeatureSet
+    target: Target
     told: Mapping[str, Any]
 
 
@@ -438,7 +439,7 @@ def _best(groups: Sequence[Group], judged: Sequence[Fold], joints: Sequence[str]
             for number in range(len(one.trials))
         ],
     }
-    return Choice(group.estimator(weights), group.features, told)
+    return Choice(group.estimator(weights), group.features, group.target, told)
 
 
 def _told(

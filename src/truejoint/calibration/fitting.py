@@ -139,8 +139,8 @@ def calibrate(
             within(report, 0.0, _CHOICE_SHARE),
         )  # fmt: skip
         fitted = calibrate(
-            recordings, choice.estimator, features=choice.features, joints=joints, target=target,
-            redundant=redundant, fit_rate=fit_rate, zero=zero,
+            recordings, choice.estimator, features=choice.features, joints=joints,
+            target=choice.target, redundant=redundant, fit_rate=fit_rate, zero=zero,
             progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
         )  # fmt: skip
         return fitted.with_metadata(choice=choice.told)
@@ -375,11 +375,11 @@ def _choose(
     for model in models:
         own = model.family.inputs is not None
         wants = target or (model.family.targets if own else TARGETS)[0]
-        if wants not in model.family.targets or (own and not _has_inputs(model, recordings)):
+        knowing = _knowing(model, recordings)
+        if wants not in model.family.targets or knowing is None:
             continue
-        model = model.for_recordings(recordings)  # noqa: PLW2901
-        known = chosen_features(model, robot, recordings, None if own else features)
-        by_features.setdefault(known, []).append(model)
+        known = chosen_features(knowing, robot, recordings, None if own else features)
+        by_features.setdefault(known, []).append(knowing)
         targets.setdefault(known, wants)
     if not by_features:
         names = ", ".join(one.name for one in models)
@@ -387,10 +387,9 @@ def _choose(
             f"none of {names} can be tried: the recordings lack what they take, or they predict no "
             f"{target or TARGETS[0]}; give other candidates"
         )
-    if wanted.default_features and features is not None and len(recordings) >= FEW:
-        usual = default_features(robot, recordings[0])
-        by_features.setdefault(usual, next(iter(by_features.values())))
     free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
+    if free and wanted.default_features and features is not None and len(recordings) >= FEW:
+        by_features.setdefault(default_features(robot, recordings[0]), free)
     if features is None and free:
         columns = recordings[0].table.columns
         more = FeatureSet.parse([name for name in columns if name.split("/")[0] in _MORE])
@@ -414,17 +413,24 @@ def _choose(
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 
 
-def _has_inputs(model: JointRegressor, recordings: Sequence[Recording]) -> bool:
-    """Whether all recordings have what a model takes as features of its own."""
+def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
+    """Unfitted copy that knows the recordings; None where they lack what it takes of its own."""
     own = model.family.inputs
-    signals = FeatureSet.parse(own(model.model_params())).signals if own else ()
-    return all(name in one.table.columns for one in recordings for name in signals)
+    if own is None:
+        return model.for_recordings(recordings)
+    try:
+        told = model.for_recordings(recordings)
+    except CalibrationError:
+        return None
+    signals = FeatureSet.parse(own(told.model_params())).signals
+    has_all = all(name in one.table.columns for one in recordings for name in signals)
+    return told if has_all else None
 
 
 def _member_names(model: JointRegressor) -> list[str]:
-    """Names by which a combination with features of its own lists its members."""
+    """Names of the members of a combination with features of its own."""
     members = vars(model).get("members", ()) if model.family.inputs is not None else ()
-    return [one for one in members if isinstance(one, str)]
+    return [str(getattr(one, "name", one)) for one in members]
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -22,6 +22,14 @@ from truejoint.models.family import EstimatorData, Family, Params, find_family
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
     from truejoint.robots import Robot
+
+
+class _FamilyOfMembers:
+    """Family of a combination, as its members make it; of the class, that without a memory."""
+
+    def __get__(self, one: Combination | None, _owner: type) -> Family:
+        own: Mapping[str, Any] = {} if one is None else vars(one)
+        return own.get("_by_members", combination.FAMILY)  # type: ignore[no-any-return]
 
 
 @dataclass(eq=False, repr=False)
@@ -61,7 +69,7 @@ class Combination(JointRegressor):
     array([0.2, 1.8])
     """
 
-    family: ClassVar[Family] = combination.FAMILY
+    family: ClassVar[Family] = _FamilyOfMembers()  # type: ignore[assignment]  # by its members
     members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
     weights: Sequence[Sequence[float]] | None = None
     random_state: int | None = None
@@ -70,7 +78,7 @@ class Combination(JointRegressor):
         if not isinstance(self.members, list | tuple):
             return  # `fit` says so, and what else is wrong
         with suppress(CalibrationError):
-            self.family = _family([m.family for m in self._unfitted()])  # type: ignore[misc]
+            self._by_members = _family([member.family for member in self._unfitted()])
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters by name; other members may make another family of it."""
@@ -156,7 +164,7 @@ class Combination(JointRegressor):
         family = find_family(data.family)
         family.check(data, n_features, n_outputs)
         made = super().from_data(data, n_features, n_outputs)
-        made.members, made.family = (), family  # type: ignore[misc]  # by its members
+        made.members, made._by_members = (), family
         return made
 
     def settled(self) -> Self:

@@ -278,8 +278,9 @@ class RichPlay(JointRegressor):
     def for_features(self, names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
         """Unfitted copy whose pairs and positions are those of the features called so."""
         pairs = loaded_pairs(names) if self.pairs is None else self.pairs
-        measured = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
-        positions = measured if self.positions is None else self.positions
+        positions = self.positions
+        if self.couple and positions is None:
+            positions = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
         return clone(self).set_params(pairs=pairs, positions=positions)  # type: ignore[no-any-return]
 
     def minimum_rows(self, n_features: int) -> int:

@@ -99,6 +99,7 @@ class TwoMassFilter(JointRegressor):
             progress(0.9 * (i + 1) / n)
         moves = zip(joints, places.T, efforts.T, strict=True)
         links = np.column_stack([link_positions(*one, dt) for one in moves])
+        known &= np.isfinite(links).all(axis=1)  # but where a filter started anew
         columns = np.column_stack([np.ones(len(links)), links])[known]
         weights = np.linalg.lstsq(columns, y[known], rcond=None)[0]
         progress(1.0)
@@ -159,9 +160,12 @@ class _Search:
         link = link_positions(joint, self.places[:, i], self.efforts[:, i], self.dt)
         columns = np.column_stack([self.places, np.ones(len(link))])[self.judged]
         columns[:, i] = link[self.judged]
-        if not np.isfinite(columns).all():  # the filter broke down: worse than knowing nothing
-            return np.asarray(10.0 * (self.y - self.y.mean(axis=0)))
-        return np.asarray(self.y - columns @ np.linalg.lstsq(columns, self.y, rcond=None)[0])
+        told = np.isfinite(columns).all(axis=1)
+        left = 10.0 * (self.y - self.y.mean(axis=0))  # where it broke down: worse than knowing none
+        if told.sum() > columns.shape[1]:
+            weights = np.linalg.lstsq(columns[told], self.y[told], rcond=None)[0]
+            left[told] = self.y[told] - columns[told] @ weights
+        return np.asarray(left)
 
     def identify(self, i: int) -> TwoMassJoint:
         """Find the joint whose link's position explains most."""
