@@ -132,7 +132,7 @@ def _plain(name: str, kind: str, value: Any) -> Any:
     if kind == "str" and isinstance(value, str):
         # Half a character, as of a file's name, can go nowhere.
         return value.encode("utf-8", "backslashreplace").decode()
-    is_unknown = isinstance(value, Real) and math.isnan(value)
+    is_unknown = isinstance(value, float | np.floating) and math.isnan(value)
     if kind == "float" and (is_unknown or _is_number(value)):
         return float(value)
     if (
