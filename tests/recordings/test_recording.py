@@ -187,7 +187,7 @@ def test_a_whole_number_beyond_any_float_is_refused(count: int) -> None:
         Provenance("bros", load=count)
     with pytest.raises(RecordingError, match="too large to convert to float"):
         Recording.from_columns({"t": [0, count]}, "bros")
-    with pytest.raises(RecordingError, match="'truth/joint1'.* too large .*; give numbers"):
+    with pytest.raises(RecordingError, match=r"'truth/joint1'.* too large .*; give numbers"):
         Stream([0.0], {"truth/joint1": [count]})  # type: ignore[arg-type]
 
 

@@ -311,7 +311,7 @@ class Recording(Summarised):
     def rows(self, selection: slice | Mask | Integers) -> Recording:
         """Keep the selected rows only; raises RecordingError where these are none of its own."""
         try:
-            rows = selection if isinstance(selection, slice) else np.atleast_1d(selection)
+            rows: Any = selection if isinstance(selection, slice) else np.atleast_1d(selection)
             table = self.table.iloc[rows]
         except (IndexError, TypeError, ValueError) as error:
             raise RecordingError(
