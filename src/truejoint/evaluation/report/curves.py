@@ -269,7 +269,7 @@ def plot_corrected(
     """
     if recording not in range(len(as_evaluation(evaluation).traces)):
         raise CalibrationError(
-            f"no recording {recording!r:.20}; {len(evaluation.traces)} were judged, counted from 0"
+            f"no recording {recording!r:.20} was judged; choose 0 to {len(evaluation.traces) - 1}"
         )
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds
