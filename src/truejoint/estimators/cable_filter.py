@@ -111,12 +111,9 @@ def filter_inputs(X: Array, dt: Array) -> Array:
 
     Of motors and efforts `X` (n, 6), `dt` (n,) [s] after the row before.
     """
-    played = np.empty((len(X), r.N))
-    cable_filter.play_rows(X, dt, played)
-    moved = np.diff(played, axis=0, prepend=played[:1]) * (dt > 0.0)[:, None]
-    way = np.diff(X[:, : r.N], axis=0, prepend=X[:1, : r.N])
-    speed = np.divide(way, dt[:, None], out=np.zeros_like(way), where=dt[:, None] > 0.0)
-    return np.column_stack([played, moved, speed])
+    given = np.empty((len(X), r.INPUTS))
+    cable_filter.input_rows(X, dt, given)
+    return given
 
 
 def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
