@@ -257,9 +257,9 @@ def load_variances(runs: Sequence[Run]) -> Array:
     loaded = [one.load for one in runs if _is_loaded(one.load)]
     varied = np.mean([np.var(load, axis=0) for load in loaded], axis=0)
     size = np.mean([np.mean(np.square(load), axis=0) for load in loaded], axis=0)
-    spread = np.where(varied > _NO_LOAD**2, varied, size)
+    spread: Array = np.asarray(np.where(varied > _NO_LOAD**2, varied, size))
     # One that calibration had not may be as large as the largest that it had.
-    return np.where(spread > _NO_LOAD**2, spread, spread.max())
+    return np.asarray(np.where(spread > _NO_LOAD**2, spread, spread.max()))
 
 
 def _is_loaded(load: Array) -> bool:
