@@ -70,6 +70,37 @@ def test_a_calibration_without_a_load_is_not_asked_for_loads():
         calibrate(wrist()[:1], "ukf_cables")
 
 
+def test_a_load_without_truth_is_none():
+    """Two histories: a free one with truth, and a loaded one without."""
+    truth, loads, dt = np.zeros((2000, 3)), np.zeros((2000, 3)), np.full(2000, 5e-3)
+    truth[1000:], loads[1000:], dt[1000] = np.nan, 0.02, 0.0
+    filtered = CableFilter(mechanism=get_robot("wrist").cable_mechanism)
+    with pytest.raises(CalibrationError, match="no recording with truth has a load"):
+        filtered.fit(np.zeros((2000, 6)), truth, dt=dt, loads=loads)
+
+
+def test_truth_of_the_first_two_seconds_is_none():
+    rows, start = 1000, np.arange(1000) < 410
+    truth = np.where(start[:, None], 0.0, np.nan) * np.ones(3)
+    filtered = CableFilter(mechanism=get_robot("wrist").cable_mechanism)
+    with pytest.raises(CalibrationError, match="no recording has more than 2 s of truth after"):
+        filtered.fit(np.zeros((rows, 6)), truth, loads=np.ones((rows, 3)))
+    with pytest.raises(CalibrationError, match=r"loads have shape \(1000, 2\); give \(1000, 3\)"):
+        filtered.fit(np.zeros((rows, 6)), truth, loads=np.ones((rows, 2)))
+
+
+def test_a_weight_that_always_hangs_there_counts_by_its_size():
+    """Its variance is nothing: by that the filter would never believe that any load has changed."""
+    swinging = 0.01 * np.sin(np.arange(1000.0))
+    free = np.zeros((1000, 3))
+    load = np.column_stack([swinging, np.full(1000, -0.03), np.zeros(1000)])
+    runs = [
+        own.Run(np.zeros((1000, 6)), free, known, np.full(1000, 5e-3)) for known in (free, load)
+    ]
+    found = own.load_variances(runs)
+    np.testing.assert_allclose(found, [swinging.var(), 9e-4, 9e-4])
+
+
 def test_recordings_too_short_are_refused():
     recording = wrist()[1]
     few = recording.rows(np.arange(390))

@@ -31,7 +31,7 @@ _LONGEST: Final = 60.0  # [s] of each history that it simulates
 _SETTLED: Final = 2.0  # [s] after which friction has forgotten how it began
 _BLOCK: Final = 2.0  # [s] whose misfits count as one draw
 _DRIFT: Final = (0.1, 0.05, 0.1)  # of friction of loops, motors, pins, in its size per root second
-_NO_LOAD: Final = 1e-4  # [Nm] that changes by less
+_NO_LOAD: Final = 1e-4  # [Nm] below which there is none, or one that does not change
 _OTHER_MOTION: Final = 1.6
 """By how much larger squared errors under loads are in another class of motion than in that which
 was fitted to: of six virtual instruments that no figure in the documentation is of."""
@@ -95,6 +95,11 @@ class Run:
         """First row that counts."""
         return round(_SETTLED / self.step)
 
+    @property
+    def known(self) -> int:
+        """Number of rows that count whose joints are known."""
+        return int(np.isfinite(self.truth[self.settled :]).all(axis=1).sum())
+
     def first(self, seconds: float) -> Run:
         """Its beginning."""
         rows = slice(round(seconds / self.step))
@@ -106,12 +111,9 @@ def filter_inputs(X: Array, dt: Array) -> Array:
 
     Of motors and efforts `X` (n, 6), `dt` (n,) [s] after the row before.
     """
-    played = np.empty((len(X), r.N))
-    cable_filter.play_rows(X, dt, played)
-    moved = np.diff(played, axis=0, prepend=played[:1]) * (dt > 0.0)[:, None]
-    way = np.diff(X[:, : r.N], axis=0, prepend=X[:1, : r.N])
-    speed = np.divide(way, dt[:, None], out=np.zeros_like(way), where=dt[:, None] > 0.0)
-    return np.column_stack([played, moved, speed])
+    given = np.empty((len(X), r.INPUTS))
+    cable_filter.input_rows(X, dt, given)
+    return given
 
 
 def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
@@ -236,10 +238,7 @@ def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress)
     block = np.repeat(found.block, 2 * r.N)
     deviation = robust_deviations(np.asarray(search.jac), search.fun, block)
     p[r.EFFORT : r.EFFORT + 4 * r.N] = found.by_motor.T.ravel()
-    spread = np.mean([np.var(one.load, axis=0) for one in runs if np.any(one.load)], axis=0)
-    # One that calibration had not may be as large as the largest that it had.
-    spread = np.where(spread > _NO_LOAD**2, spread, spread.max())
-    p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * spread / DECAY
+    p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * load_variances(runs) / DECAY
     return {
         "parameters": p,
         "added": np.asarray(found.added, dtype=np.float64),
@@ -248,6 +247,23 @@ def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress)
         "identified": np.column_stack([np.exp(search.x), np.exp(search.x) * deviation]),
         "dt": np.array([float(np.mean([one.step for one in runs]))]),
     }
+
+
+def load_variances(runs: Sequence[Run]) -> Array:
+    """Variances (3,) [Nm2] of the loads to expect, by those in calibration, one of them loaded.
+
+    One that always hung there counts by its size: another day it is not there.
+    """
+    loaded = [one.load for one in runs if _is_loaded(one.load)]
+    varied = np.mean([np.var(load, axis=0) for load in loaded], axis=0)
+    size = np.mean([np.mean(np.square(load), axis=0) for load in loaded], axis=0)
+    spread: Array = np.asarray(np.where(varied > _NO_LOAD**2, varied, size))
+    # One that calibration had not may be as large as the largest that it had.
+    return np.asarray(np.where(spread > _NO_LOAD**2, spread, spread.max()))
+
+
+def _is_loaded(load: Array) -> bool:
+    return bool((np.abs(load) > _NO_LOAD).any())
 
 
 def structure(runs: Sequence[Run], found: Sequence[CableStates]) -> Array:
@@ -269,7 +285,7 @@ def structure(runs: Sequence[Run], found: Sequence[CableStates]) -> Array:
         ]
         # Of an error that the reference's noise hides, some is believed all the same.
         own_squares = np.array([np.maximum(squares[0] - white, 0.1 * squares[0]), squares[1]])
-        shown.append(own_squares * (_OTHER_MOTION if np.any(one.load) else 1.0))
+        shown.append(own_squares * (_OTHER_MOTION if _is_loaded(one.load) else 1.0))
         deviations = (own.angle_deviation, own.load_deviation)
         stated.append([np.mean(np.square(each[known]), axis=0) for each in deviations])
         seen.append(np.mean(np.abs(own.load[known]).sum(axis=1) ** 2))
@@ -368,15 +384,15 @@ class CableFilter(JointRegressor):
     ) -> Self:
         """Fit to rows `X` (n, 6) of motors and efforts, joints `y` (n, 3), `loads` (n, 3) [Nm].
 
-        Raises CalibrationError if there is no load, or no mechanism is known.
+        Raises CalibrationError if there is no load, too little truth, or no mechanism is known.
         """
-        known = np.zeros((len(np.asarray(X)), r.N)) if loads is None else np.asarray(loads)
-        if not np.any(known):
+        shape = len(np.asarray(X)), r.N
+        self._loads = np.zeros(shape) if loads is None else np.asarray(loads, dtype=np.float64)
+        if self._loads.shape != shape:
             raise CalibrationError(
-                f"{self.name}: no recording has a load, so that grip and tip torque cannot be told "
-                "from friction; add a minute under known loads (truth_load/...)"
+                f"{self.name}: loads have shape {self._loads.shape}; give {shape}, a grip and two "
+                "torques at the tip for each row"
             )
-        self._loads = np.asarray(known, dtype=np.float64)
         try:
             return super().fit(X, y, progress, dt)
         finally:
@@ -406,10 +422,16 @@ class CableFilter(JointRegressor):
             raise CalibrationError(f"{self.name} knows no cables; give it a mechanism")
         self._known(y)
         every = [Run(X[rows], y[rows], self._loads[rows], dt[rows]) for rows in histories(dt)]
-        runs = [one for one in every if len(one.dt) > 2 * one.settled]
+        runs = [one for one in every if one.known > one.settled]
         if not runs:
             raise CalibrationError(
-                f"{self.name}: no recording is longer than {2.0 * _SETTLED:g} s; record a minute"
+                f"{self.name}: no recording has more than {_SETTLED:g} s of truth after its first "
+                f"{_SETTLED:g} s; record a minute"
+            )
+        if not any(_is_loaded(one.load) for one in runs):
+            raise CalibrationError(
+                f"{self.name}: no recording with truth has a load, so that grip and tip torque "
+                "cannot be told from friction; add a minute under known loads (truth_load/...)"
             )
         arrays = identify(runs, self.mechanism, progress)
         found = [states(arrays, one.X, one.dt) for one in runs]

@@ -23,7 +23,7 @@ from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models import cable_loops as loops
 from truejoint.models.cable_loops import INPUTS, LOAD, PARAMETERS, RIGID, STATES, N
 from truejoint.models.family import Family, Params, Rule, Shape
-from truejoint.models.filtered import advance
+from truejoint.models.filtered import advance, quadratic
 
 TERMS: Final = 1 + 3 * N
 """Terms of what geometry adds: a constant, each raw joint, its sine and its cosine."""
@@ -87,16 +87,6 @@ def seen_load(x: Array) -> float:
 
 
 @compiled
-def angle_variance(j: int, by_state: Array, P: Array) -> float:
-    """Variance [rad2] of a joint by that of the state; `by_state` (N, STATES), of taut cables."""
-    total = 0.0
-    for i in range(STATES):
-        for k in range(STATES):
-            total += by_state[j, i] * P[i, k] * by_state[j, k]
-    return max(total, 0.0)
-
-
-@compiled
 def stated(variance: float, seen: float, factor: float, added: float) -> float:
     """Deviation that is stated of a `variance`, under the loads `seen` [Nm]."""
     return sqrt(max(variance, 0.0) * factor + seen * seen * added)
@@ -118,20 +108,10 @@ def estimate_rows(
         add_geometry(motor[i], p, added, raw, out[0, i])
         seen = seen_load(x[i])
         for j in range(N):
-            angle, load = angle_variance(j, by_state, P[i]), P[i, LOAD + j, LOAD + j]
+            angle, load = quadratic(by_state[j], P[i], STATES), P[i, LOAD + j, LOAD + j]
             out[1, i, j] = stated(angle, seen, structure[0, j], structure[1, j])
             out[2, i, j] = x[i, LOAD + j]
             out[3, i, j] = stated(load, seen, structure[2, j], structure[3, j])
-
-
-@compiled
-def play_rows(motor: Array, dt: Array, out: Array) -> None:
-    """Motor angles (n, N) without what trembles within `QUIET`."""
-    for i in range(motor.shape[0]):
-        for m in range(N):
-            out[i, m] = motor[i, m]
-            if dt[i] > 0.0:
-                out[i, m] = min(max(out[i - 1, m], motor[i, m] - QUIET), motor[i, m] + QUIET)
 
 
 def angles_by_state(parameters: Array) -> Array:
@@ -211,6 +191,14 @@ def take_motors(dt: float, x: Array, last: Array, played: Array, u: Array) -> No
 
 
 @compiled
+def input_rows(X: Array, dt: Array, out: Array) -> None:
+    """Fill the filter's inputs (n, INPUTS) from motor angles in the first N columns of `X`."""
+    last, played = np.empty(N), np.empty(N)
+    for i in range(X.shape[0]):
+        take_motors(dt[i], X[i], last, played, out[i])
+
+
+@compiled
 def state_load(load: Array, value: float, deviation: float) -> None:
     """Write down a load and its half-width."""
     load[0] = value
@@ -245,7 +233,7 @@ def cable_filter_row(
     for j in range(N):
         out[j] = out[j] if good else nan
         if memory[DEVIATIONS] > 0.0:
-            own_variance = angle_variance(j, by_state, spread)
+            own_variance = quadratic(by_state[j], spread, STATES)
             half_width[j] = memory[DEVIATIONS] * stated(
                 own_variance, seen, structure[0, j], structure[1, j]
             )

@@ -116,7 +116,8 @@ class Corrector(Summarised):
         Given to `rezero` [rad or m].
     beside : mapping of str to ndarray, shape (2,)
         What else the model tells, and its half-width at `level`, of the last sample that was used:
-        of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm].
+        of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm], of ``ukf_cables``
+        ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm].
 
     Raises
     ------

@@ -108,5 +108,7 @@ def test_a_loop_too_slow_for_its_gain_is_refused_before_anything_is_computed():
         study.parts(study.settings(options={"gain": "5"}))
     with pytest.raises(StudyError, match="no loop called 'closed'"):
         study.parts(study.settings(options={"loops": "closed"}))
+    with pytest.raises(StudyError, match="seconds=1; it must be 2 or more"):
+        study.parts(study.settings(options={"seconds": "1"}))
     with pytest.raises(StudyError, match="rate_hz=300; it must divide"):
         study.parts(study.settings(options={"rate_hz": "300"}))

@@ -21,6 +21,8 @@ from truejoint.robots.robot import Robot
 JOINTS: Final = ("pitch", "jaw1", "jaw2")
 """Of the two jaws, yaw is the mean and the opening ``jaw2 - jaw1``."""
 
+_LAST_DIGIT: Final = 1e-4  # [rad/rad] of the files; a disc that turns a jaw by less does not
+
 # What no file states. The jaw's radius is a guess from a shaft of 8 mm; the pins', and what turns
 # on them, are of the size that makes the frictions and frequencies of such a wrist.
 _JAW_RADIUS: Final = 2.8e-3  # [m] of the cables' path on the jaws
@@ -54,6 +56,8 @@ def joints_from_discs(pitch: Any, yaw: Any, jaw: Any) -> Array:
 def instrument(values: Mapping[str, Any]) -> CableMechanism:
     """Mechanism of an instrument of the table: two cables from each disc to what it turns."""
     turned = joints_from_discs(*(values[key] for key in ("pitch", "yaw", "jaw")))
+    # Else a disc would be said to turn the other jaw by 5e-5, and its cables to press on that pin.
+    turned[np.abs(turned) < _LAST_DIGIT] = 0.0
     discs: Array = np.linalg.inv(turned).astype(np.float64)
     # All discs are alike, and as large as makes the jaws' radius.
     radius = _JAW_RADIUS / float(np.abs(discs[:, 1:]).max())

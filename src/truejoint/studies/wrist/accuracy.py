@@ -19,6 +19,7 @@ from truejoint.models.cable_loops import LOAD, PIN
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
+from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
@@ -33,7 +34,7 @@ from truejoint.studies.study import (
 )
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.physical import JOINTS, LOADS, honesty
+from truejoint.studies.wrist.physical import LOADS, honesty
 
 _RAW: Final = "coupling"
 SETTLED: Final = 2.0

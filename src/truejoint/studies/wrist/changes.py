@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.wrist import record_wrist
+from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.twin import glide, hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
@@ -27,7 +28,7 @@ from truejoint.studies.wrist.accuracy import (
     rms,
     specimens,
 )
-from truejoint.studies.wrist.physical import JOINTS, LOADS
+from truejoint.studies.wrist.physical import LOADS
 
 NOTHING: Final = "nothing"
 GAIN: Final = "effort gain + 10 %"

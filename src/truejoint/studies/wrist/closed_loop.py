@@ -20,6 +20,7 @@ from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.runtime import (
     Compensator,
     Corrector,
@@ -44,7 +45,6 @@ from truejoint.studies.study import (
 from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, rms, specimens
-from truejoint.studies.wrist.physical import JOINTS
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,9 @@ class GripModel:
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    check_counts(settings, "free_s", "loaded_s", "seconds", "rate_hz")
+    check_counts(settings, "free_s", "loaded_s", "rate_hz")
+    if not settings["seconds"] >= _SETTLED:  # a step of the grip, and what follows it
+        raise StudyError(f"seconds={settings['seconds']:g}; it must be {_SETTLED:g} or more")
     if abs(math.remainder(1.0 / SETPOINT_DT, settings["rate_hz"])) > 1e-6:
         raise StudyError(f"rate_hz={settings['rate_hz']:g}; it must divide the arm's 1 kHz")
     check_names("loop", settings["loops"], tuple(TITLES))

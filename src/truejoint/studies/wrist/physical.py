@@ -9,8 +9,8 @@ import numpy as np
 
 from truejoint.estimators.cable_filter import CableStates
 from truejoint.recordings import Recording
+from truejoint.robots.wrist.instruments import JOINTS
 
-JOINTS: Final = ("pitch", "jaw1", "jaw2")
 LOADS: Final = ("grip", "pitch", "yaw")
 """Of jaws on what they hold, and of forces at the tip about pitch and yaw."""
 
