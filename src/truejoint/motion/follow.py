@@ -64,7 +64,8 @@ class TrackingReport:
         The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
     rms, max : ndarray, shape (n_joints,)
         Of set-point minus measured position [rad or m]; `max` is of the absolute value. Of joints
-        that were steered, of wanted minus corrected position at the steps of the loop.
+        that were steered, of wanted minus corrected position at the steps of the loop that know
+        it. Pauses do not count.
     setpoint_speed, max_speed, speed_caps : ndarray, shape (n_joints,)
         Highest speed of the set-point and as measured, mean over 0.1 s, and what that of the
         set-point was to stay below [rad/s or m/s].
