@@ -18,6 +18,7 @@ BENCHMARKS = (
     "twin_speed",
     "stopping",
     "compensation",
+    "following",
     "recorder",
     "forceps_speed",
     "filter_speed",

@@ -231,3 +231,45 @@ def test_a_silent_arm_is_stopped_and_one_whose_encoder_slips():
     assert slipping.time < 13.0 + 0.5 + BRAKING + 0.02
     lag = slipping.measured_js().position - slipping.setpoint_js().position
     assert lag[1] == pytest.approx(0.05, abs=1e-2)
+
+
+@pytest.mark.parametrize(
+    ("fault", "match"),
+    [
+        (Fault("silence", 13.0), r"no state message for 1\.. s"),
+        (Fault("slip", 13.0, "elbow", 0.05), r"elbow jumped by 2\.\d+ deg at t = 13\.00"),
+    ],
+)
+def test_who_sends_one_set_point_at_a_time_is_stopped_as_well(fault, match):
+    arm = ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [fault]))
+
+    def servo():
+        home = arm.robot.home
+        while arm.time < 16.0:
+            arm.servo_jp(home)
+
+    with pytest.raises(MotionStopped, match=match):
+        servo()
+    assert arm.operating_state().state == "PAUSED"
+    stopped = arm.time
+    arm.resume()
+    arm.servo_jp(arm.setpoint_js(np.inf).position)  # what was said then is over
+    assert stopped < arm.time < 14.2
+
+
+def test_a_slip_at_the_end_of_a_motion_stops_the_next_one():
+    slip = Fault("slip", 13.0, "elbow", 0.05)
+    arm = ready(FaultyBackend(SimulatedBackend(make_twin("raven2", seed=1)), [slip]))
+    arm.wait(12.9 - arm.time)
+    arm.wait(0.15)  # a single piece
+    with pytest.raises(MotionStopped, match=r"elbow jumped .* at t = 13\.00"):
+        arm.move_jr(0.05 * FAR).wait()
+    arm.resume()
+    arm.home()
+    arm.move_jr(0.05 * FAR).wait()
+
+
+def test_a_set_point_has_no_speed_after_another_homing(lagging_arm):
+    lagging_arm.move_jr(0.1 * FAR).wait()
+    lagging_arm.home()
+    assert not lagging_arm.setpoint_js().velocity.any()

@@ -100,6 +100,13 @@ def comprehends(numbers: Integers, memory: Array) -> None:
     memory[GAIN] = sum([memory[GAIN], 1.0])
 
 
+@compiled
+def counts(numbers: Integers, memory: Array) -> None:
+    """Make room for what is no real number."""
+    whole = np.empty(2, dtype=np.int64)
+    memory[GAIN] = whole[0]
+
+
 def packed(mode: int = 0) -> Memory:
     weights = np.random.default_rng(1).normal(size=(3, 3))
     return LAYOUT.pack(
@@ -189,7 +196,8 @@ def test_single_precision_has_float_constants():
     assert "0.7f" in text
 
 
-def test_what_has_no_c_is_refused_in_one_line():
-    with pytest.raises(Unprintable, match="comprehends, line") as caught:
-        printed(comprehends)
+@pytest.mark.parametrize("kernel", [comprehends, counts])
+def test_what_has_no_c_is_refused_in_one_line(kernel):
+    with pytest.raises(Unprintable, match=f"{kernel.__name__}, line") as caught:
+        printed(kernel)
     assert "\n" not in str(caught.value)

@@ -100,6 +100,6 @@ def test_a_loop_around_another_model_is_refused(tmp_path):
 
 def test_a_loop_that_is_fed_forward_is_refused(tmp_path):
     model = calibration(LinearRegressor(), HISTORY)
-    ahead = SimpleNamespace(joints=model.joints, start=lambda setpoint: None)
+    ahead = SimpleNamespace(joints=model.joints, expected=0.0, start=lambda setpoint: None)
     with pytest.raises(ExportError, match="what is fed forward runs in Python only"):
         export_c(model, tmp_path, compensator=around(model, forward=ahead))

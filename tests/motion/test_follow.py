@@ -2,6 +2,7 @@
 
 import itertools
 import threading
+from importlib import import_module
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from truejoint.motion import (
     zigzag,
 )
 from truejoint.robots import get_robot
-from truejoint.runtime import Compensator, Status
+from truejoint.runtime import Status, motor_loop
 from truejoint.runtime.compensator import Uncorrected
 
 JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
@@ -58,8 +59,7 @@ def test_a_loop_around_the_motors_keeps_their_reports_to_the_trajectory(lagging_
     alone = follow(lagging_arm, zigzag_line)
     said = []
     lagging_arm.subscribe(said.append)
-    robot = lagging_arm.robot
-    loop = Compensator(Uncorrected(robot), robot, rate=100.0, lag=LAG)
+    loop = motor_loop(lagging_arm.robot, lag=LAG)
     report = follow(lagging_arm, zigzag_line, steering=loop)
     lagging_arm.unsubscribe(said.append)
     assert (report.rms < 0.3 * alone.rms).all()
@@ -79,8 +79,13 @@ def test_a_loop_around_motors_believes_no_old_message():
     assert loop.step(2.0, [np.nan]) == Status.NOT_FINITE
     assert loop.step(np.nan, [0.1]) == Status.NOT_FINITE
     assert loop.step(2.0, [0.1, 0.2]) == Status.WRONG_SIZE
+    assert loop.step(2.0, [[0.1], [0.1, 0.2]]) == Status.WRONG_SIZE
+    assert loop.step(None, [0.1]) == Status.WRONG_SIZE
     assert loop.step(2.0, [0.3]) == Status.OK
+    assert loop.step(3.0, [np.nan]) == Status.NOT_FINITE
     assert loop.position == [0.3]
+    loop.release()  # to another arm, whose clock is earlier
+    assert loop.step(1.0, [0.4]) == Status.OK
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.5])
@@ -314,3 +319,24 @@ def test_legs_are_the_trajectory_in_pieces():
             assert before.times[-1] - before.times[0] > 10.0
         joined = np.vstack([piece.positions[:-1] for piece in pieces[:-1]] + [pieces[-1].positions])
         np.testing.assert_array_equal(joined, whole.positions)
+
+
+def test_a_pause_counts_for_nothing_in_the_tracking_error(lagging_arm, monkeypatch):
+    counted = []
+
+    def stop(block):
+        if not counted and lagging_arm.time > start + 1.0:
+            counted.append(True)
+            lagging_arm.pause()
+
+    def resumed(arm, within):
+        counted.extend(s.callback for s in arm._subscriptions if s.callback != stop)
+        arm.resume()
+        return True
+
+    at_rest_at(lagging_arm, CENTRE)
+    start = lagging_arm.time
+    monkeypatch.setattr(import_module("truejoint.motion.follow"), "_resumed", resumed)
+    lagging_arm.subscribe(stop)
+    follow(lagging_arm, STROKE, resume_within=1.0)
+    assert counted == [True]

@@ -377,3 +377,12 @@ def test_no_sample_makes_a_step_raise(sample):
 def test_wanted_positions_are_a_row_of_the_correctors_joints_each(wanted):
     with pytest.raises(CommandRefused, match="compensated_motion: "):
         compensated_motion(None, SimpleNamespace(corrector=Told()), wanted)
+
+
+def test_where_a_joint_is_is_not_known_before_a_step():
+    loop = quick(Told(loss=0.02))
+    assert np.isnan(loop.known).all()
+    loop.step(0.0, [0.1], [0.1])
+    assert loop.known == pytest.approx([0.12])
+    loop.start([0.1])
+    assert np.isnan(loop.known).all()

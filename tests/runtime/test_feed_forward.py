@@ -93,3 +93,23 @@ def test_inputs_that_no_set_point_tells_are_refused(model):
     object.__setattr__(ahead, "joints", ("elbow",))
     with pytest.raises(CommandRefused, match="what is fed forward is of elbow, the corrector of"):
         Compensator(corrector, ROBOT, rate=RATE, lag=0.02, forward=ahead)
+    with pytest.raises(CommandRefused, match="is a Calibration, not a FeedForward; give"):
+        Compensator(corrector, ROBOT, rate=RATE, lag=0.02, forward=model)
+
+
+def test_a_loop_made_like_another_shares_no_memory_with_it(model):
+    paths = []
+    for between in (False, True):
+        corrector = Corrector(model.without_redundant())
+        corrector.set_homing(True)
+        loop = Compensator(corrector, ROBOT, rate=RATE, lag=0.02, forward=FeedForward(model, ROBOT))
+        other = loop.around(corrector)
+        loop.start([0.0])
+        path = []
+        for k in range(60):
+            path.append(loop.step(k / RATE, [0.002 * k], [0.002 * (k + 1)]).copy())
+            if between:
+                other.start([0.1])
+        paths.append(path)
+    np.testing.assert_array_equal(paths[1], paths[0])
+    assert loop.forward.forward.any()

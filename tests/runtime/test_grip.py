@@ -76,6 +76,24 @@ def test_pieces_join_without_a_jump():
     assert np.abs(steps).max() <= ROBOT.joints[1].max_speed * 1e-3 * (1.0 + 1e-9)
 
 
+@pytest.mark.parametrize(
+    ("wanted", "grip", "rate", "match"),
+    [
+        (OPEN, np.zeros(3), 1000.0, "shape"),
+        (np.tile(OPEN, (4, 1)), np.zeros(3), 1000.0, r"shape \(3,\) for 4 rows"),
+        (np.zeros((0, 3)), np.zeros(0), 1000.0, "give a row or more"),
+        (np.tile(OPEN, (3, 1)), [0.0, np.nan, 0.0], 1000.0, "not finite or below 0 Nm"),
+        (np.tile(OPEN, (3, 1)), [0.0, -0.1, 0.0], 1000.0, "not finite or below 0 Nm"),
+        (np.full((3, 3), np.nan), np.zeros(3), 1000.0, "pitch is nan"),
+        (np.tile(OPEN, (3, 1)), np.zeros(3), 50.0, "50 rows a second for a loop at 200 Hz"),
+        ("open", np.zeros(3), 1000.0, "give numbers"),
+    ],
+)
+def test_what_is_no_grip_of_a_row_each_is_refused_before_it_begins(wanted, grip, rate, match):
+    with pytest.raises(CommandRefused, match=match):
+        GripControl(loop(), ROBOT).pieces(wanted, grip, rate)
+
+
 def test_what_tells_no_grip_or_has_no_jaws_is_refused():
     with pytest.raises(CommandRefused, match="the model tells no load, not 'grip'; calibrate one"):
         GripControl(loop(grip=False), ROBOT)

@@ -146,6 +146,14 @@ def collect(
             "it the trajectories are set-points, which motors follow late.",
         ),
     ] = False,
+    lag_s: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="With --compensate or --closed-loop: time by which the motors follow set-points "
+            "that move evenly [s]. Default: 0.05, a RAVEN-II's.",
+        ),
+    ] = None,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
     topic: Annotated[
         list[str] | None,
@@ -188,7 +196,7 @@ def collect(
     --compensate the trajectories are where the joints, not their motors, are to be; with
     --closed-loop where the motors are to report to be.
     """
-    _check_loop(compensate, rezero_s, closed_loop=closed_loop)
+    _check_loop(compensate, rezero_s, lag_s, closed_loop=closed_loop)
     topics = _parse_topics(topic or [])
     pairs = _to_record(trajectories, output, topics, resume=resume, force=force)
     if not pairs:
@@ -210,9 +218,12 @@ def collect(
         output.mkdir(parents=True, exist_ok=True)
         truth = None if encoders is None else stack.enter_context(_encoders(device, encoders))
         home(device, truth)
-        loop = truejoint.runtime.motor_loop(device.robot) if closed_loop else None
+        loop = None
+        if closed_loop:
+            loop = truejoint.runtime.motor_loop(device.robot, lag=_lag(lag_s))
         if model is not None:
-            loop = steered(device, model, _REZERO if rezero_s is None else rezero_s, truth)
+            duration = _REZERO if rezero_s is None else rezero_s
+            loop = steered(device, model, duration, truth, _lag(lag_s))
         for trajectory, target in pairs:
             recording, report, streams = record(
                 device,
@@ -272,12 +283,23 @@ def _tell(
     say_dropped(recording)
 
 
-def _check_loop(compensate: Path | None, rezero_s: float | None, *, closed_loop: bool) -> None:
+def _check_loop(
+    compensate: Path | None, rezero_s: float | None, lag_s: float | None, *, closed_loop: bool
+) -> None:
     """Raise CommandRefused where options on the loop do not go together."""
     if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
         raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
     if closed_loop and compensate is not None:
         raise CommandRefused("--closed-loop is around motors, --compensate around joints: give one")
+    if lag_s is not None and not (math.isfinite(lag_s) and (closed_loop or compensate is not None)):
+        raise CommandRefused(f"--lag-s {lag_s:g}: seconds, with --compensate or --closed-loop")
+
+
+def _lag(given: float | None) -> float:
+    """Time by which motors follow [s], as given or a RAVEN-II's."""
+    from truejoint.runtime.compensator import LAG  # noqa: PLC0415
+
+    return LAG if given is None else given
 
 
 def _parse_topics(texts: list[str]) -> dict[str, float]:
@@ -326,6 +348,7 @@ def steered(
     model: truejoint.Calibration,
     duration: float,
     truth: TruthSource | None,
+    lag: float,
 ) -> truejoint.runtime.Compensator:
     """Loop around a model for the arm's homing, re-zeroed by so much truth [s] unless that is 0."""
     if duration > 0.0:
@@ -335,7 +358,7 @@ def steered(
         model = truejoint.calibration.rezeroed(model, recorder.recording())
     corrector = truejoint.runtime.Corrector(model.without_redundant())
     corrector.set_homing(True, device.homing_id or None)
-    return truejoint.runtime.Compensator(corrector, device.robot)
+    return truejoint.runtime.Compensator(corrector, device.robot, lag=lag)
 
 
 def told(loop: truejoint.runtime.Compensator) -> str:

@@ -102,7 +102,8 @@ class Arm:
         self._asked = ""  # to stop it: a state command, or hold
         self._sent: Array | None = None  # last two set-points (2, n_joints) of this controller
         self._goal: Array | None = None
-        self._jump = ""  # of a position that was reported, during the motion
+        self._jump = ""  # of a position that was reported during a motion
+        self._unheard = 0.0  # [s] of set-points that were sent since the latest message
         backend.connect(self._on_block)
         _OPEN.add(self)
 
@@ -154,7 +155,9 @@ class Arm:
             if stops:
                 self._stop(motion, known, limit)
             else:
-                self._sent = None
+                self._sent, self._jump, self._unheard = None, "", 0.0
+                if command == "home":  # what comes next is no step from here
+                    self._latest = self._before = None
                 self._backend.state_command(known, limit)
             if command == "unhome":
                 self._latest = self._before = None
@@ -412,7 +415,8 @@ class Arm:
                 rows = np.vstack([before.measured[-1:], block.measured])
                 rows = rows[:, self._joint_channels]
                 self._jump = self._jump or jump_of(self.robot, self.rate, t, rows)
-            self._before, self._latest = before, block
+            # In this order: who reads the one before first never gets the same one twice.
+            self._latest, self._before, self._unheard = block, before, 0.0
         broken: BaseException | None = None
         for subscription in tuple(self._subscriptions):
             try:
@@ -487,7 +491,7 @@ class Arm:
         self._check_control(command)
         with self._lock:
             check_ready(self.operating_state(), command)
-            self._asked = self._jump = ""
+            self._asked = ""
             self._motion = motion = Motion(command, duration, self._stop)
         if self._is_stretch(duration):
             self._tell_watchers()
@@ -549,13 +553,14 @@ class Arm:
             taken += done
             self._sent = path[taken : taken + 2]
             motion.elapsed += done / self.rate
+            self._unheard += done / self.rate
 
     def _check_reports(self, motion: Motion, t: float) -> None:
         """Raise MotionStopped where positions jump, or none came for `SILENCE`."""
         if self._jump:
             raise motion.stopped(self._jump, t)
         silent = 0.0 if self._latest is None else t - float(self._latest.t[-1])
-        if silent > SILENCE and motion.elapsed > SILENCE:
+        if silent > SILENCE and self._unheard > SILENCE:
             raise motion.stopped(f"no state message for {silent:.1f} s; does it report?", t)
 
     def _stand(self, motion: Motion) -> MotionStopped:

@@ -441,11 +441,11 @@ class Expressions:
             view = self.value(node.func.value)
             return replace(view, shape=tuple(self.value(a) for a in node.args))
         function = self.lookup(node.func)
+        if node.keywords:
+            raise self.fail(node, "keywords have no C")
         if function is np.empty:
             return self.room(node)
         arguments = [self.value(a) for a in node.args]
-        if node.keywords:
-            raise self.fail(node, "keywords have no C")
         if function in (marks.vector, marks.matrix):
             base, place, *shape = arguments
             if isinstance(base, View):

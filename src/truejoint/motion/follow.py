@@ -64,7 +64,8 @@ class TrackingReport:
         The joints that the trajectory moved, and ``"rad"`` or ``"m"`` for each.
     rms, max : ndarray, shape (n_joints,)
         Of set-point minus measured position [rad or m]; `max` is of the absolute value. Of joints
-        that were steered, of wanted minus corrected position at the steps of the loop.
+        that were steered, of wanted minus corrected position at the steps of the loop that know
+        it. Pauses do not count.
     setpoint_speed, max_speed, speed_caps : ndarray, shape (n_joints,)
         Highest speed of the set-point and as measured, mean over 0.1 s, and what that of the
         set-point was to stay below [rad/s or m/s].
@@ -178,24 +179,19 @@ def follow(
     tally = _Tally(arm.robot, trajectory.joints, () if steering is None else steering.joints)
     run = _Run(law, pose, columns, tally, progress, steering)
     run.approach(arm, pose)
-    arm.subscribe(tally, every=1.0)
-    try:
-        while not run.is_over:
-            try:
-                run.go_on(arm)
-            except MotionStopped:
-                if not _resumed(arm, resume_within):
-                    raise
-    finally:
-        arm.unsubscribe(tally)
-    rms = tally.rms
-    if np.isnan(rms).any():
+    while not run.is_over:
+        try:
+            run.go_on(arm)
+        except MotionStopped:
+            if not _resumed(arm, resume_within):
+                raise
+    if not tally.counts.all():
         raise CommandRefused("follow ended without a state message; is the robot reporting?")
     return TrackingReport(
         name=trajectory.name,
         joints=trajectory.joints,
         units=trajectory.units,
-        rms=rms,
+        rms=tally.rms,
         max=tally.max,
         setpoint_speed=run.setpoint_speed,
         max_speed=tally.max_speed,
@@ -239,17 +235,21 @@ class _Run:
         pieces = self._pieces(start, duration, arm.rate)
         if self._steering is not None:
             pieces = self._steering.setpoints(arm, pieces, self._tally.leg())
-        motion = arm.stream(pieces, duration, "follow")
+        arm.subscribe(self._tally, every=1.0)  # not while it stands, which may be for long
         try:
-            motion.wait()
-            self.is_over = True
+            motion = arm.stream(pieces, duration, "follow")
+            try:
+                motion.wait()
+                self.is_over = True
+            finally:
+                self._at = float(self._time(start, np.array([motion.elapsed]))[0])
         finally:
-            self._at = float(self._time(start, np.array([motion.elapsed]))[0])
+            arm.unsubscribe(self._tally)
 
     def _pieces(self, start: float, duration: float, rate: float) -> Iterator[Array]:
         before = self._rows(np.array([start]))
         periods = round(np.ceil(duration * rate - 1e-6))
-        size = max(int(BLOCK_DURATION * rate), 1)
+        size = int(BLOCK_DURATION * rate)
         for first in range(0, periods, size):
             elapsed = np.arange(first + 1, min(first + size, periods) + 1) / rate
             rows = self._rows(self._time(start, elapsed))
@@ -369,7 +369,7 @@ class _Tally:
         self._steered = [k for k, name in enumerate(joints) if name in steered]
         self._followed = [k for k in range(len(joints)) if k not in self._steered]
         self._among = [steered.index(joints[k]) for k in self._steered]
-        self._counts, self._squares, self.max, self.max_speed = np.zeros((4, len(joints)))
+        self.counts, self._squares, self.max, self.max_speed = np.zeros((4, len(joints)))
         self._t, self._measured = np.empty(0), np.empty((0, len(joints)))
 
     def __call__(self, block: StateBlock | TruthBlock) -> None:
@@ -394,7 +394,7 @@ class _Tally:
 
         def tell(_: float, goal: Array, here: Array) -> None:
             nonlocal wanted
-            if wanted is not None:
+            if wanted is not None and np.isfinite(here).all():
                 self._add(self._steered, (wanted - here)[None, self._among])
             wanted = goal.copy()
 
@@ -402,14 +402,13 @@ class _Tally:
 
     @property
     def rms(self) -> Array:
-        """Of all errors (n_joints,) [rad or m]; NaN before any."""
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.sqrt(self._squares / self._counts))
+        """Of all errors (n_joints,) [rad or m], of which there are `counts` of 1 or more."""
+        return np.asarray(np.sqrt(self._squares / self.counts))
 
     def _add(self, joints: list[int], error: Array) -> None:
         """Add up errors (n, len(joints)) [rad or m]."""
         if not joints:
             return
-        self._counts[joints] += len(error)
+        self.counts[joints] += len(error)
         self._squares[joints] += (error**2).sum(axis=0)
         self.max[joints] = np.maximum(self.max[joints], np.abs(error).max(axis=0))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Final, NoReturn, Self
 
@@ -31,6 +32,8 @@ from truejoint.runtime.feed_forward import FeedForward
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
+LAG: Final = 0.05
+"""Time by which a RAVEN-II's measured position follows a set-point that moves evenly [s]."""
 GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
@@ -83,7 +86,7 @@ class Compensator:
         the loop hunt for the rest of it.
     forward : FeedForward, optional
         Says what will be lost at set-points that take the joints where they are wanted: that is
-        made up for at once, and by `lost` only what differs from it.
+        made up for at once, and by `lost` only what differs from it. The loop runs a copy of it.
     believed : Status
         Bits with which a sample is corrected all the same, where the estimator is known to hold:
         ``Status.OUT_OF_DOMAIN | Status.IMPLAUSIBLE`` for one that knows loads that it never saw.
@@ -124,7 +127,7 @@ class Compensator:
         robot: Robot,
         *,
         rate: float = 250.0,
-        lag: float = 0.05,
+        lag: float = LAG,
         gain: float = 0.0,
         time_constant: float = 0.5,
         integral_time: float = 0.5,
@@ -145,6 +148,9 @@ class Compensator:
             )
         check_rate(rate, lag, gain)
         check_robot(corrector.made_for, robot)
+        if forward is not None and not hasattr(forward, "expected"):
+            advice = "give FeedForward(model, robot)"
+            raise CommandRefused(f"compensator: {other_kind(forward, 'FeedForward', advice)}")
         if forward is not None and forward.joints != corrector.joints:
             raise CommandRefused(
                 f"compensator: what is fed forward is of {', '.join(forward.joints)}, the "
@@ -188,7 +194,7 @@ class Compensator:
         self._correction = view("correction")
         self._expected, self._forward = view("expected"), view("forward")
         self._last_wanted = view("last_wanted")
-        self.forward: Final = forward
+        self.forward: Final = copy(forward)  # which remembers this loop's way alone
         self.measured: Final = [corrector.signals.index(f"measured/{n}") for n in corrector.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
@@ -220,8 +226,9 @@ class Compensator:
 
     @property
     def known(self) -> Array:
-        """Where the joints are (n_joints,) [rad or m], by the last sample; NaN before it."""
-        return np.asarray(self._measured + self._correction)
+        """Where the joints are (n_joints,) [rad or m], by the last step's sample; NaN before it."""
+        position = self._measured + self._correction
+        return np.asarray(np.where(np.isnan(self._last_wanted), math.nan, position))
 
     @property
     def knows_lost(self) -> bool:
@@ -378,26 +385,31 @@ class Uncorrected:
 
     def step(self, t: float, sample: ArrayLike) -> Status:
         """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
-        values = np.asarray(sample)
-        if values.shape != self.position.shape or values.dtype.kind not in "fiub":
+        try:
+            values, stamp = np.asarray(sample, dtype=np.float64), float(t)
+        except (TypeError, ValueError):
             return Status.WRONG_SIZE
-        self.position[:] = values
-        if not (math.isfinite(t) and np.isfinite(self.position).all()):
+        if values.shape != self.position.shape:
+            return Status.WRONG_SIZE
+        if not (math.isfinite(stamp) and np.isfinite(values).all()):
             return Status.NOT_FINITE
-        if t <= self._t:
+        self.position[:] = values
+        if stamp <= self._t:
             return Status.STALE
-        self._t = t
+        self._t = stamp
         return Status.OK
 
     def release(self) -> None:
-        """Nothing is held that belongs to a thread."""
+        """Forget the last stamp: another arm's clock may be earlier."""
+        self._t = -math.inf
 
 
-def motor_loop(robot: Robot, rate: float = 100.0) -> Compensator:
+def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensator:
     """Loop for `truejoint.motion.follow` that keeps what an arm reports to a trajectory.
 
     It makes up for what friction and the robot's own controller leave between set-point and
-    measured position; of what the cables lose it knows nothing. `rate` [Hz] must divide the arm's.
+    measured position; of what the cables lose it knows nothing. `rate` [Hz] must divide the arm's;
+    `lag` [s] is that of `Compensator`.
 
     Examples
     --------
@@ -406,7 +418,7 @@ def motor_loop(robot: Robot, rate: float = 100.0) -> Compensator:
     >>> bool(report.rms[0] < 1e-3)
     True
     """
-    return Compensator(Uncorrected(robot), robot, rate=rate)
+    return Compensator(Uncorrected(robot), robot, rate=rate, lag=lag)
 
 
 class _Latest:
@@ -536,10 +548,8 @@ def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) ->
     >>> compensated_motion(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
     (2,)
     """
-    rows, joints = (
-        floats(wanted, "compensated_motion", CommandRefused),
-        compensator.corrector.joints,
-    )
+    rows = floats(wanted, "compensated_motion", CommandRefused)
+    joints = compensator.corrector.joints
     if rows.ndim != 2 or rows.shape[1] != len(joints) or not len(rows):
         raise CommandRefused(
             f"compensated_motion: wanted positions of shape {rows.shape}; give a row or more of "

@@ -64,14 +64,14 @@ class FeedForward:
         self.joints: Final = calibration.joints
         self._calibration = calibration
         self._signals = _signals(calibration, robot)
-        self.expected, self.forward, self._setpoint = np.zeros((3, len(self.joints)))
-        self.start(self.forward)
+        self.start(np.zeros(len(self.joints)))
 
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest at set-points (n_joints,) [rad or m]; what friction holds is forgotten."""
+        # New arrays and states: of a copy that is started, nothing is shared with the original.
+        self.expected, self.forward, self._setpoint = np.zeros((3, len(self.joints)))
         self._setpoint[:] = setpoint
         self._now, self._ahead = self._calibration.start(), self._calibration.start()
-        self.expected[:] = self.forward[:] = 0.0
         self._t = 0.0
 
     def step(self, dt: float, measured: ArrayLike, wanted: ArrayLike) -> None:

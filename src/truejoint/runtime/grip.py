@@ -8,9 +8,10 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.errors import CommandRefused
 from truejoint.robots import Robot
+from truejoint.robots.joint_rows import checked_rows
 from truejoint.runtime.compensator import Compensator
 
 
@@ -79,7 +80,7 @@ class GripControl:
                 f"grip: a time constant of {time_constant} s; give {2.0 / compensator.rate:g} s, "
                 "two steps of the loop, or more"
             )
-        self._compensator = compensator
+        self._compensator, self._robot = compensator, robot
         self._grip = corrector.beside[load]
         self._way = way
         self._known_way = way[robot.index(corrector.joints)]
@@ -104,9 +105,31 @@ class GripControl:
             Torque of the jaws [Nm]; 0 where their opening shall be that of the positions.
         rate : float
             Of the rows, `Arm.rate` [Hz].
+
+        Raises
+        ------
+        CommandRefused
+            If there is no row, a row is not finite or of other joints, a torque is not finite or
+            below 0, there is not one a row, or the rate is below that of the compensator.
         """
-        rows, torque = np.array(wanted, dtype=np.float64), np.asarray(grip, dtype=np.float64)
+        rows = checked_rows(self._robot, floats(wanted, "grip", CommandRefused), "grip")
+        torque = floats(grip, "grip", CommandRefused)
+        if not len(rows) or torque.shape != rows.shape[:1]:
+            raise CommandRefused(
+                f"grip: torques of shape {torque.shape} for {len(rows)} rows of positions; give a "
+                "row or more, and a torque for each"
+            )
+        if not ((torque >= 0.0) & (torque < math.inf)).all():
+            raise CommandRefused("grip: a torque is not finite or below 0 Nm; give 0 Nm for none")
         period = round(rate / self._compensator.rate)
+        if period < 1:
+            raise CommandRefused(
+                f"grip: {rate:g} rows a second for a loop at {self._compensator.rate:g} Hz; give "
+                "rows at the arm's rate"
+            )
+        return self._pieces(rows, torque, period)
+
+    def _pieces(self, rows: Array, torque: Array, period: int) -> Iterator[Array]:
         apart, unit = rows @ self._way, self._way / (self._way @ self._way)
         self.opening = met = float(apart[0])
         for first in range(0, len(rows), period):

@@ -19,8 +19,8 @@ from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput
 
-_AHEAD: Final = 5
-"""Set-points that may wait to be executed while more are asked for: 5 ms at 1 kHz."""
+_AHEAD: Final = 5e-3
+"""Time of the set-points that may wait to be executed while more are asked for [s]."""
 _HOPELESS: Final = 0.1  # lateness [s] after which the clock is taken up anew
 _KEPT: Final = 1_200_000  # periods, twenty minutes
 _LATE: Final = 1.5  # periods
@@ -88,6 +88,7 @@ class PacedBackend(SimulatedBackend):
     def __init__(self, twin: Twin, *, rate: float = 1.0 / SETPOINT_DT, homed: bool = False) -> None:
         super().__init__(twin, rate=rate)
         self.period: Final = 1.0 / self.rate
+        self._most = max(round(_AHEAD * self.rate), 1)  # set-points that wait
         if homed:
             self._last = twin.home().rows(slice(-1, None))
             self._state = OperatingState("ENABLED", is_homed=True, is_busy=False, t=twin.time)
@@ -126,7 +127,7 @@ class PacedBackend(SimulatedBackend):
         """
         with self._moved:
             self._waiting.extend(position)
-            return len(position) - self._wait_for(_AHEAD, go_on)
+            return len(position) - self._wait_for(self._most, go_on)
 
     def flush(self) -> None:
         """Return once all set-points are executed."""

@@ -147,9 +147,9 @@ class SimulatedBackend:
         """Let time [s] pass with the brakes on; what a homed arm then reports."""
         before = self.twin.time
         self.twin.idle(duration)
-        if self._last is None or not self._state.is_homed:
-            return None
         last, passed = self._last, self.twin.time - before
+        if last is None or not self._state.is_homed or not passed > 0.0:
+            return None
         still = np.zeros_like(last.velocity), np.zeros_like(last.motor_velocity)
         return replace(last, t=last.t + passed, velocity=still[0], motor_velocity=still[1])
 
