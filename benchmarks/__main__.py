@@ -29,6 +29,7 @@ BENCHMARKS = (
     "clock_offset",
     "histories",
     "sensor_floors",
+    "pose_network",
     "raven_estimators",
     "grasper",
     "tracker",

@@ -114,6 +114,11 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.recordings.Stream([0.0], {"truth/jaw": ["a"]}), "give numbers"),
         (lambda model: truejoint.recordings.write_corrected([1.0], "c.parquet"), "correct_table"),
         (lambda model: truejoint.robots.Joint("jaw", "rotary"), "revolute or prismatic"),
+        (
+            lambda model: truejoint.recordings.Track.of_readings([0.0], [1.0]),
+            "must be (n,), (n, 3)",
+        ),
+        (lambda model: truejoint.evaluate(model, 5), "this is an int, not a Recording"),
     ],
 )
 def test_mistakes_are_one_line(

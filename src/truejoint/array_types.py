@@ -16,5 +16,5 @@ def floats(values: ArrayLike, what: str, error: type[TruejointError]) -> Array:
     """Numbers as an array, the same one if it is; raises `error`, saying `what` they are not."""
     try:
         return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as fault:
+    except (OverflowError, TypeError, ValueError) as fault:
         raise error(f"{what}: {fault}; give numbers") from None

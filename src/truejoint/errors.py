@@ -50,8 +50,11 @@ def other_kind(value: object, wanted: str, advice: str) -> str:
     "'raven2' is a str, not a Robot; get_robot(name) gives one"
     """
     what = repr(value) if isinstance(value, str) else "this"
-    article = "an" if wanted[0] in "AEIO" else "a"
-    return f"{what:.60} is a {type(value).__name__}, not {article} {wanted}; {advice}"
+    kind, other = (
+        f"{'an' if name[0] in 'AEIOaeio' else 'a'} {name}"
+        for name in (type(value).__name__, wanted)
+    )
+    return f"{what:.60} is {kind}, not {other}; {advice}"
 
 
 class TruejointError(ValueError):

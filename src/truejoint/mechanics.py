@@ -10,7 +10,11 @@ from truejoint.compiled import jit
 
 @jit(inline="always")
 def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
-    """Friction [Nm] after `way` [rad] of Dahl's model, exact for one direction."""
+    """Friction [Nm, N] after `way` [rad, m] of Dahl's model, exact for one direction.
+
+    It builds up with `stiffness` [Nm/rad, N/m] to `level` [Nm, N] (P. R. Dahl, A solid friction
+    model, 1968, exponent 1); where that is 0, there is no law and it stays.
+    """
     if way == 0.0 or level <= 0.0:
         return friction
     end = math.copysign(level, way)
@@ -19,7 +23,10 @@ def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
 
 @jit(inline="always")
 def solve(matrix: Array, right: Array) -> None:
-    """Solve a small positive definite system in place: `right` becomes the solution."""
+    """Solve a small positive definite system: `right` (n,) becomes the solution.
+
+    `matrix` (n, n) is used up.
+    """
     n = right.shape[0]
     for i in range(n):
         for row in range(i + 1, n):

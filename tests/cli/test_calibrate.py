@@ -52,6 +52,12 @@ def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions,
     assert read_calibration(path).interval.rezero == 1.0
 
 
+def test_what_is_re_zeroed_is_an_interval(call: Call, tmp_path):
+    done = call("calibrate", "x.parquet", "--interval-rezero-s", "5", "-o", tmp_path / "m.st")
+    assert (done.code, done.out) == (2, "")
+    assert "--interval-rezero-s is of an interval; give --interval, too" in done.err
+
+
 def test_columns_that_check_are_chosen(call: Call, tmp_path):
     made = build_recording(900, 0)
     motor = {f"motor/{joint}": 8.0 * made.column(f"measured/{joint}") for joint in JOINTS}

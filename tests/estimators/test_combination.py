@@ -31,6 +31,7 @@ from truejoint.estimators.wrapped import class_of
 from truejoint.models.combination import FAMILY
 from truejoint.models.family import EstimatorData
 from truejoint.models.features import time_steps
+from truejoint.robots import get_robot
 
 NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)
 GRU = RecurrentNetwork(units=5, epochs=2)
@@ -173,8 +174,9 @@ def test_other_members_make_another_family_of_it():
 def test_names_stay_where_nothing_else_is_known_of_their_members():
     names = ("measured/jaw", "effort/jaw")
     plain, paired = get_estimator("linear_trees"), get_estimator("hybrid")
-    assert plain.for_features(names).members == plain.members
-    told = paired.for_features(names)
+    robot = get_robot("davinci_grasper")
+    assert plain.for_features(names, robot, ("jaw",)).members == plain.members
+    told = paired.for_features(names, robot, ("jaw",))
     assert told.name == "hybrid"
     assert told.members[1].pairs == ((0, 1),)
 

@@ -9,6 +9,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import RichPlay
 from truejoint.estimators.coupled_play import identify_coupling
 from truejoint.models.coupled_play import coupled_play_rows
+from truejoint.robots import get_robot
 
 COUPLING = np.array([[0.0, 0.8, 0.0], [0.45, 0.0, 0.0], [0.0, 0.0, 0.0]])
 REACHES = np.array([0.1, 0.15, 0.05])
@@ -47,9 +48,10 @@ def test_coupled_plays_know_on_other_motion_what_plays_of_each_joint_do_not():
 
 def test_positions_are_those_that_are_measured():
     names = ("effort/a", "measured/a", "lowpass(measured/a, 0.1)", "measured/b")
-    assert RichPlay(couple=True).for_features(names).positions == (1, 3)
-    assert RichPlay(positions=(0, 2)).for_features(names).positions == (0, 2)
-    assert RichPlay().for_features(names).positions is None
+    told = names, get_robot("raven2"), ("elbow",)
+    assert RichPlay(couple=True).for_features(*told).positions == (1, 3)
+    assert RichPlay(positions=(0, 2)).for_features(*told).positions == (0, 2)
+    assert RichPlay().for_features(*told).positions is None
 
 
 def test_other_features_are_not_coupled_and_count_all_the_same():

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import math
+from fractions import Fraction
 from itertools import pairwise
 from typing import Any
 
@@ -11,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
-from truejoint.recordings import Provenance, Recording
+from truejoint.recordings import Provenance, Recording, Stream
 from truejoint.recordings.recording import default_unit, runs, since_first
 from truejoint.robots import get_robot
 
@@ -162,8 +163,10 @@ def test_provenance_that_no_file_could_keep_is_refused_when_it_is_made(stated: A
 
 
 def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
-    made = Provenance("bros", load=np.float32(0.5), dropped={"x": np.int64(3)})
-    assert json.loads(json.dumps(made.to_dict()))["dropped"] == {"x": 3}
+    rates = {"state": Fraction(61, 2)}
+    made = Provenance("bros", load=np.float32(0.5), rates=rates, dropped={"x": np.int64(3)})
+    kept = json.loads(json.dumps(made.to_dict()))
+    assert (kept["rates"], kept["dropped"]) == ({"state": 30.5}, {"x": 3})
     assert made.load == 0.5
 
 
@@ -176,6 +179,21 @@ def test_a_unit_that_is_not_of_si_is_refused_with_what_to_do() -> None:
 
 def test_columns_of_no_joint_are_none(recording: Recording) -> None:
     assert recording.columns("truth", []).shape == (len(recording), 0)
+
+
+@pytest.mark.parametrize("count", [10**400, -(10**400)])
+def test_a_whole_number_beyond_any_float_is_refused(count: int) -> None:
+    with pytest.raises(RecordingError, match="provenance: 'load' is"):
+        Provenance("bros", load=count)
+    with pytest.raises(RecordingError, match="too large to convert to float"):
+        Recording.from_columns({"t": [0, count]}, "bros")
+    with pytest.raises(RecordingError, match=r"'truth/joint1'.* too large .*; give numbers"):
+        Stream([0.0], {"truth/joint1": [count]})  # type: ignore[arg-type]
+
+
+def test_one_row_is_no_recording(recording: Recording) -> None:
+    with pytest.raises(RecordingError, match="1 rows; a recording needs at least 2"):
+        recording.rows(5)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("selection", [[True, False], np.array([10**6]), "a"])

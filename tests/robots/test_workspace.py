@@ -39,6 +39,8 @@ def test_every_workspace_lies_within_its_robots_limits(name):
 def test_lists_are_as_good_as_arrays():
     assert Workspace(("a",), [0.0], [1.0], [0.1]).extent == pytest.approx([1.0])
     assert Transmission([[2.0]]).motor_from_joint([3.0]) == pytest.approx([6.0])
+    geared = Transmission(np.eye(2), np.array([2.0, 4.0]))
+    assert geared.joint_effort([1.0, 1.0]) == pytest.approx([0.5, 0.25])
 
 
 @pytest.mark.parametrize(

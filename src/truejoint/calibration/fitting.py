@@ -231,7 +231,7 @@ class _Task:
         model = _unfitted(estimator, target, random_state).for_recordings(recordings)
         chosen = chosen_joints(robot, recordings, joints)
         feature_set = chosen_features(model, robot, recordings, features)
-        model = model.for_features(feature_set.names)
+        model = model.for_features(feature_set.names, robot, chosen)
         dt = sample_dt(recordings)
         if feature_set.counts_samples or model.family.counts_samples:
             for recording in recordings:
@@ -343,7 +343,8 @@ def reseeded(
     stride = stride_of(fit_rate, fitted.metadata["sample_dt"])
     rules = RowRules(fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
     parts = list(map(rules.rows, recordings, outlying_values(recordings, fitted.joints)))
-    models = [_unfitted(fitted.model, fitted.target, seed) for seed in seeds]
+    told = fitted.feature_set.names, common_robot(recordings), fitted.joints
+    models = [_unfitted(fitted.model, fitted.target, one).for_features(*told) for one in seeds]
     return [
         replace(
             fitted,
@@ -409,7 +410,7 @@ def _choose(
         thinned = not any(one.family.counts_samples for one in candidates)
         most = MOST_ROWS // len(recordings) if thinned else max(map(len, recordings))
         rows = [Rows.of(part, own_target, most) for part in parts]
-        told = [one.for_features(feature_set.names) for one in candidates]
+        told = [one.for_features(feature_set.names, robot, chosen) for one in candidates]
         groups.append(Group(feature_set, rows, told, own_target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
 

@@ -51,6 +51,10 @@ class Stated:
         typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
     ] = 0.0
 
+    def __post_init__(self) -> None:
+        if self.interval_rezero_s and not self.interval:
+            raise CalibrationError("--interval-rezero-s is of an interval; give --interval, too")
+
     @property
     def is_cross(self) -> bool:
         """Whether the interval is made of the recordings that are fitted to."""

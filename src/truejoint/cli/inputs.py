@@ -213,7 +213,8 @@ class Clocks:
         float | None,
         typer.Option(
             help="What to add to the stamps of the truth to have the robot's [s]; 0 on one clock. "
-            "Default: found by the motion that both saw, unless both have the time of day."
+            "Default: found by the motion that both saw; of topics in bags only where their stamps "
+            "have too little in common."
         ),
     ] = None
 

@@ -20,7 +20,7 @@ def join(
     robot_file: options.RobotFile,
     truth_file: Annotated[
         Path,
-        typer.Argument(metavar="TRUTH", help="File with t and truth/<joint>, or any with a map."),
+        typer.Argument(metavar="TRUTH", help="File with t and `truth/<joint>`, or any with a map."),
     ],
     output: options.OutRecording,
     truth_columns: Annotated[

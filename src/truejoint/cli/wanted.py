@@ -96,8 +96,11 @@ class Wanted:
         if dataset is None:
             return self
         rate = truejoint.recordings.datasets.DATASETS[dataset].fit_rate
+        stated = self.fit_rate_hz
         return replace(
-            self, features=self.features or [dataset], fit_rate_hz=self.fit_rate_hz or rate
+            self,
+            features=self.features or [dataset],
+            fit_rate_hz=rate if stated is None else stated,
         )
 
     def unfitted(self, dataset: str | None) -> Unfitted:
@@ -167,8 +170,8 @@ class Prior:
             return None
         if is_cross or replace(wanted, fit_rate_hz=None) != Wanted():
             raise CalibrationError(
-                "--prior: estimator, features, joints, target and zero are the prior's, and it "
-                "takes no --interval cross and no --seed; leave these options out"
+                "--prior: estimator, features, joints, target, redundant columns and zero are the "
+                "prior's, and it takes no --interval cross and no --seed; leave these options out"
             )
         return truejoint.read_calibration(self.prior)
 

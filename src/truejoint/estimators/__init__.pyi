@@ -10,6 +10,7 @@ from .jaw_load import EncoderZero as EncoderZero
 from .jaw_load import find_encoder_zero as find_encoder_zero
 from .jaw_load import identify_stiffness as identify_stiffness
 from .network import NeuralNetwork as NeuralNetwork
+from .network import PoseNetwork as PoseNetwork
 from .play import GatedPlay as GatedPlay
 from .play import Play as Play
 from .polynomial import FixedOffset as FixedOffset

@@ -21,6 +21,7 @@ from truejoint.threads import one_thread
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
+    from truejoint.robots import Robot
 
 Arrays = dict[str, Array]
 Flags = NDArray[np.bool_]
@@ -218,8 +219,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """Columns of known loads, 0 where there are none, that `fit` takes as `loads`, (n, k)."""
         return ()
 
-    def for_features(self, _names: Sequence[str]) -> Self:
-        """Unfitted copy that knows what its features are."""
+    def for_features(self, _names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
+        """Unfitted copy that knows its features, and the robot's joints that it is to correct.
+
+        Raises CalibrationError when these cannot serve it.
+        """
         return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
 
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:

@@ -21,6 +21,7 @@ from truejoint.models.family import EstimatorData, Family, Params, find_family
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
+    from truejoint.robots import Robot
 
 
 class _FamilyOfMembers:
@@ -132,14 +133,15 @@ class Combination(JointRegressor):
         """
         return self._of(one.for_recordings(recordings) for one in self._unfitted())
 
-    def for_features(self, names: Sequence[str]) -> Self:
-        """Unfitted copy whose members know what the features are."""
-        return self._of(one.for_features(names) for one in self._unfitted())
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Unfitted copy whose members know features and joints; raises as they do."""
+        return self._of(one.for_features(names, robot, joints) for one in self._unfitted())
 
     def _of(self, members: Iterable[JointRegressor]) -> Self:
         """Unfitted copy of other members; of those that it has, names too, where they are alike."""
         told = tuple(members)
-        same = _described(told) == _described(self._unfitted())
+        known = self._unfitted()
+        same = _described(told) == _described(known) and [*map(repr, told)] == [*map(repr, known)]
         return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
             **({} if same else {"members": told})
         )

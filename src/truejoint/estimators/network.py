@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, ClassVar, Final, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -17,8 +17,12 @@ from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
-from truejoint.models import network
+from truejoint.models import network, tool_network
 from truejoint.models.family import Family, Params
+
+if TYPE_CHECKING:
+    from truejoint.robots import Robot
+    from truejoint.robots.parts import Kinematics
 
 Floats = NDArray[np.floating]
 
@@ -34,6 +38,7 @@ PATIENCE: Final = 4_000  # steps without a better loss that are always waited fo
 FIRST_DECAY: Final = 0.9
 SECOND_DECAY: Final = 0.999
 EPSILON: Final = 1e-7
+_STILL: Final = 1e-6  # m per rad or m per m; below, a joint moves the tool nowhere of its own
 
 
 @dataclass(eq=False, repr=False)
@@ -109,13 +114,22 @@ class NeuralNetwork(JointRegressor):
         rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
         targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
-        self.epochs_ = int(self.epochs) or self._converged(rows, targets, sizes, progress)
+        weights = self.squares(X, arrays["target_scale"])
+        self.epochs_ = int(self.epochs) or self._converged(rows, targets, weights, sizes, progress)
         rng = check_random_state(self.random_state)
         layers = Layers.glorot(sizes, rng)
-        self.train(layers, rows, targets, self.epochs_, rng, progress)
+        self.train(layers, rows, targets, self.epochs_, rng, progress, weights)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
             arrays |= {f"weight_{i}": weight.astype(float), f"bias_{i}": bias.astype(float)}
         return arrays
+
+    def squares(self, X: Array, target_scale: Array) -> Floats | None:
+        """Weigh squared differences from standardised targets; None: all alike.
+
+        See `loss_and_gradient`; `X` (n, n_inputs) are the rows, `target_scale` (n_outputs,) that of
+        the targets.
+        """
+        return None
 
     def train(
         self,
@@ -125,12 +139,20 @@ class NeuralNetwork(JointRegressor):
         epochs: int,
         rng: np.random.RandomState,
         progress: Progress,
+        weights: Floats | None = None,
     ) -> None:
         """Train layers in place on standardised rows."""
-        for epoch in self._epochs(layers, X, y, epochs, rng):
+        for epoch in self._epochs(layers, X, y, weights, epochs, rng):
             progress((epoch + 1) / epochs)
 
-    def _converged(self, X: Floats, y: Floats, sizes: tuple[int, ...], progress: Progress) -> int:
+    def _converged(
+        self,
+        X: Floats,
+        y: Floats,
+        weights: Floats | None,
+        sizes: tuple[int, ...],
+        progress: Progress,
+    ) -> int:
         """Epochs after which the loss of the rows left out was least."""
         rng = check_random_state(self.random_state)
         layers = Layers.glorot(sizes, rng)
@@ -139,10 +161,14 @@ class NeuralNetwork(JointRegressor):
         per_epoch = -(-int((~unseen).sum()) // effective_batch(len(X), int(self.batch_size)))
         longest, patience = LONGEST // per_epoch + 1, PATIENCE // per_epoch + 1
         least, best = math.inf, 1
-        for epoch in self._epochs(layers, X[~unseen], y[~unseen], longest, rng):
+        own = None if weights is None else weights[~unseen]
+        for epoch in self._epochs(layers, X[~unseen], y[~unseen], own, longest, rng):
             delta = forward(layers, X[unseen])[-1] - y[unseen]
             delta[np.isnan(y[unseen])] = 0.0
-            loss = float(np.vdot(delta, delta))
+            weighted = delta
+            if weights is not None:
+                weighted = np.einsum("nij,nj->ni", weights[unseen], delta)
+            loss = float(np.vdot(delta, weighted))
             if loss < least:
                 least, best = loss, epoch + 1
             if epoch + 1 >= best + max(patience, best // 2):
@@ -151,7 +177,13 @@ class NeuralNetwork(JointRegressor):
         return best
 
     def _epochs(
-        self, layers: Layers, X: Floats, y: Floats, epochs: int, rng: np.random.RandomState
+        self,
+        layers: Layers,
+        X: Floats,
+        y: Floats,
+        weights: Floats | None,
+        epochs: int,
+        rng: np.random.RandomState,
     ) -> Iterator[int]:
         """Train in place, in a fresh order of the rows in each epoch; give each when it is over."""
         sizes = len(layers.weights[0]), *map(len, layers.biases)
@@ -167,7 +199,8 @@ class NeuralNetwork(JointRegressor):
             for start in range(0, len(X), self.batch_size_):
                 rows = order[start : start + self.batch_size_]
                 inputs, wanted = (one.take(rows, axis=0, mode="clip") for one in (X, y))  # fastest
-                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more))
+                own = None if weights is None else weights.take(rows, axis=0, mode="clip")
+                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more, own))
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
             check_loss(self.loss_curve_, epochs, rate)
@@ -215,6 +248,139 @@ class WideNetwork(NeuralNetwork):
     def penalties(self) -> Penalties:
         """Penalties beside that on the squared weights."""
         return Penalties(self.absolute_decay, self.bias_decay, self.activity_decay)
+
+
+@dataclass(eq=False, repr=False)
+class PoseNetwork(NeuralNetwork):
+    """The network of peng2024, trained on where the tool is instead of on each joint.
+
+    After Peng et al., "Real-time data driven precision estimator for RAVEN-II surgical robot end
+    effector position" (ICRA 2020), whose network corrects the tool's position: minimises the mean
+    squared distance of the tool from its true position, to first order by the Jacobian of the
+    robot's kinematics at the measured positions, over what it would be if each joint were off by
+    one standard deviation of its own. Predicts the joints all the same, and runs as `NeuralNetwork`
+    does. Joints that it does not correct count as exact.
+
+    Parameters
+    ----------
+    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state
+        As of `NeuralNetwork`.
+    tool : callable, optional
+        Gives for rows `X` (n, k) how the tool moves with the outputs, (n, m, n_outputs) [m per rad
+        or m]; `calibrate` takes a `ToolMotion` of the robot. By default the outputs themselves are
+        the tool's coordinates.
+
+    Examples
+    --------
+    >>> def on_a_circle(X):
+    ...     return np.stack([-np.sin(X), np.cos(X)], axis=1)
+    >>> network = PoseNetwork(hidden_layer_sizes=(8,), epochs=2, tool=on_a_circle)
+    >>> X = np.linspace(0.0, 1.0, 50)[:, None]
+    >>> network.fit(X, 0.1 * X[:, 0]).predict([[0.3]]).shape
+    (1,)
+    """
+
+    family: ClassVar[Family] = tool_network.FAMILY
+    tool: Callable[[Array], Array] | None = None
+
+    def model_params(self) -> Params:
+        """Parameters as the family knows them, which is told nothing of the tool."""
+        return {name: value for name, value in super().model_params().items() if name != "tool"}
+
+    def check_params(self) -> None:
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        super().check_params()
+        if self.tool is not None and not callable(self.tool):
+            raise CalibrationError(
+                f"{self.name} parameter tool is {self.tool!r:.60}; it must be a function of rows, "
+                "or left to the robot's kinematics"
+            )
+
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Unfitted copy that knows how the robot's joints move its tool.
+
+        Raises CalibrationError where the robot's kinematics are not known, or the measured position
+        of a joint that is corrected is no feature.
+        """
+        if not (self.tool is None or isinstance(self.tool, ToolMotion)):
+            return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
+            tool=ToolMotion.of(self.name, names, robot, joints)
+        )
+
+    def squares(self, X: Array, target_scale: Array) -> Floats:
+        """Weigh squared differences from standardised targets (n, k, k) by what the tool does."""
+        k = len(target_scale)
+        moves = np.broadcast_to(np.eye(k), (len(X), k, k)) if self.tool is None else self.tool(X)
+        if np.ndim(moves) != 3 or (len(moves), moves.shape[2]) != (len(X), k):
+            raise CalibrationError(
+                f"{self.name}: tool gives an array of shape {np.shape(moves)}; it must be "
+                f"({len(X)}, coordinates, {k}) for {len(X)} rows and {k} outputs"
+            )
+        scaled = moves * target_scale
+        weights = scaled.transpose(0, 2, 1) @ scaled
+        usual = float(np.trace(weights, axis1=1, axis2=2).mean())
+        if not 0.0 < usual < math.inf:
+            raise CalibrationError(
+                f"{self.name}: tool gives numbers by which nothing moves, or that are not finite"
+            )
+        return (weights / usual).astype(np.float32)
+
+
+@dataclass(frozen=True, eq=False)
+class ToolMotion:
+    """How a robot's tool moves with some of its joints, of rows of features.
+
+    Joints whose measured positions are no features stand where they are after homing.
+    """
+
+    joints: tuple[str, ...]
+    name: str = field(repr=False)  # of the estimator
+    kinematics: Kinematics = field(repr=False)
+    home: Array = field(repr=False)  # (n,) [rad or m], of all joints
+    corrected: tuple[int, ...] = field(repr=False)  # places of `joints` among all
+    places: tuple[tuple[int, int], ...] = field(repr=False)  # of a joint, and of its feature
+
+    @classmethod
+    def of(cls, name: str, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Find the joints' measured positions among the features called `names`.
+
+        Raises CalibrationError as `PoseNetwork.for_features`.
+        """
+        if robot.kinematics is None:
+            raise CalibrationError(
+                f"{name} needs the kinematics of {robot.title}, which are not known; add them to "
+                "its robot file, or choose another estimator"
+            )
+        measured = {joint: f"measured/{joint}" for joint in robot.joint_names}
+        absent = [measured[joint] for joint in joints if measured[joint] not in names]
+        if absent:
+            raise CalibrationError(
+                f"{name} must know where the joints are that it corrects; add "
+                f"{', '.join(absent)} to the features"
+            )
+        places = tuple(
+            (i, list(names).index(one)) for i, one in enumerate(measured.values()) if one in names
+        )
+        corrected = tuple(robot.index(joints))
+        return cls(tuple(joints), name, robot.kinematics, robot.home, corrected, places)
+
+    def __call__(self, X: Array) -> Array:
+        """Jacobian (n, 3, n_joints) [m per rad or m] of the tool's position for rows `X` (n, k).
+
+        Raises CalibrationError where it leaves a joint open in most rows.
+        """
+        positions = np.tile(self.home, (len(X), 1))
+        for joint, feature in self.places:
+            positions[:, joint] = X[:, feature]
+        moves = self.kinematics.jacobian(positions)[:, :3, list(self.corrected)]
+        least = np.linalg.svd(moves, compute_uv=False)[:, -1]
+        if len(self.corrected) > 3 or np.median(least) < _STILL:
+            raise CalibrationError(
+                f"{self.name}: where the tool is does not tell {', '.join(self.joints)} apart; "
+                "correct three joints at most, each of which moves the tool (--joint)"
+            )
+        return np.ascontiguousarray(moves)
 
 
 def effective_batch(n_rows: int, batch_size: int) -> int:
@@ -271,17 +437,23 @@ def loss_and_gradient(
     weight_decay: float,
     gradient: Layers,
     more: Penalties = _NO_MORE,
+    weights: Floats | None = None,
 ) -> float:
     """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
     ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
     free; where `y` is NaN, the difference is none. The loss of scikit-learn's ``MLPRegressor`` has
-    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``. `more` is added to it.
+    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``. `more` is added to it. With
+    symmetric `weights` W (n, n_outputs, n_outputs) the squares are (y - f(X))' W (y - f(X)), and
+    the mean is over rows.
     """
     activations = forward(layers, X)
     delta = activations.pop()
     sums = np.zeros_like(layers.biases[-1])
-    loss = _slopes_of_squares(delta, y, np.array([2.0 / delta.size], delta.dtype), sums)
+    if weights is None:
+        loss = _slopes_of_squares(delta, y, np.array([2.0 / delta.size], delta.dtype), sums)
+    else:
+        loss = _slopes_of_weighted_squares(delta, y, weights, sums)
     for layer in reversed(range(len(layers.weights))):
         source, weight = activations[layer], layers.weights[layer]
         np.matmul(source.T, delta, out=gradient.weights[layer])
@@ -316,6 +488,24 @@ def _slopes_of_squares(found: Floats, y: Floats, scale: Floats, sums: Floats) ->
             found[i, j] = difference * scale[0]
             sums[j] += found[i, j]
     return total / found.size
+
+
+@compiled
+def _slopes_of_weighted_squares(found: Floats, y: Floats, weights: Floats, sums: Floats) -> float:
+    """As `_slopes_of_squares`, of squares by `weights` (n, k, k), in mean over rows."""
+    total, n = 0.0, found.shape[0]
+    difference = np.zeros(found.shape[1])
+    for i in range(n):
+        for j in range(found.shape[1]):
+            difference[j] = 0.0 if math.isnan(y[i, j]) else found[i, j] - y[i, j]
+        for j in range(found.shape[1]):
+            pull = 0.0
+            for m in range(found.shape[1]):
+                pull += weights[i, j, m] * difference[m]
+            total += difference[j] * pull
+            found[i, j] = 0.0 if math.isnan(y[i, j]) else 2.0 * pull / n
+            sums[j] += found[i, j]
+    return float(total / n)
 
 
 @compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
 from sklearn.base import clone
@@ -26,6 +26,9 @@ from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
 from truejoint.models.combination import members
 from truejoint.models.family import Family, Params, is_integer
+
+if TYPE_CHECKING:
+    from truejoint.robots import Robot
 
 PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
@@ -272,7 +275,7 @@ class RichPlay(JointRegressor):
     growing: tuple[float, ...] = (0.05, 0.2, 0.6)
     random_state: int | None = None
 
-    def for_features(self, names: Sequence[str]) -> Self:
+    def for_features(self, names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
         """Unfitted copy whose pairs and positions are those of the features called so."""
         pairs = loaded_pairs(names) if self.pairs is None else self.pairs
         positions = self.positions

@@ -130,7 +130,7 @@ def write_corrected(
             str(name): column.tolist() if name in _TEXTS else column.to_numpy(np.float64)
             for name, column in table.items()
         }
-    except (AttributeError, TypeError, ValueError) as error:
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
         raise RecordingError(
             f"{path}: {error}; give a table of numbers, as `Calibration.correct_table` makes it"
         ) from None

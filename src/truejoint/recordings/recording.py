@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from numbers import Real
+from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Final
 
@@ -132,7 +132,7 @@ def _plain(name: str, kind: str, value: Any) -> Any:
     if kind == "str" and isinstance(value, str):
         # Half a character, as of a file's name, can go nowhere.
         return value.encode("utf-8", "backslashreplace").decode()
-    is_unknown = isinstance(value, Real) and math.isnan(value)
+    is_unknown = isinstance(value, float | np.floating) and math.isnan(value)
     if kind == "float" and (is_unknown or _is_number(value)):
         return float(value)
     if (
@@ -140,7 +140,7 @@ def _plain(name: str, kind: str, value: Any) -> Any:
         and isinstance(value, Mapping)
         and all(isinstance(key, str) and _is_number(number) for key, number in value.items())
     ):
-        return {k: n.item() if isinstance(n, np.generic) else n for k, n in value.items()}
+        return {k: int(n) if isinstance(n, Integral) else float(n) for k, n in value.items()}
     want = {"str": "text", "float": "a number in SI units"}.get(kind, "numbers by name")
     raise RecordingError(f"provenance: {name!r} is {value!r:.60}; want {want}")
 
@@ -227,7 +227,7 @@ class Recording(Summarised):
             )
         try:
             arrays = {str(name): np.asarray(v, dtype=float) for name, v in columns.items()}
-        except (AttributeError, TypeError, ValueError) as error:
+        except (AttributeError, OverflowError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"{provenance.source or 'recording'}: {error}; give a table, or a mapping of names "
                 "to columns of numbers"
@@ -311,7 +311,8 @@ class Recording(Summarised):
     def rows(self, selection: slice | Mask | Integers) -> Recording:
         """Keep the selected rows only; raises RecordingError where these are none of its own."""
         try:
-            table = self.table.iloc[selection]
+            rows: Any = selection if isinstance(selection, slice) else np.atleast_1d(selection)
+            table = self.table.iloc[rows]
         except (IndexError, TypeError, ValueError) as error:
             raise RecordingError(
                 f"{self.provenance.source or 'recording'}: rows {str(selection)!r:.60} of "

@@ -130,9 +130,8 @@ class Track:
         >>> len(Track.of_readings(t, np.column_stack([seen, seen + 1, seen])))
         60
         """
-        t, position = (floats(a, f"{source}: readings", RecordingError) for a in (t, position))
-        if orientation is not None:
-            orientation = floats(orientation, f"{source}: readings", RecordingError)
+        given = cls(t, position, orientation, source)
+        t, position, orientation = given.t, given.position, given.orientation
         values = position if orientation is None else np.hstack([position, orientation])
         with np.errstate(invalid="ignore"):
             seen = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)

@@ -102,6 +102,8 @@ class Transmission:
     def __post_init__(self) -> None:
         matrix = floats(self.matrix, "transmission matrix", RobotError)
         object.__setattr__(self, "matrix", matrix)
+        gear = floats(self.gear, "transmission gear", RobotError)
+        object.__setattr__(self, "gear", tuple(gear.ravel().tolist()))
         shape = matrix.shape
         finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
         if not finite or np.linalg.matrix_rank(matrix) < len(matrix):

@@ -229,9 +229,9 @@ def test_the_tool_is_off_by_what_the_joints_make_of_it(session):
     _, test = session
     test = test.with_truth(s.JOINTS)
     truth = test.columns("truth", s.JOINTS)
-    exact = rivals._judged(truth, test)
+    exact = rivals.errors_of(truth, test)
     assert exact["tool"] == [0.0] * 4
-    millimetre = rivals._judged(truth + np.array([0.0, 0.0, 1e-3]), test)
+    millimetre = rivals.errors_of(truth + np.array([0.0, 0.0, 1e-3]), test)
     assert millimetre["tool"][3] == pytest.approx(1e-3, rel=1e-9)  # straight along the shaft
     assert np.linalg.norm(millimetre["tool"][:3]) == pytest.approx(1e-3, rel=1e-9)
 

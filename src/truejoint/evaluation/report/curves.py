@@ -269,7 +269,7 @@ def plot_corrected(
     """
     if recording not in range(len(as_evaluation(evaluation).traces)):
         raise CalibrationError(
-            f"no recording {recording!r:.20}; {len(evaluation.traces)} were judged, counted from 0"
+            f"no recording {recording!r:.20} was judged; choose 0 to {len(evaluation.traces) - 1}"
         )
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds
@@ -295,7 +295,7 @@ def plot_corrected(
     legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
     figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
     picture, known = Path(path), figure.canvas.get_supported_filetypes()
-    kind = picture.suffix.removeprefix(".") or "png"
+    kind = picture.suffix.removeprefix(".").lower() or "png"
     if kind not in known:
         raise RecordingError(f"{picture}: no picture is .{kind}; choose one of {', '.join(known)}")
     draw = partial(figure.savefig, dpi=150, format=kind)

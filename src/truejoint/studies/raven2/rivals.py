@@ -56,6 +56,7 @@ RIVALS: Final[Mapping[str, Rival]] = {
     "gru": Rival("gated recurrent units"),
     "lstm": Rival("long short-term memory, as Hwang 2020"),
     "tcn": Rival("temporal convolutions, as Park 2024"),
+    "pose_network": Rival("network on the tool's position, as Peng 2020"),
     "ukf_two_mass": Rival("filter of motor, cable and link, as Haghighipanah 2015"),
     "gpr": Rival("Gaussian process, as Mahler's kind", 1.0),
     "forest": Rival("random forest"),
@@ -107,15 +108,15 @@ def compare(
     return PartResult(
         {
             when: {
-                RAW: _judged(test.columns("measured", s.JOINTS), test),
-                **{name: _judged(model.correct(test), test) for name, model in fitted.items()},
+                RAW: errors_of(test.columns("measured", s.JOINTS), test),
+                **{name: errors_of(model.correct(test), test) for name, model in fitted.items()},
             }
             for when, test in zip(WHEN, tests, strict=True)
         }
     )
 
 
-def _judged(estimate: Array, test: Recording) -> dict[str, list[float]]:
+def errors_of(estimate: Array, test: Recording) -> dict[str, list[float]]:
     """RMSE of the joints (3,) [rad, rad, m] and of the tool (x, y, z, distance) [m]."""
     truth, robot = test.columns("truth", s.JOINTS), test.robot
     known = np.isfinite(truth).all(axis=1)
