@@ -407,7 +407,9 @@ def _choose(
         rules = RowRules(feature_set, chosen, gap_limit, stride)
         parts = map(rules.rows, recordings, outlying)
         own_target = targets.get(feature_set, target or TARGETS[0])
-        rows = [Rows.of(part, own_target, MOST_ROWS // len(recordings)) for part in parts]
+        thinned = not any(one.family.counts_samples for one in candidates)
+        most = MOST_ROWS // len(recordings) if thinned else max(map(len, recordings))
+        rows = [Rows.of(part, own_target, most) for part in parts]
         told = [one.for_features(feature_set.names, robot, chosen) for one in candidates]
         groups.append(Group(feature_set, rows, told, own_target))
     return choose(groups, folds(recordings), chosen, wanted.tell, progress)
