@@ -28,7 +28,7 @@ _URDF_KEYS: Final = ("urdf", "base", "tip")
 _ENCODER_KEYS: Final = ("joint", "resolution", "hard_stop", "end", "direction", "tolerance")
 
 
-def joint_of(values: Mapping[str, Any], where: str) -> Joint:
+def read_joint(values: Mapping[str, Any], where: str) -> Joint:
     """Read a joint, whose limits are in the unit that it states."""
     check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
     name = name_of(values["name"], f"{where}: name")
@@ -38,7 +38,7 @@ def joint_of(values: Mapping[str, Any], where: str) -> Joint:
     return Joint(name, kind, **numbers)
 
 
-def workspace_of(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
+def read_workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
     """Workspace of one table a joint, ``jaw = {lower = -50, ...}`` in that joint's unit."""
     if not isinstance(values, Mapping) or not values:
         raise RobotError(f"workspace is {values!r:.40}; want a table for each joint that moves")
@@ -61,7 +61,7 @@ def workspace_of(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
     return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
 
 
-def encoders_of(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[JointEncoder, ...]:
+def read_encoders(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[JointEncoder, ...]:
     """Read encoders of tables, each in the unit of its joint."""
     factors = {joint["name"]: _kind(joint, "encoders")[1] for joint in joints}
     encoders = []
@@ -83,7 +83,7 @@ def encoders_of(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[Joint
     return tuple(encoders)
 
 
-def transmission_of(matrix: Any, gear: Any) -> Transmission:
+def read_transmission(matrix: Any, gear: Any) -> Transmission:
     """Read a transmission of its matrix and its gearboxes."""
     if not isinstance(gear, list | tuple) or len(gear) > MAX_JOINTS:
         raise RobotError(f"gear is {gear!r:.40}; want a number for each motor")
@@ -103,7 +103,7 @@ def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:
     return kind, UNITS[kind][unit]
 
 
-def kinematics_of(values: Any, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
+def read_kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
     """Read a chain of axes, or that of a URDF in `folder`."""
     if not isinstance(values, Mapping):
         raise RobotError(f"kinematics is {values!r:.40}; want a table")

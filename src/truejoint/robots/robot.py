@@ -15,11 +15,11 @@ from truejoint.errors import RobotError, other_kind, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.robots.description import (
     MATRIX_KEYS,
-    encoders_of,
-    joint_of,
-    kinematics_of,
-    transmission_of,
-    workspace_of,
+    read_encoders,
+    read_joint,
+    read_kinematics,
+    read_transmission,
+    read_workspace,
 )
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.robots.joint_encoder import JointEncoder
@@ -166,7 +166,7 @@ class Robot(Summarised):
         check_keys(values, _KEYS, ("name", "joints"), source)
         joints = tables(values["joints"], f"{source}: joints")
         try:
-            made = tuple(joint_of(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
+            made = tuple(read_joint(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
             names = tuple(joint.name for joint in made)
             matrix = values.get("transmission")
             kinematics, workspace = values.get("kinematics"), values.get("workspace")
@@ -181,13 +181,13 @@ class Robot(Summarised):
                 name_of(values.get("arm", ""), "arm") if values.get("arm") else "",
                 names_of(values.get("channels", names), "channels"),
                 names_of(values.get("positioning", names), "positioning"),
-                None if matrix is None else transmission_of(matrix, values.get("gear", ())),
-                None if kinematics is None else kinematics_of(kinematics, made, folder),
+                None if matrix is None else read_transmission(matrix, values.get("gear", ())),
+                None if kinematics is None else read_kinematics(kinematics, made, folder),
                 values.get("effort", "joint"),
-                None if workspace is None else workspace_of(workspace, joints),
+                None if workspace is None else read_workspace(workspace, joints),
                 None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
                 names_of(values.get("grasper", ()), "grasper"),
-                encoders_of(values["encoders"], joints) if values.get("encoders") else (),
+                read_encoders(values["encoders"], joints) if values.get("encoders") else (),
                 None if cables is None else CableMechanism.from_dict(cables),
             )
         except RobotError as error:
