@@ -72,6 +72,8 @@ def export_onnx(
     require("onnx.checker", "onnx", "an ONNX graph")
     onnx = require("onnx", "onnx", "an ONNX graph")
     path = Path(path)
+    if path.suffix not in {"", ".onnx"}:
+        raise ExportError(f"{path}: this is to be an ONNX graph; call it {path.stem}.onnx")
     model = _Graph(onnx, precision).build(calibration)
     write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
     return path

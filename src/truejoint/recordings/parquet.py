@@ -51,7 +51,8 @@ def write_parquet(
     Raises
     ------
     RecordingError
-        If `path` exists and may not be replaced, or its folder does not exist.
+        If `path` exists and may not be replaced, its folder does not exist, or its ending says
+        that it is another file.
 
     Examples
     --------
@@ -60,6 +61,9 @@ def write_parquet(
     400
     """
     target, recording = Path(path), as_recording(recording)
+    if target.suffix not in {"", ".parquet"}:
+        name = f"{target.stem}.parquet"
+        raise RecordingError(f"{target}: a recording is a Parquet file; call it {name}")
     columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
     header = {
         "version": VERSION,

@@ -16,6 +16,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, free_name, move, uninterrupted
@@ -146,7 +147,7 @@ class Recorder:
         self.written: Path | None = None
         self._stream: StreamWriter | None = None
         self._lock = threading.Lock()
-        check_topics(self.arm.robot, self.topics)
+        check_topics(as_arm(self.arm).robot, self.topics)
         if self.topics and self.path is None:
             raise RecordingError("recorder: topics are kept on the disk alone; give a path")
         if self.path is not None:

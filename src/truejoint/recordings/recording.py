@@ -232,6 +232,9 @@ class Recording(Summarised):
                 f"{provenance.source or 'recording'}: {error}; give a table, or a mapping of names "
                 "to columns of numbers"
             ) from None
+        if not isinstance(units or {}, Mapping):
+            advice = "give units by column; an arm is named by Provenance(robot, arm)"
+            raise RecordingError(other_kind(units, "mapping", advice))
         _check_shapes(arrays, provenance.source or "recording")
         robot = get_robot(provenance.robot, provenance.arm)
         mechanism = _mechanism(provenance, robot)
