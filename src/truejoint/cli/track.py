@@ -36,7 +36,7 @@ def track(
     topic: Annotated[
         str, typer.Option(help="Topic of the tracker in a bag; default: the only one.")
     ] = "",
-    unit: Annotated[str, typer.Option(help="Of the points in a file: m or mm.")] = "m",
+    unit: Annotated[str, typer.Option(help="Of the points in a file: m, cm, mm or um.")] = "m",
     registration: Registration = None,
     joint: Annotated[
         list[str] | None,
