@@ -57,5 +57,5 @@ def join(
     how = f"± {clock.sd:.2g} s, by the motion of {', '.join(clock.joints)}"
     out.print(
         f"{output}: {known} of {len(recording)} rows with truth, whose clock is "
-        f"{clock.seconds:.10g} s behind ({how if clock.joints else 'as stated'})"
+        f"{clock} behind ({how if clock.joints else 'as stated'})"
     )
