@@ -125,6 +125,12 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.export.export_onnx(model, "model.c"), "call it model.onnx"),
         (lambda model: Recording.from_columns({"t": [0, 1]}, "wrist", "420006"), "not a mapping"),
         (lambda model: truejoint.recordings.Recorder("raven2"), "'raven2' is a str, not an Arm"),
+        (
+            lambda model: truejoint.recordings.Recorder(
+                truejoint.crtk.simulated_arm("forceps"), path="run.csv"
+            ),
+            "run.csv: a recording is a .parquet file; call it run.parquet",
+        ),
         (lambda model: truejoint.motion.Jog("raven2"), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.crtk.Grasper("raven2"), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.motion.follow("raven2", WAY), "'raven2' is a str, not an Arm"),

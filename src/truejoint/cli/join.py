@@ -12,7 +12,8 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json
 from truejoint.cli.inputs import Clocks, Files, say_dropped, takes
-from truejoint.files import check_target
+from truejoint.errors import RecordingError
+from truejoint.files import check_ending, check_target
 
 
 @takes(files=Files, clocks=Clocks)
@@ -34,6 +35,7 @@ def join(
     files: Files,
 ) -> None:
     """Join a robot's recording with the truth that was recorded in a file of its own."""
+    check_ending(output, ".parquet", "a recording", RecordingError)
     check_target(output, overwrite=force)
     found = files.one(robot_file)
     arm = found.robot

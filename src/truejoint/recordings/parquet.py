@@ -18,7 +18,13 @@ import pyarrow.parquet as pq
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError, words
-from truejoint.files import UNHASHED, content_hash, is_as_written, write_atomically
+from truejoint.files import (
+    UNHASHED,
+    check_ending,
+    content_hash,
+    is_as_written,
+    write_atomically,
+)
 from truejoint.recordings.files import most_unpacked, require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording, as_recording
@@ -61,9 +67,7 @@ def write_parquet(
     400
     """
     target, recording = Path(path), as_recording(recording)
-    if target.suffix not in {"", ".parquet"}:
-        name = f"{target.stem}.parquet"
-        raise RecordingError(f"{target}: a recording is a Parquet file; call it {name}")
+    check_ending(target, ".parquet", "a recording", RecordingError)
     columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
     header = {
         "version": VERSION,

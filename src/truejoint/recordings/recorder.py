@@ -19,7 +19,7 @@ from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
-from truejoint.files import check_target, free_name, move, uninterrupted
+from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording
 from truejoint.recordings.stream_file import (
@@ -151,6 +151,7 @@ class Recorder:
         if self.topics and self.path is None:
             raise RecordingError("recorder: topics are kept on the disk alone; give a path")
         if self.path is not None:
+            check_ending(Path(self.path), ".parquet", "a recording", RecordingError)
             paths = [Path(self.path), *([topics_beside(self.path)] if self.topics else [])]
             for path in paths:
                 check_target(path, overwrite=self.overwrite, error=RecordingError)
