@@ -121,6 +121,7 @@ def refused(tmp_path, data: bytes, said: str) -> None:
 
 def test_damaged_files_are_refused_in_one_line(tmp_path, saved, monkeypatch):
     refused(tmp_path, b"", "cut short")
+    refused(tmp_path, b"PAR1 and so on", "is a Parquet file, as recordings are")
     refused(tmp_path, saved[:5], "cut short")
     refused(tmp_path, saved[:200], "cut short")
     refused(tmp_path, saved[:-8], "within the data")
