@@ -55,7 +55,9 @@ TENSION: Final = 87  # [N] of both cables of a loop
 DECAY: Final = 88  # of loads [1/s]
 PARAMETERS: Final = 89
 
-_SWEEPS: Final = 4
+_SWEEPS: Final = 12
+_ALIKE: Final = 1e-4
+"""Share of what a pin holds at most, by which a sweep may still find it to hold something else."""
 
 
 @compiled
@@ -285,22 +287,25 @@ def free_way(u: Array, taken: Array, shares: Array, p: Array, out: Array) -> Non
 
 
 @compiled
-def turn_pins(x: Array, free: Array, level: Array, shares: Array, p: Array, slope: Array,
-              way: Array, out: Array) -> None:  # fmt: skip
-    """Friction of the pins in `out` after the `way` (N,) [rad] that they leave of a free one.
+def turn_pins(began: Array, free: Array, level: Array, shares: Array, p: Array, slope: Array,
+              way: Array, held: Array) -> float:  # fmt: skip
+    """Friction `held` (N,) [Nm] of the pins after the `way` (N,) [rad] that they leave of `free`.
 
-    `slope` (N,) [Nm/rad] is how they hold; it becomes how they held.
+    `slope` (N,) [Nm/rad] is how they hold from where they `began`; it becomes how they held. Give
+    by how much that differs, as a share of what a pin holds at most.
     """
-    matrix = local_matrix(N, N)
+    matrix, apart = local_matrix(N, N), 0.0
     for j in range(N):
         way[j] = free[j]
     compliance(shares, slope, p, matrix)
     solve(matrix, way)
     for j in range(N):
-        held = dahl(x[PIN + j], level[j], level[j] / p[PIN_WAY], way[j])
-        out[PIN + j] = min(max(held, -level[j]), level[j])
+        held[j] = dahl(began[j], level[j], level[j] / p[PIN_WAY], way[j])
+        grown = held[j] - began[j]
+        apart = max(apart, abs(grown - slope[j] * way[j]) / level[j])
         if way[j] != 0.0:
-            slope[j] = (out[PIN + j] - x[PIN + j]) / way[j]
+            slope[j] = grown / way[j]
+    return apart
 
 
 @compiled
@@ -312,6 +317,7 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     """
     pull, after, change, taken = local_vector(N), local_vector(N), local_vector(N), local_vector(N)
     free, way, level, slope = local_vector(N), local_vector(N), local_vector(N), local_vector(N)
+    began, held = local_vector(N), local_vector(N)
     before, shares = local_matrix(N, 3), local_matrix(N, 3)
     for m in range(N):
         change[m] = loads[m] - x[LOAD + m]
@@ -325,9 +331,13 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     free_way(u, taken, shares, p, free)
     pin_levels(pull, x, p, level)
     for j in range(N):
-        slope[j] = max(level[j] - yielded(x[PIN + j], free[j]), 0.0) / p[PIN_WAY]
+        began[j] = min(max(x[PIN + j], -level[j]), level[j])
+        slope[j] = (level[j] - yielded(began[j], free[j])) / p[PIN_WAY]
     for _ in range(_SWEEPS):  # until pins hold as they do along the way that the joints then go
-        turn_pins(x, free, level, shares, p, slope, way, out)
+        if turn_pins(began, free, level, shares, p, slope, way, held) <= _ALIKE:
+            break
+    for j in range(N):
+        out[PIN + j] = held[j]
     tensions(out, p, after)
     for m in range(N):
         by = p[RADIUS + m] * u[CHANGE + m]
