@@ -66,6 +66,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
     "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}),
     "ukf_cables": _Line("cable_filter", "CableFilter", {}),
+    "hybrid_cables": _Line("cable_hybrid", "CableHybrid", {}),
 }
 _TREES: Final = {
     "boosted_trees": _Line(
