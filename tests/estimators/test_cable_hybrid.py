@@ -8,9 +8,9 @@ from tests.runtime.registered import model, ready, unseen, wrist
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import CableFilter, CableHybrid
+from truejoint.estimators import CableHybrid
+from truejoint.estimators.cable_filter import states
 from truejoint.models import cable_hybrid
-from truejoint.models.family import EstimatorData
 from truejoint.models.features import time_steps
 from truejoint.robots.wrist.instruments import JOINTS
 
@@ -46,13 +46,17 @@ def test_it_tells_a_grip_it_was_not_fitted_to():
 
 def test_plays_see_in_the_loop_what_they_were_fitted_to():
     calibration, (X, dt) = model("hybrid_cables"), rows_of(unseen("hybrid_cables").rows(range(200)))
-    arrays = calibration.model.arrays_
-    found = calibration.model.states(X, dt)
-    expected = cable_hybrid.sight(X, found.angle, found.states, arrays["parameters"])
-    state = calibration.model.start()
+    one, whole = calibration.model, calibration.model.states(X, dt)
+    filtered, _ = cable_hybrid.parts(one.arrays_)
+    found = states(filtered, X, dt)
+    expected = cable_hybrid.sight(X, found.angle, found.states, filtered["parameters"])
+    state = one.start()
     for i, row in enumerate(X):
-        calibration.model.step(state, dt[i], row)
+        angle = one.step(state, dt[i], row)
         np.testing.assert_allclose(state.memory.view("sight"), expected[i], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(angle, whole.angle[i], rtol=0.0, atol=1e-11)
+        loads = [state.memory.view(name)[0] for name in LOADS]
+        np.testing.assert_allclose(loads, whole.load[i], rtol=0.0, atol=1e-11)
 
 
 def test_it_begins_anew_with_what_its_plays_remember_after_a_row_that_is_none():
@@ -73,10 +77,7 @@ def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
     one = model("hybrid_cables").model
     state = one.start()
     state.memory.memory[cable_hybrid.DEVIATIONS] = 1.0
-    filter_alone = EstimatorData(
-        "cable_filter", {"channels": one.channels}, cable_hybrid.parts(one.arrays_)[0]
-    )
-    found = CableFilter.from_data(filter_alone, 6, 3).states(X, dt)
+    found = one.states(X, dt)
     for i, row in enumerate(X):
         one.step(state, dt[i], row)
         np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)

@@ -15,7 +15,7 @@ from truejoint.estimators.cable_filter import CableFilter, CableStates, Run, sta
 from truejoint.estimators.rich_play import RichPlay
 from truejoint.models import cable_hybrid
 from truejoint.models import cable_loops as r
-from truejoint.models.family import Family, Params
+from truejoint.models.family import EstimatorData, Family, Params
 from truejoint.models.filtered import histories
 
 WRIST_PLAYS: Final = RichPlay(
@@ -63,17 +63,27 @@ class CableHybrid(CableFilter):
         made.bank_ = params["bank"]
         return made
 
+    def states(self, X: Array, dt: Array) -> CableStates:
+        """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before.
+
+        The states are those of the filter.
+        """
+        filtered, bank = cable_hybrid.parts(self.arrays_)
+        data = EstimatorData(RichPlay.family.name, self.model_params()["bank"], bank)
+        plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
+        return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
+
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
-        found = states(filtered, X, dt)
-        raw = cable_hybrid.raw_rows(X, filtered["parameters"])
-        seen = cable_hybrid.sight(X, found.angle, found.states, filtered["parameters"])
+        found, parameters = states(filtered, X, dt), filtered["parameters"]
+        raw = cable_hybrid.raw_rows(X, parameters)
         wanted = np.hstack([y - raw, self._loads])
+        seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
         plays = clone(WRIST_PLAYS).fit(seen, wanted, dt=dt)
         self.bank_: Mapping[str, Any] = plays.model_params()
-        told = plays.predict(seen, dt)
-        own = replace(found, angle=raw + told[:, : r.N], load=told[:, r.N :])
-        errors = structure(*self._judged(own, X, y, dt)) * _unseen(plays, wanted - told, wanted)
+        own = _told(plays, found, X, dt, parameters)
+        left = wanted - np.hstack([own.angle - raw, own.load])
+        errors = structure(*self._judged(own, X, y, dt)) * _unseen(plays, left, wanted)
         progress(1.0)
         return cable_hybrid.joined(filtered, plays.arrays_, errors)
 
@@ -88,6 +98,16 @@ class CableHybrid(CableFilter):
         ]  # fmt: skip
         runs, own = zip(*(pair for pair in every if pair[0].known > pair[0].settled), strict=True)
         return list(runs), list(own)
+
+
+def _told(
+    plays: RichPlay, found: CableStates, X: Array, dt: Array, parameters: Array
+) -> CableStates:
+    """Give what plays make of what the filter `found`; its deviations stay."""
+    seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
+    told = plays.evaluate(seen, dt)
+    angle = cable_hybrid.raw_rows(X, parameters) + told[:, : r.N]
+    return replace(found, angle=angle, load=told[:, r.N :])
 
 
 def _unseen(plays: RichPlay, left: Array, wanted: Array) -> Array:

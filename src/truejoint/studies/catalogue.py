@@ -415,7 +415,7 @@ _WRIST_CHANGES: Final = Study(
         _UNDER_LOADS,
         Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
     ),
-    version=2,
+    version=3,
 )
 
 STUDIES: Final = {

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 from truejoint.errors import StudyError
+from truejoint.estimators import cable_filter
+from truejoint.estimators.cable_filter import CableStates
+from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist import changes
@@ -17,7 +22,8 @@ FEW = {"free_s": "160", "loaded_s": "12", "test_s": "6", "count": "1", "family":
 def result():
     settings = get_study("wrist-changes").settings("small", options=FEW)
     (part,) = get_study("wrist-changes").parts(settings)
-    return settings, {part.key: part.compute(**part.arguments)}
+    with patch.object(cable_filter, "_ROUNDS", 2):
+        return settings, {part.key: part.compute(**part.arguments)}
 
 
 def test_efforts_show_more_friction_and_not_where_the_zeros_are(result):
@@ -28,12 +34,26 @@ def test_efforts_show_more_friction_and_not_where_the_zeros_are(result):
     assert strange[changes.ENGAGED] == pytest.approx(strange[changes.NOTHING], abs=0.02)
 
 
-def test_closing_the_jaws_takes_off_what_engaging_moved(result):
+def test_closing_the_jaws_takes_off_what_engaging_moved_of_their_opening(result):
     (part,) = result[1].values()
-    errors = part.numbers["errors"]
-    moved = errors[changes.ENGAGED]["opening"] - errors[changes.NOTHING]["opening"]
+    before, after = (part.numbers["errors"][n]["mean"] for n in (changes.NOTHING, changes.ENGAGED))
+    moved = (after[2] - after[1]) - (before[2] - before[1])
     assert np.degrees(abs(moved)) > 0.15
-    assert abs(moved - part.numbers["zero"]) < 0.5 * abs(moved)
+    assert abs(moved - part.numbers["opening"]) < 0.5 * abs(moved)
+
+
+@pytest.mark.parametrize("specimen", ["nominal", "cable_only"])
+def test_stops_tell_how_far_engaging_moved_each_joint(specimen):
+    found, zeros = [], []
+    for homings in (1, 2):
+        twin = WristTwin(WristTwin.PARAMETERS.read(specimen), seed=3)
+        for _ in range(homings):
+            twin.home()
+        found.append(changes.touched(twin))
+        zeros.append(twin._transmission.joint_from_motor(twin._zero[None])[0])
+    moved = zeros[0] - zeros[1]
+    assert np.degrees(np.abs(moved)).max() > 0.3
+    np.testing.assert_allclose(np.degrees(found[1] - found[0] - moved), 0.0, atol=0.05)
 
 
 def test_the_opening_is_that_at_which_jaws_begin_to_press():
@@ -43,7 +63,8 @@ def test_the_opening_is_that_at_which_jaws_begin_to_press():
     opening[grip < 0.01] = 0.15
     angle = np.column_stack([np.zeros(120), -0.5 * opening, 0.5 * opening])
     load = np.column_stack([grip, np.ones((120, 2))])
-    assert changes.closed_opening(angle, load) == pytest.approx(0.02, abs=5e-4)
+    found = CableStates(angle, angle, load, load, np.zeros((120, 15)))
+    assert changes.closed_opening(found) == pytest.approx(0.02, abs=5e-4)
 
 
 def test_a_test_too_short_to_settle_is_refused():
@@ -55,4 +76,5 @@ def test_a_test_too_short_to_settle_is_refused():
 def test_its_tables_and_figure_can_be_drawn(result):
     summary = changes.summarise(*result)
     assert [row[0] for row in summary.tables[0].rows] == list(changes.CHANGES)
+    assert [len(row) for row in summary.tables[1].rows] == [5, 5, 5]
     assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())

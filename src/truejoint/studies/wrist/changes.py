@@ -9,11 +9,14 @@ import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
+from truejoint.calibration import Calibration, calibrate
+from truejoint.estimators.cable_filter import CableStates
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.wrist import record_wrist
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
-from truejoint.simulation.twin import glide, hold
+from truejoint.simulation.twin import TwinOutput, glide, hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
@@ -24,7 +27,6 @@ from truejoint.studies.wrist.accuracy import (
     METHODS,
     SETTLED,
     check_times,
-    fitted,
     rms,
     specimens,
 )
@@ -51,6 +53,13 @@ _OPEN: Final = 0.2  # [rad] from which jaws close on each other,
 _PRESSED: Final = -0.15  # to this,
 _YAWS: Final = (-0.5, 0.0, 0.5)  # [rad] here and there,
 _CLOSING: Final = 2.0  # [s] in which
+_STOPS: Final = ((0, -1.0), (0, 1.0), (1, -1.0), (2, 1.0))  # joints, and which way they come
+_SHORT: Final = 0.25  # [rad] from the limit where they begin to,
+_COMING: Final = 0.1  # [rad/s]
+_BEYOND: Final = 0.19  # [rad] beyond which no set-point goes
+_PRESS: Final = 0.03  # [Nm] more than on the way there
+_GRAIN: Final = 20  # [ms] in which the torque is looked at
+_FREE: Final = 60  # of these pieces, the second half of which tells the torque on the way
 _FELT: Final = 0.01  # [Nm] of grip from which they meet for certain: pins hold less
 
 
@@ -72,9 +81,11 @@ def judge(
     plant, seed = WristParameters.from_dict(specimen), 5 * number
     twin = WristTwin(plant, seed=number)
     twin.home()
-    free = motions.record(twin, motions.multi_sine, free_s, seed, load=False)
-    loaded = motions.record(twin, motions.multi_sine, loaded_s, seed + 1, load=True)
+    free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
+    loaded = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
+    model = calibrate([free, loaded], "hybrid_cables", joints=JOINTS)
     tests, checks = {NOTHING + ", closing": closing(twin)}, {}
+    stops = {NOTHING: touched(twin)}
     for name, factors in CHANGES.items():
         base = plant.to_dict()
         values = {
@@ -86,26 +97,79 @@ def judge(
         if name == ENGAGED:
             other.home()
             tests[ENGAGED + ", closing"] = closing(other)
+            stops[ENGAGED] = touched(other)
         tests[name] = motions.record(other, motions.steps, test_s, seed + 2, load=True)
-        checks[name] = motions.record(other, motions.multi_sine, _CHECK, seed + 3, load=False)
+        checks[name] = motions.record(other, motions.paused_sines, _CHECK, seed + 3, load=False)
         if name == GAIN:
             tests[name], checks[name] = (amplified(run, 1.1) for run in (tests[name], checks[name]))
-    known = fitted([free, loaded], tests, METHODS["play_effort"], None)
+    known = {name: told(model, test) for name, test in tests.items()}
     strange = strangeness(free, checks)
     errors = {}
     for name in CHANGES:
         test = tests[name]
         rows = test.t - test.t[0] > SETTLED
-        angle, load = known[name]
-        off = (angle - test.columns("truth_exact", JOINTS))[rows]
+        off = (known[name].angle - test.columns("truth_exact", JOINTS))[rows]
         errors[name] = {
             "angle": rms(off),
-            "grip": rms((load - test.columns("truth_load", LOADS))[rows])[0],
-            "opening": float(np.mean(off[:, 2] - off[:, 1])),
+            "grip": rms((known[name].load - test.columns("truth_load", LOADS))[rows])[0],
+            "mean": off.mean(axis=0).tolist(),
             "strange": strange[name],
         }
-    before, after = (closed_opening(*known[f"{name}, closing"]) for name in (NOTHING, ENGAGED))
-    return PartResult({"family": family, "errors": errors, "zero": after - before})
+    before, after = (closed_opening(known[f"{name}, closing"]) for name in (NOTHING, ENGAGED))
+    moved = (stops[ENGAGED] - stops[NOTHING]).tolist()
+    zeros = {"opening": after - before, "stops": moved}
+    return PartResult({"family": family, "errors": errors, **zeros})
+
+
+def told(model: Calibration, recording: Recording) -> CableStates:
+    """Say what a calibration by a filter of the cables tells of joints and loads."""
+    gap = model.gap_limit
+    found: CableStates = model.model.states(
+        model.feature_set.compute(recording, gap), time_steps(recording.t, gap)
+    )
+    return found
+
+
+def touched(twin: WristTwin) -> Array:
+    """Measured joints (3,) [rad] at stops: the pitch between both, each jaw outside."""
+    low, high, *jaws = (stop(twin, k, way) for k, way in _STOPS)
+    return np.array([0.5 * (low + high), *jaws])
+
+
+def stop(twin: WristTwin, k: int, way: float) -> float:
+    """Measured angle [rad] of joint `k` at its stop, the upper one for a `way` of 1, lower for -1.
+
+    It goes on until its torque is larger than on the way there by `_PRESS`, and back. A line
+    through torque and angle tells where it was half of that.
+    """
+    limit = twin.robot.upper if way > 0.0 else twin.robot.lower
+    transmission = twin.robot.transmission
+    assert transmission is not None  # noqa: S101  # a robot of cables has one
+    pose = np.array([0.0, -0.5 * _OPEN, 0.5 * _OPEN])
+    if k > 0:
+        pose[1:] = limit[k] - way * (_SHORT + _OPEN)  # the other jaw stays behind
+    pose[k] = limit[k] - way * _SHORT
+    twin.run(glide(twin.commanded, pose, 2.0))
+    far = way * _COMING * SETPOINT_DT * np.arange(1, _GRAIN + 1)
+    ahead = np.outer(far, np.eye(len(pose))[k])
+    runs: list[TwinOutput] = []
+
+    def torque(run: TwinOutput) -> Array:
+        return np.asarray(way * (run.effort @ transmission.matrix)[:, k])
+
+    usual = 0.0
+    while way * (twin.commanded - limit)[k] < _BEYOND:
+        runs.append(twin.run(twin.commanded + ahead))
+        if len(runs) == _FREE:
+            usual = float(np.mean([torque(run).mean() for run in runs[_FREE // 2 :]]))
+        if len(runs) > _FREE and torque(runs[-1]).mean() - usual > _PRESS:
+            break
+    twin.run(glide(twin.commanded, pose, 1.0))
+    pressed = np.concatenate([torque(run) for run in runs]) - usual
+    angle = np.concatenate([run.measured[:, k] for run in runs])
+    felt = pressed > 0.25 * _PRESS
+    slope, at = np.polyfit(pressed[felt], angle[felt], 1)
+    return float(at + 0.5 * slope * _PRESS)
 
 
 def closing(twin: WristTwin) -> Recording:
@@ -121,15 +185,16 @@ def closing(twin: WristTwin) -> Recording:
     return record_wrist(twin, np.vstack(path), session="closing")
 
 
-def closed_opening(angle: Array, load: Array) -> float:
+def closed_opening(found: CableStates) -> float:
     """Give the opening [rad] at which jaws begin to press on each other, by what is known of both.
 
     Jaws give way as they press, by how much depends on where the zeros are; so it is that of a line
     through their opening over their grip, closing and opening, where there is none.
     """
-    pressed = load[:, 0] > _FELT
-    opening = (angle[:, 2] - angle[:, 1])[pressed]
-    rows = np.column_stack([np.ones(len(opening)), load[pressed, 0]])
+    grip = found.load[:, 0]
+    pressed = grip > _FELT
+    opening = (found.angle[:, 2] - found.angle[:, 1])[pressed]
+    rows = np.column_stack([np.ones(len(opening)), grip[pressed]])
     return float(np.linalg.lstsq(rows, opening, rcond=None)[0][0])
 
 
@@ -191,27 +256,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         f"in {_CHECK:g} s of free motion are compared with those that such a motion took in "
         f"calibration; the motor that differs most counts, and is flagged from {FLAGGED:.0%} on.",
     )
-    off = np.degrees(
-        [
-            [n["errors"][ENGAGED]["opening"], n["errors"][ENGAGED]["opening"] - n["zero"]]
-            for n in numbers
-        ]
-    )
-    before, after = np.abs(off - _usual(numbers)).T
-    zero = Table(
-        "Engaged anew: the jaws' opening",
-        ("", "median", "worst"),
-        tuple(
-            (title, f"{np.median(each):.3f}", f"{each.max():.3f}")
-            for title, each in (("as engaged", before), ("after closing on themselves", after))
-        ),
-        (
-            "How far, in degrees, the mean error of the opening is from that before. Jaws that "
-            "begin to press on each other are at the opening at which they did in calibration: a "
-            "line through opening over grip tells it. Pitch and yaw have no such stop here: what "
-            "engaging moved of them stays.",
-        ),
-    )
+    zero = _zero_table(numbers)
     place = np.arange(len(CHANGES))
     curves = [
         Curve(np.array(middle)[:, j], place, joint, f"C{j}", "o") for j, joint in enumerate(JOINTS)
@@ -222,6 +267,28 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     return Summary((table, zero), {"wrist-changes": figure})
 
 
-def _usual(numbers: Sequence[Mapping[str, Any]]) -> Array:
-    """Mean error (n, 1) [deg] of the opening where nothing changed."""
-    return np.degrees([[n["errors"][NOTHING]["opening"]] for n in numbers])
+def _zero_table(numbers: Sequence[Mapping[str, Any]]) -> Table:
+    """How far engaging anew moved the errors, and what each way to a zero leaves of that."""
+    means = np.array([[n["errors"][name]["mean"] for name in (NOTHING, ENGAGED)] for n in numbers])
+    moved = means[:, 1] - means[:, 0]
+    left = moved - np.array([n["stops"] for n in numbers])
+    opening = moved[:, 2] - moved[:, 1]
+    closed = opening - np.array([n["opening"] for n in numbers])
+
+    def cell(values: Array) -> str:
+        found = np.abs(np.degrees(values))
+        return f"{np.median(found):.3f} ({found.max():.3f})"
+
+    rows = (
+        ("as engaged", *map(cell, moved.T), cell(opening)),
+        ("after touching their stops", *map(cell, left.T), cell(left[:, 2] - left[:, 1])),
+        ("after closing the jaws on themselves", *["-"] * len(JOINTS), cell(closed)),
+    )
+    notes = (
+        "How far, in degrees, the mean errors are from those before; the worst in brackets. Joints "
+        "that press on the stops at the ends of their ranges, as lightly as they did after "
+        "calibration, measure there by how much their zeros have moved. Jaws that begin to press "
+        "on each other are at the opening at which they did then: a line through opening over grip "
+        "tells it.",
+    )
+    return Table("Engaged anew", ("", *JOINTS, "opening"), rows, notes)
