@@ -51,7 +51,7 @@ class CableHybrid(CableFilter):
 
     family: ClassVar[Family] = cable_hybrid.FAMILY
 
-    def model_params(self) -> Params:
+    def model_params(self) -> dict[str, object]:
         """Parameters of the family: the motors, and the plays'."""
         bank = vars(self).get("bank_", WRIST_PLAYS.model_params())
         return {**super().model_params(), "bank": bank}

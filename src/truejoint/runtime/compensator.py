@@ -257,7 +257,7 @@ class Compensator:
         """
         goal = np.asarray(wanted, dtype=np.float64)
         ahead = goal + self.memory.memory[at.LEAD] * (goal - self._given[2])  # as set-points lead
-        self._given[:] = now, ahead, goal
+        self._given[:] = np.asarray(now, dtype=np.float64), ahead, goal
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.

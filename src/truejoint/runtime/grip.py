@@ -55,7 +55,8 @@ class GripControl:
     Examples
     --------
     >>> robot = truejoint.get_robot("wrist")
-    >>> motors = Uncorrected(robot)  # joints as the motors say, and a gauge between the jaws
+    >>> from truejoint.runtime.compensator import Uncorrected  # joints as the motors say,
+    >>> motors = Uncorrected(robot)  # and a gauge between the jaws
     >>> motors.beside["grip"] = np.array([0.02, 0.001])  # [Nm], kept up to date; its half-width
     >>> control = GripControl(Compensator(motors, robot), robot)
     >>> pieces = control.pieces(np.zeros((8, 3)), np.full(8, 0.05), rate=1000.0)

@@ -13,10 +13,9 @@ from truejoint.calibration import Calibration, calibrate
 from truejoint.estimators.cable_filter import CableStates
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
-from truejoint.recordings.wrist import record_wrist
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
-from truejoint.simulation.twin import TwinOutput, glide, hold
+from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
@@ -49,18 +48,13 @@ FLAGGED: Final = 0.04
 """Share by which efforts of a motor are larger or smaller from which an instrument has changed."""
 _CHECK: Final = 30.0  # [s] of free motion that tells
 _SEEN: Final = 0.75  # share of the free calibration that efforts are learnt from
-_OPEN: Final = 0.2  # [rad] from which jaws close on each other,
-_PRESSED: Final = -0.15  # to this,
-_YAWS: Final = (-0.5, 0.0, 0.5)  # [rad] here and there,
-_CLOSING: Final = 2.0  # [s] in which
-_STOPS: Final = ((0, -1.0), (0, 1.0), (1, -1.0), (2, 1.0))  # joints, and which way they come
-_SHORT: Final = 0.25  # [rad] from the limit where they begin to,
+_OPEN: Final = 0.2  # [rad] of the jaws that come to a stop
+_SHORT: Final = 0.25  # [rad] before it,
+_FAR: Final = 0.44  # [rad] in which they meet it, or are said to,
 _COMING: Final = 0.1  # [rad/s]
-_BEYOND: Final = 0.19  # [rad] beyond which no set-point goes
 _PRESS: Final = 0.03  # [Nm] more than on the way there
 _GRAIN: Final = 20  # [ms] in which the torque is looked at
 _FREE: Final = 60  # of these pieces, the second half of which tells the torque on the way
-_FELT: Final = 0.01  # [Nm] of grip from which they meet for certain: pins hold less
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -84,8 +78,7 @@ def judge(
     free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
     loaded = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
     model = calibrate([free, loaded], "hybrid_cables", joints=JOINTS)
-    tests, checks = {NOTHING + ", closing": closing(twin)}, {}
-    stops = {NOTHING: touched(twin)}
+    tests, checks, stops = {}, {}, {NOTHING: touched(twin)}
     for name, factors in CHANGES.items():
         base = plant.to_dict()
         values = {
@@ -96,7 +89,6 @@ def judge(
         other.home()
         if name == ENGAGED:
             other.home()
-            tests[ENGAGED + ", closing"] = closing(other)
             stops[ENGAGED] = touched(other)
         tests[name] = motions.record(other, motions.steps, test_s, seed + 2, load=True)
         checks[name] = motions.record(other, motions.paused_sines, _CHECK, seed + 3, load=False)
@@ -115,10 +107,8 @@ def judge(
             "mean": off.mean(axis=0).tolist(),
             "strange": strange[name],
         }
-    before, after = (closed_opening(known[f"{name}, closing"]) for name in (NOTHING, ENGAGED))
     moved = (stops[ENGAGED] - stops[NOTHING]).tolist()
-    zeros = {"opening": after - before, "stops": moved}
-    return PartResult({"family": family, "errors": errors, **zeros})
+    return PartResult({"family": family, "errors": errors, "stops": moved})
 
 
 def told(model: Calibration, recording: Recording) -> CableStates:
@@ -131,71 +121,44 @@ def told(model: Calibration, recording: Recording) -> CableStates:
 
 
 def touched(twin: WristTwin) -> Array:
-    """Measured joints (3,) [rad] at stops: the pitch between both, each jaw outside."""
-    low, high, *jaws = (stop(twin, k, way) for k, way in _STOPS)
-    return np.array([0.5 * (low + high), *jaws])
+    """Measured joints (3,) [rad] at stops, the pitch between both, and opening of jaws that meet.
 
-
-def stop(twin: WristTwin, k: int, way: float) -> float:
-    """Measured angle [rad] of joint `k` at its stop, the upper one for a `way` of 1, lower for -1.
-
-    It goes on until its torque is larger than on the way there by `_PRESS`, and back. A line
-    through torque and angle tells where it was half of that.
+    Of a jaw the stop outside, to which the other one comes less near.
     """
-    limit = twin.robot.upper if way > 0.0 else twin.robot.lower
+    lower, upper, apart = twin.robot.lower, twin.robot.upper, np.array([0.0, -0.5, 0.5])
+    pitch, first, second = np.eye(3)
+    low = stop(twin, (lower[0] + _SHORT) * pitch + _OPEN * apart, -pitch)
+    high = stop(twin, (upper[0] - _SHORT) * pitch + _OPEN * apart, pitch)
+    left = stop(twin, (lower[1] + _SHORT) * (first + second) + _OPEN * second, -first)
+    right = stop(twin, (upper[2] - _SHORT) * (first + second) - _OPEN * first, second)
+    return np.array([0.5 * (high - low), -left, right, -stop(twin, _SHORT * apart, -apart)])
+
+
+def stop(twin: WristTwin, pose: Array, way: Array) -> float:
+    """How far along a `way` (3,) measured joints are where something stops them, from `pose` on.
+
+    They go on until the torque along the way has grown by `_PRESS`, and back. A line through torque
+    and joints tells where it was half of that.
+    """
     transmission = twin.robot.transmission
     assert transmission is not None  # noqa: S101  # a robot of cables has one
-    pose = np.array([0.0, -0.5 * _OPEN, 0.5 * _OPEN])
-    if k > 0:
-        pose[1:] = limit[k] - way * (_SHORT + _OPEN)  # the other jaw stays behind
-    pose[k] = limit[k] - way * _SHORT
     twin.run(glide(twin.commanded, pose, 2.0))
-    far = way * _COMING * SETPOINT_DT * np.arange(1, _GRAIN + 1)
-    ahead = np.outer(far, np.eye(len(pose))[k])
-    runs: list[TwinOutput] = []
-
-    def torque(run: TwinOutput) -> Array:
-        return np.asarray(way * (run.effort @ transmission.matrix)[:, k])
-
-    usual = 0.0
-    while way * (twin.commanded - limit)[k] < _BEYOND:
-        runs.append(twin.run(twin.commanded + ahead))
-        if len(runs) == _FREE:
-            usual = float(np.mean([torque(run).mean() for run in runs[_FREE // 2 :]]))
-        if len(runs) > _FREE and torque(runs[-1]).mean() - usual > _PRESS:
+    ahead = np.outer(_COMING * SETPOINT_DT * np.arange(1, _GRAIN + 1), way)
+    torque, joints, usual = np.zeros(0), np.zeros((0, 3)), 0.0
+    for n in range(round(_FAR / (_COMING * SETPOINT_DT * _GRAIN))):
+        run = twin.run(twin.commanded + ahead)
+        torque = np.append(torque, run.effort @ transmission.matrix @ way)
+        joints = np.vstack([joints, run.measured])
+        if n == _FREE:
+            usual = float(torque[len(torque) // 2 :].mean())
+        if n > _FREE and torque[-_GRAIN:].mean() - usual > _PRESS:
             break
     twin.run(glide(twin.commanded, pose, 1.0))
-    pressed = np.concatenate([torque(run) for run in runs]) - usual
-    angle = np.concatenate([run.measured[:, k] for run in runs])
+    pressed = torque - usual
     felt = pressed > 0.25 * _PRESS
-    slope, at = np.polyfit(pressed[felt], angle[felt], 1)
+    along = joints[felt] @ way / (way @ way)
+    slope, at = np.polyfit(pressed[felt], along, 1)
     return float(at + 0.5 * slope * _PRESS)
-
-
-def closing(twin: WristTwin) -> Recording:
-    """Record jaws that close on each other slowly, and open again, where they look each way."""
-    poses = [motions.joints(np.array([[0.0, y, _OPEN], [0.0, y, _PRESSED]])) for y in _YAWS]
-    before = poses[0][0]
-    twin.run(glide(twin.commanded, before, 1.5))
-    path = []
-    for apart, pressed in poses:
-        path += [glide(before, apart, 1.0), glide(apart, pressed, _CLOSING), hold(pressed, 0.5)]
-        path += [glide(pressed, apart, _CLOSING)]
-        before = apart
-    return record_wrist(twin, np.vstack(path), session="closing")
-
-
-def closed_opening(found: CableStates) -> float:
-    """Give the opening [rad] at which jaws begin to press on each other, by what is known of both.
-
-    Jaws give way as they press, by how much depends on where the zeros are; so it is that of a line
-    through their opening over their grip, closing and opening, where there is none.
-    """
-    grip = found.load[:, 0]
-    pressed = grip > _FELT
-    opening = (found.angle[:, 2] - found.angle[:, 1])[pressed]
-    rows = np.column_stack([np.ones(len(opening)), grip[pressed]])
-    return float(np.linalg.lstsq(rows, opening, rcond=None)[0][0])
 
 
 def amplified(run: Recording, gain: float) -> Recording:
@@ -270,10 +233,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
 def _zero_table(numbers: Sequence[Mapping[str, Any]]) -> Table:
     """How far engaging anew moved the errors, and what each way to a zero leaves of that."""
     means = np.array([[n["errors"][name]["mean"] for name in (NOTHING, ENGAGED)] for n in numbers])
-    moved = means[:, 1] - means[:, 0]
-    left = moved - np.array([n["stops"] for n in numbers])
-    opening = moved[:, 2] - moved[:, 1]
-    closed = opening - np.array([n["opening"] for n in numbers])
+    moved, stops = means[:, 1] - means[:, 0], np.array([n["stops"] for n in numbers])
+    left, opening = moved - stops[:, :3], moved[:, 2] - moved[:, 1]
 
     def cell(values: Array) -> str:
         found = np.abs(np.degrees(values))
@@ -282,13 +243,11 @@ def _zero_table(numbers: Sequence[Mapping[str, Any]]) -> Table:
     rows = (
         ("as engaged", *map(cell, moved.T), cell(opening)),
         ("after touching their stops", *map(cell, left.T), cell(left[:, 2] - left[:, 1])),
-        ("after closing the jaws on themselves", *["-"] * len(JOINTS), cell(closed)),
+        ("after closing the jaws on themselves", *["-"] * len(JOINTS), cell(opening - stops[:, 3])),
     )
     notes = (
         "How far, in degrees, the mean errors are from those before; the worst in brackets. Joints "
-        "that press on the stops at the ends of their ranges, as lightly as they did after "
-        "calibration, measure there by how much their zeros have moved. Jaws that begin to press "
-        "on each other are at the opening at which they did then: a line through opening over grip "
-        "tells it.",
+        "that press on the stops at the ends of their ranges, or jaws on each other, as lightly as "
+        "they did after calibration, measure there by how much their zeros have moved.",
     )
     return Table("Engaged anew", ("", *JOINTS, "opening"), rows, notes)
