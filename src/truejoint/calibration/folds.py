@@ -80,15 +80,18 @@ def wholes(recordings: Sequence[Recording]) -> list[Part]:
     return [Part(index, 0, len(recording)) for index, recording in enumerate(recordings)]
 
 
-def blocks(recordings: Sequence[Recording], count: int) -> list[Part]:
+def blocks(recordings: Sequence[Recording], count: int, *, by_way: bool = False) -> list[Part]:
     """Every recording in `count` parts of equal time, one recording after the other.
 
-    Raises CalibrationError if one would hold fewer than ten rows.
+    Or, `by_way`, in which the joints travel equally far, where each holds ten rows. Raises
+    CalibrationError if one would hold fewer than ten rows.
     """
     parts = []
     for index, recording in enumerate(recordings):
-        edges = recording.t[0] + recording.duration * np.arange(1, count) / count
-        marks = [0, *np.searchsorted(recording.t, edges).tolist(), len(recording)]
+        marks = _marks(recording.t, count)
+        if by_way:
+            found = _marks(_way(recording), count)
+            marks = found if min(np.diff(found)) >= _LEAST_ROWS else marks
         if min(np.diff(marks)) < _LEAST_ROWS:
             raise CalibrationError(
                 f"{source_of(recording)}: {len(recording)} rows are too few to leave out a "
@@ -96,6 +99,27 @@ def blocks(recordings: Sequence[Recording], count: int) -> list[Part]:
             )
         parts += [Part(index, *marks[i : i + 2]) for i in range(count)]
     return parts
+
+
+def _marks(course: Array, count: int) -> list[int]:
+    """First row of each of `count` equal parts of what never falls (n,), and the number of rows."""
+    edges = course[0] + (course[-1] - course[0]) * np.arange(1, count) / count
+    return [0, *np.searchsorted(course, edges).tolist(), len(course)]
+
+
+def _way(recording: Recording) -> Array:
+    """How far the joints have come by each row (n,), in ranges of each."""
+    rows = np.union1d(np.arange(0, len(recording), _every([recording])), len(recording) - 1)
+    q = recording.columns("measured", recording.joints_of("measured"))[rows]
+    ranges = np.ptp(q, axis=0)
+    steps = np.abs(np.diff(q, axis=0))[:, ranges > 0.0] / ranges[ranges > 0.0]
+    way = np.concatenate([[0.0], np.cumsum(steps.sum(axis=1))])
+    return np.interp(np.arange(len(recording)), rows, way)
+
+
+def _every(recordings: Sequence[Recording]) -> int:
+    """Rows in the time over which speed is taken."""
+    return max(1, round(_STEP / sample_dt(recordings)))
 
 
 def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list[Fold]:
@@ -110,14 +134,15 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
-    One or two recordings lose a fifth of their time each; two or more are left out whole. Ten or
-    more are left out by how fast they move and by how large their efforts are, a fifth at a time,
-    so that an estimator shows what it does beyond them. Where several homings, or masses on the
-    tool, are stated, these are left out too.
+    One or two recordings lose a fifth of their way each, so that no part is of a joint at rest,
+    which shows no more than one error; two or more are left out whole. Ten or more are left out by
+    how fast they move and by how large their efforts are, a fifth at a time, so that an estimator
+    shows what it does beyond them. Where several homings, or masses on the tool, are stated, these
+    are left out too.
     """
     parts, found = wholes(recordings), list[Fold]()
     if len(recordings) < FEW:
-        shares = blocks(recordings, FOLDS)
+        shares = blocks(recordings, FOLDS, by_way=True)
         found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
         return found if len(parts) == 1 else found + dealt([[p] for p in parts], "recordings")
     if len(recordings) >= SORTED_FROM:
@@ -148,7 +173,7 @@ def _speeds(recordings: Sequence[Recording]) -> Array:
     """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
     found = []
     for recording in recordings:
-        every = max(1, round(_STEP / sample_dt([recording])))
+        every = _every([recording])
         t, q = recording.t[::every], _common(recordings, recording, "measured")[::every]
         found.append(np.diff(q, axis=0) / np.diff(t)[:, None])
     return _sizes(found)
