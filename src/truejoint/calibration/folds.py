@@ -21,6 +21,7 @@ SORTED_FROM: Final = 10  # recordings; so many tell fast from slow and light fro
 
 _GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
 _STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
+_AT_REST: Final = 0.05  # of the RMS speed of a joint, below which it counts as standing still
 _LEAST_ROWS: Final = 10  # of a part
 
 
@@ -80,17 +81,17 @@ def wholes(recordings: Sequence[Recording]) -> list[Part]:
     return [Part(index, 0, len(recording)) for index, recording in enumerate(recordings)]
 
 
-def blocks(recordings: Sequence[Recording], count: int, *, by_way: bool = False) -> list[Part]:
+def blocks(recordings: Sequence[Recording], count: int, *, in_motion: bool = False) -> list[Part]:
     """Every recording in `count` parts of equal time, one recording after the other.
 
-    Or, `by_way`, in which the joints travel equally far, where each holds ten rows. Raises
+    Or, `in_motion`, of equal time in which a joint moves, where each then holds ten rows. Raises
     CalibrationError if one would hold fewer than ten rows.
     """
     parts = []
     for index, recording in enumerate(recordings):
         marks = _marks(recording.t, count)
-        if by_way:
-            found = _marks(_way(recording), count)
+        if in_motion:
+            found = _marks(_time_moved(recording), count)
             marks = found if min(np.diff(found)) >= _LEAST_ROWS else marks
         if min(np.diff(marks)) < _LEAST_ROWS:
             raise CalibrationError(
@@ -107,14 +108,16 @@ def _marks(course: Array, count: int) -> list[int]:
     return [0, *np.searchsorted(course, edges).tolist(), len(course)]
 
 
-def _way(recording: Recording) -> Array:
-    """How far the joints have come by each row (n,), in ranges of each."""
+def _time_moved(recording: Recording) -> Array:
+    """Time (n,) [s] in which a joint has moved, by each row."""
     rows = np.union1d(np.arange(0, len(recording), _every([recording])), len(recording) - 1)
     q = recording.columns("measured", recording.joints_of("measured"))[rows]
-    ranges = np.ptp(q, axis=0)
-    steps = np.abs(np.diff(q, axis=0))[:, ranges > 0.0] / ranges[ranges > 0.0]
-    way = np.concatenate([[0.0], np.cumsum(steps.sum(axis=1))])
-    return np.interp(np.arange(len(recording)), rows, way)
+    dt = np.diff(recording.t[rows])
+    speeds = np.abs(np.diff(q, axis=0)) / dt[:, None]
+    usual = np.sqrt(np.mean(speeds**2, axis=0))
+    moves = ((speeds > _AT_REST * usual) & (usual > 0.0)).any(axis=1)
+    moved = np.concatenate([[0.0], np.cumsum(np.where(moves, dt, 0.0))])
+    return np.asarray(np.interp(np.arange(len(recording)), rows, moved))
 
 
 def _every(recordings: Sequence[Recording]) -> int:
@@ -134,7 +137,7 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
-    One or two recordings lose a fifth of their way each, so that no part is of a joint at rest,
+    One or two recordings lose a fifth of the time in which they move, so that no part is at rest,
     which shows no more than one error; two or more are left out whole. Ten or more are left out by
     how fast they move and by how large their efforts are, a fifth at a time, so that an estimator
     shows what it does beyond them. Where several homings, or masses on the tool, are stated, these
@@ -142,7 +145,7 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """
     parts, found = wholes(recordings), list[Fold]()
     if len(recordings) < FEW:
-        shares = blocks(recordings, FOLDS, by_way=True)
+        shares = blocks(recordings, FOLDS, in_motion=True)
         found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
         return found if len(parts) == 1 else found + dealt([[p] for p in parts], "recordings")
     if len(recordings) >= SORTED_FROM:
