@@ -46,6 +46,9 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": False}, {}),
     "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
+    "gp_lowpass": _Line(
+        "rich_play", "RichPlay", {"learner": "gaussian_process", "couple": False}, {}
+    ),
     "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
     "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
     "tcn": _Line("sequence", "TemporalConvolution", {}),
