@@ -96,9 +96,9 @@ def test_three_loads_are_no_reason_for_a_cubic():
     loads, rng = (0.03, 0.05, 0.12), np.random.default_rng(0)
 
     def under(seeds, load):
-        return rows(seeds, load=lambda t: np.full(len(t), load))
+        return rows(seeds, seconds=12.0, load=lambda t: np.full(len(t), load))
 
-    parts = [under([10 * i + j], load) for i, load in enumerate(loads) for j in range(3)]
+    parts = [under([10 * i + j], load) for i, load in enumerate(loads) for j in range(2)]
     X, y, steps, _ = (np.concatenate(own) for own in zip(*parts, strict=True))
     y[:, 0] += np.repeat(np.radians(rng.normal(0.0, 0.3, len(parts))), len(y) // len(parts))
     model = ElasticJointFilter(elements=2).fit(X, y, None, steps)
