@@ -50,6 +50,9 @@ class PlantConstants(NamedTuple):
     law: ContactLaw
     opening: Array  # (J,) of the jaws, per joint; zeros where nothing meets
     contact: Array  # (2,) stiffness [Nm/rad], damping [Nm s/rad]
+    lowest: Array  # (J,) [rad] where a joint meets its stops,
+    highest: Array  # (J,)
+    stop: Array  # (2,) which have this stiffness [Nm/rad] and damping [Nm s/rad]
     n_motors: int
     motor_step: Array  # (2, 2): how far angle and speed are off, a step later
     motor_lag: float  # [s] by which a motor follows a ramp
@@ -68,10 +71,18 @@ class Drawn(NamedTuple):
 
 
 def plant_constants(
-    p: WristParameters, mechanism: CableMechanism, substeps: int = SUBSTEPS
+    p: WristParameters,
+    mechanism: CableMechanism,
+    substeps: int = SUBSTEPS,
+    limits: tuple[Array, Array] | None = None,
 ) -> tuple[PlantConstants, Drawn]:
-    """Constants of one instrument, its single parts drawn with ``variation.seed``."""
+    """Constants of one instrument, its single parts drawn with ``variation.seed``.
+
+    Its joints meet stops beyond `limits`, lower and upper (n_joints,) [rad], where they have any.
+    """
     cables, motors = mechanism.cables, tuple(mechanism.motors)
+    unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
+    lower, upper = unbounded if limits is None else limits
     parts, drawn = _drawn(p, mechanism)
     side = np.sign(mechanism.moments)
     moved = np.argsort(side == 0.0, axis=1, kind="stable")
@@ -108,6 +119,9 @@ def plant_constants(
         is_maxwell_slip=f.law == MAXWELL_SLIP,
         law=ContactLaw(f.presliding, 0.0, 1.0, 1.0),
         opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
+        lowest=lower - p.stops.beyond,
+        highest=upper + p.stops.beyond,
+        stop=np.array([p.stops.stiffness, p.stops.damping]),
         contact=np.zeros(2) if met is None else np.array([met.stiffness, met.damping]),
         n_motors=len(motors),
         motor_step=_motor_step(p, dt),
