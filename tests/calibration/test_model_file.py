@@ -128,7 +128,7 @@ def test_damaged_files_are_refused_in_one_line(tmp_path, saved, monkeypatch):
     refused(tmp_path, saved + b"\0", "after the last tensor")
     refused(tmp_path, saved[:-3] + b"\x01" + saved[-2:], "does not match its hash")
     refused(tmp_path, saved.replace(b"raven2", b"raven3"), "does not match its hash")
-    refused(tmp_path, b"PAR1" + saved, "not a safetensors file")
+    refused(tmp_path, b"PK12" + saved, "not a safetensors file")
     plain = safetensors.numpy.save({"a": np.zeros(3)})
     refused(tmp_path, plain, "without truejoint's part")
     monkeypatch.setattr(model_file, "MAX_FILE_BYTES", 1000)
