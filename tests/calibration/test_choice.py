@@ -257,7 +257,7 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
 
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
-    rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "gp"]
+    rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "run_out", "gp"]
     assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich]
     assert candidates()[2].epochs == 0
 
