@@ -114,8 +114,7 @@ def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
         np.std(m.fit(rows, eccentric(rows)).predict(other, fresh) - eccentric(other))
         for m in (model, RichPlay(leading=2))
     )
-    assert left < 0.0005
-    assert without > 0.002  # a play of the zig-zag explains it there
+    assert left < 0.3 * without  # the plays of which explain the zig-zag alone
 
 
 @pytest.mark.parametrize("turns", [None, ()])
