@@ -121,13 +121,14 @@ def refused(tmp_path, data: bytes, said: str) -> None:
 
 def test_damaged_files_are_refused_in_one_line(tmp_path, saved, monkeypatch):
     refused(tmp_path, b"", "cut short")
+    refused(tmp_path, b"PAR1 and so on", "is a Parquet file, as recordings are")
     refused(tmp_path, saved[:5], "cut short")
     refused(tmp_path, saved[:200], "cut short")
     refused(tmp_path, saved[:-8], "within the data")
     refused(tmp_path, saved + b"\0", "after the last tensor")
     refused(tmp_path, saved[:-3] + b"\x01" + saved[-2:], "does not match its hash")
     refused(tmp_path, saved.replace(b"raven2", b"raven3"), "does not match its hash")
-    refused(tmp_path, b"PAR1" + saved, "not a safetensors file")
+    refused(tmp_path, b"PK12" + saved, "not a safetensors file")
     plain = safetensors.numpy.save({"a": np.zeros(3)})
     refused(tmp_path, plain, "without truejoint's part")
     monkeypatch.setattr(model_file, "MAX_FILE_BYTES", 1000)

@@ -1,4 +1,4 @@
-"""The commands that README and docs show are commands, with options that there are."""
+"""What README and docs show is there: commands with their options, benchmarks, pages."""
 
 from __future__ import annotations
 
@@ -50,3 +50,15 @@ def test_commands_of_the_docs_are_known(page: Path) -> None:
 def test_what_is_no_command_or_option_is_found() -> None:
     assert unknown("truejoint calibrat run.csv") == ["calibrat"]
     assert unknown("truejoint calibrate run.csv --feture a -o m.st [--arm left]") == ["--feture"]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_pages_and_benchmarks_of_the_docs_are_there(page: Path) -> None:
+    text = page.read_text("utf-8")
+    links = {link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text)}
+    own = [link for link in links if link and not link.startswith("http")]
+    assert [link for link in own if not (page.parent / link).exists()] == []
+    modules = set(re.findall(r"python -m (benchmarks(?:\.\w+)?)", text))
+    files = {name: ROOT.joinpath(*name.split(".")) for name in modules}
+    there = [n for n, file in files.items() if file.is_dir() or file.with_suffix(".py").exists()]
+    assert sorted(there) == sorted(modules)

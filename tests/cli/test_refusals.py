@@ -42,6 +42,7 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         (["-o", "m.onnx"], "call it m.safetensors"),
         (["-o", "model.csv"], "call it model.safetensors"),
         (["-o", "m.st"], "--force"),
+        (["-e"], "Option '-e' requires an argument. See `truejoint calibrate --help`."),
         (["-o", "nosuch/m.st"], "the folder nosuch does not exist"),
     ],
     ids=lambda words: " ".join(words) if isinstance(words, list) else "",

@@ -190,6 +190,11 @@ def test_nothing_is_overwritten_unless_told(tmp_path):
     assert sorted(paths[0].parent.iterdir()) == sorted(paths)
 
 
+def test_a_level_that_is_no_share_is_refused(tmp_path):
+    with pytest.raises(ExportError, match="level 3 is not a share between 0 and 1"):
+        export_c(calibration(FixedOffset()), tmp_path, level=3)
+
+
 @pytest.mark.parametrize("prefix", ["", "1arm", "_arm", "a__b", "arm_", "a-b", "a b", "a/b", "é",
                                     "a\n", "a" * 41, "../x"])  # fmt: skip
 def test_bad_prefixes_are_refused(tmp_path, prefix):

@@ -104,6 +104,8 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
         raise ModelFileError(
             f"larger than {MAX_FILE_BYTES} bytes, which no truejoint model is; {_DAMAGED}"
         )
+    if data[:4] == b"PAR1":
+        raise ModelFileError("is a Parquet file, as recordings are; name the model file here")
     length = int.from_bytes(data[:8], "little")
     if len(data) < 8 or length > min(MAX_HEADER_BYTES, len(data) - 8):
         raise ModelFileError(

@@ -121,8 +121,10 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             return INTERRUPTED, ""
         case usage_error():
             what = " ".join(error.format_message().split())
+            # Of an option without its value it is not said of which command.
+            where = error.ctx.command_path if error.ctx else " ".join(["truejoint", *sys.argv[1:2]])
             # An empty one means that help was shown.
-            return FAILED, f"{what} See `{error.ctx.command_path} --help`." if what else ""
+            return FAILED, f"{what} See `{where} --help`." if what else ""
         case TruejointError():
             return FAILED, str(error)
         case MemoryError():

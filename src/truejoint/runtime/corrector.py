@@ -21,7 +21,6 @@ from truejoint.calibration.encoding import (
     decode,
     encode,
 )
-from truejoint.calibration.interval import check_level
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.layout import refuse_copy
@@ -161,7 +160,6 @@ class Corrector(Summarised):
         range_margin: float = RANGE_MARGIN,
         rezeroing: bool = False,
     ) -> None:
-        check_level(level)
         data = _read(model, rezeroing)
         self.made_for = data.robot, data.arm
         self.joints, self.signals = data.joints, data.loop_signals

@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.calibration.interval import inverse_span
+from truejoint.calibration.interval import check_level, inverse_span
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime.limits import Limits
@@ -120,8 +120,9 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
     """Memory of a corrector before its first sample, not homed.
 
     `level` says which half-widths of the interval to use, where there is one. Raises
-    CalibrationError if the estimator only works offline.
+    CalibrationError if that is no share, or the estimator only works offline.
     """
+    check_level(level)
     operation, source, parameter, slot = data.feature_set.program
     signals = data.loop_signals
     n_signals, k, n_joints = len(signals), len(data.feature_set), len(data.joints)

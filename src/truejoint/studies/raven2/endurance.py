@@ -164,7 +164,7 @@ def _by_length(title: str, found: Found, settings: Settings) -> Table:
         for text in sessions[0][0]:
             rows[f"{work}, {text}"] = [_together([hour[text] for hour in one]) for one in sessions]
     return tables.accuracy_table(
-        f"Mean over {settings['hours']} hours by what was trained on, specimen {title}",
+        f"Mean over {settings['hours']} h by what was trained on, specimen {title}",
         rows,
         _METHODS,
         tables.unprinted,

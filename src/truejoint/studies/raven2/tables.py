@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Final
 
 import numpy as np
@@ -56,8 +56,7 @@ def accuracy_table(
         for joint, name in enumerate(TITLES):
             cells = [_cell(sessions, condition, method, joint, paper) for method in methods]
             rows.append((f"{condition}, {name}", *cells))
-    after = "" if paper is unprinted else " (paper)"
-    header = ("condition, joint", *(f"{method}{after}" for method in methods))
+    header = ("condition, joint", *_titles(methods, rows))
     count = max((len(sessions) for sessions in found.values()), default=0)
     over = f"{count} sessions" if count > 1 else "the models of one session"
     has_spread = any("±" in cell for row in rows for cell in row)
@@ -88,8 +87,14 @@ def percent_table(title: str, found: Found, paper: Paper) -> Table:
                 after = f" ({percent_of(*there):.1f})" if None not in there else ""  # type: ignore[arg-type]
                 cells.append(fixed(float(here), 1) + after)
             rows.append((f"{condition}, {name}", *cells))
-    header = ("condition, joint", *(f"{method} % (paper)" for method in MODELS))
+    header = ("condition, joint", *_titles([f"{method} %" for method in MODELS], rows))
     return Table(title, header, tuple(rows))
+
+
+def _titles(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
+    """Titles of the columns behind the first; those in which the paper has a number say so."""
+    for column, name in enumerate(names, 1):
+        yield name + " (paper)" * any("(" in row[column] for row in rows)
 
 
 def percent(sessions: Sequence[Errors], method: str) -> Array:
