@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeVar, cast
 
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
+from numba.core import cgutils
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
 from numba.core.registry import CPUDispatcher
@@ -153,6 +155,39 @@ def matrix(_typing: Any, memory: Any, offset: Any, rows: Any, columns: Any) -> A
     """View of a 1-D array from `offset` on as a matrix, row by row, without counting references."""
     kind = types.Array(memory.dtype, 2, "C")
     return kind(memory, types.intp, types.intp, types.intp), _view
+
+
+def _local(kind: Any, *lengths: Any) -> Any:
+    """Type and code of an array on the stack, whose lengths are literals."""
+    shape = [length.literal_value for length in lengths]
+
+    def generate(context: Any, builder: Any, signature: Any, _args: Any) -> Any:
+        number = context.get_value_type(types.float64)
+        view = make_array(signature.return_type)(context, builder)
+        populate_array(
+            view,
+            data=cgutils.alloca_once(builder, number, size=math.prod(shape)),
+            shape=[context.get_constant(types.intp, n) for n in shape],
+            strides=[context.get_constant(types.intp, 8 * n) for n in (*shape[1:], 1)],
+            itemsize=context.get_constant(types.intp, 8),
+            meminfo=None,
+        )
+        return view._getvalue()
+
+    return kind(*lengths), generate
+
+
+# `numpy.empty` asks the heap, which takes longer than what a kernel of a small mechanism computes.
+@intrinsic(prefer_literal=True)
+def local_vector(_typing: Any, length: Any) -> Any:
+    """Room for `length` numbers, a constant, until the kernel returns, on its stack."""
+    return _local(VECTOR, length)
+
+
+@intrinsic(prefer_literal=True)
+def local_matrix(_typing: Any, rows: Any, columns: Any) -> Any:
+    """Room for a matrix as `local_vector`, its sizes constants."""
+    return _local(MATRIX, rows, columns)
 
 
 @intrinsic
