@@ -79,9 +79,8 @@ def jit(**options: Any) -> Callable[[Kernel], Kernel]:
         except RuntimeError:  # numba's word for a cache without a place
             _say_uncached()
             made = njit(**options)(kernel)
-        if "inline" not in options:
-            unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-            made.part = njit(pipeline_class=_PartCompiler, **unwrapped, **options)(kernel)
+        unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        made.part = njit(pipeline_class=_PartCompiler, **unwrapped, **options)(kernel)
         return cast("Kernel", made)
 
     return decorate

@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 
 from truejoint.array_types import Array
-from truejoint.compiled import jit
+from truejoint.compiled import inlined
 
 
-@jit(inline="always")
+@inlined
 def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
     """Friction [Nm, N] after `way` [rad, m] of Dahl's model, exact for one direction.
 
@@ -23,7 +23,7 @@ def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
     return end + (friction - end) * math.exp(-stiffness * abs(way) / level)
 
 
-@jit(inline="always")
+@inlined
 def solve(matrix: Array, right: Array) -> None:
     """Solve a small positive definite system: `right` (n,) becomes the solution.
 

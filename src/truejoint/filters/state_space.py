@@ -7,6 +7,7 @@ import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -245,6 +246,7 @@ def _compile(
     return place, called
 
 
+@lru_cache(maxsize=256)  # of models that differ in their parameters alone, of a fit's every step
 def _may_raise(function: Dispatcher) -> bool:
     """Whether there is a `raise`, an `assert`, or a division that Python would refuse."""
     divides = function.targetoptions.get("error_model") != "numpy"

@@ -6,7 +6,7 @@ import math
 from typing import Protocol
 
 from truejoint.array_types import Array
-from truejoint.compiled import jit
+from truejoint.compiled import inlined
 
 N_ELEMENTS = 4  # of Maxwell slip at each contact
 _FIRST_SHARE = 1.0 / sum(1.0 / (i + 1) for i in range(N_ELEMENTS))
@@ -32,7 +32,7 @@ class ContactFriction(Protocol):
         """Speed within which the one becomes the other [m/s or rad/s]."""
 
 
-@jit(inline="always")
+@inlined
 def guide_travel(
     before: float, behind: float, ratio: float, stiffness_before: float, stiffness_behind: float
 ) -> float:
@@ -48,7 +48,7 @@ def guide_travel(
     return 0.0
 
 
-@jit(inline="always")
+@inlined
 def stribeck_peak(speed: float, f: ContactFriction) -> float:
     """Friction at a speed over Coulomb friction, but for its viscous part."""
     ratio = speed / f.stribeck_velocity
@@ -57,7 +57,7 @@ def stribeck_peak(speed: float, f: ContactFriction) -> float:
     return 1.0
 
 
-@jit(inline="always")
+@inlined
 def maxwell_slip(
     position: float,
     speed: float,

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.compiled import compiled, jit
+from truejoint.compiled import compiled, inlined
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.forceps.constants import CableConstants, PlantConstants
 from truejoint.simulation.forceps.parameters import Friction, Jaw
@@ -35,7 +35,7 @@ N_HISTORY = WHEEL + 1
 N_LOGGED = 7  # motor, x1, x2, jaw, external torque, drive tension, reset tension
 
 
-@jit(inline="always")
+@inlined
 def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[float, float]:
     """Tension above the pretension [N] of a cable at rest, and its slope [N/m].
 
@@ -47,7 +47,7 @@ def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[
     return force, cable.elastic * cable.growth * growth
 
 
-@jit(inline="always")
+@inlined
 def drive_stretch(
     distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
 ) -> tuple[float, float, float]:
@@ -66,7 +66,7 @@ def drive_stretch(
     return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
 
 
-@jit(inline="always")
+@inlined
 def slide(
     before: float, slope: float, stretch_behind: float, yielded: float, cable: CableConstants,
     pretension: float,
@@ -84,7 +84,7 @@ def slide(
     return max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0), slid
 
 
-@jit(inline="always")
+@inlined
 def drive_cable(
     wheel: float,
     turned: float,
@@ -123,7 +123,7 @@ def drive_cable(
     return x1, pull, share
 
 
-@jit(inline="always")
+@inlined
 def reset_cable(
     start: float,
     end: float,
@@ -156,19 +156,19 @@ def reset_cable(
     return pull, drag
 
 
-@jit(inline="always")
+@inlined
 def creep(force: float, crept: float, cable: CableConstants, dt: float) -> float:
     """By how much a cable creeps [m] in a step: a Kelvin-Voigt element behind its spring."""
     return cable.creep_rate * dt * (cable.creep * force - crept)
 
 
-@jit(inline="always")
+@inlined
 def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
     """Rate [1/s] of a Bouc-Wen state with n = 1 and beta = gamma = 1/2; it stays in [-1, 1]."""
     return (speed - 0.5 * (abs(speed) * yielded + speed * abs(yielded))) / distance
 
 
-@jit(inline="always")
+@inlined
 def friction_force(
     speed: float, bristle: float, level: float, f: Friction, damping: float, max_rate: float
 ) -> tuple[float, float]:
@@ -183,7 +183,7 @@ def friction_force(
     return force, rate
 
 
-@jit(inline="always")
+@inlined
 def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     """Torque [Nm] of the mechanical stops, which push and never pull."""
     if angle > jaw.stop_upper:
@@ -193,13 +193,13 @@ def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
     return 0.0
 
 
-@jit(inline="always")
+@inlined
 def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
     """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
     return force * c.jaw.load_arm * math.cos(angle - line_angle)
 
 
-@jit(inline="always")
+@inlined
 def accelerations(
     drive_pull: float,
     reset_pull: float,
@@ -326,7 +326,7 @@ def plant_rates(
     return drive_tension, reset_tension, x1
 
 
-@jit(inline="always")
+@inlined
 def motor_acceleration(angle: float, speed: float, goal: float, c: PlantConstants) -> float:
     """Acceleration [rad/s2] of the motor's position loop, within its limits."""
     wanted = c.motor_frequency * (
@@ -382,7 +382,7 @@ def wheel_motion(
     wheel[2] = radius * acceleration - sine * speed * speed
 
 
-@jit(inline="always")
+@inlined
 def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
     """Linear interpolation of `samples`, `quarter` after integration step number `n`.
 

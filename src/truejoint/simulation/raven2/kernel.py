@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, inlined, jit
+from truejoint.compiled import compiled, inlined
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.raven2.parameters import Creep, ExternalEncoders, MotorFriction
 
@@ -119,7 +119,7 @@ class Rows(NamedTuple):
     truth: Array  # (m, 3)
 
 
-@jit(inline="always")
+@inlined
 def _uniform(random: Words) -> float:
     """Uniform in (0, 1): splitmix64, so that a twin owns its random numbers."""
     random[0] += np.uint64(0x9E3779B97F4A7C15)

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.compiled import borrow, compiled, jit
+from truejoint.compiled import borrow, compiled, inlined
 from truejoint.mechanics import dahl, solve
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.friction import N_ELEMENTS, guide_travel, maxwell_slip
@@ -111,7 +111,7 @@ def empty_log(rows: int, c: PlantConstants) -> Log:
     )
 
 
-@jit(inline="always")
+@inlined
 def slide_over(
     number: int, node: int, start: float, end: float, c: PlantConstants, nodes: Array, w: Work
 ) -> bool:
@@ -140,7 +140,7 @@ def slide_over(
     return True
 
 
-@jit(inline="always")
+@inlined
 def tangent(number: int, c: PlantConstants, w: Work) -> float:
     """Stiffness [N/m] of a cable seen from its joints, while it goes on as it did in this step.
 
@@ -158,7 +158,7 @@ def tangent(number: int, c: PlantConstants, w: Work) -> float:
     return stiffness
 
 
-@jit(inline="always")
+@inlined
 def pull_cable(
     number: int, start: float, end: float, c: PlantConstants, q: Array, nodes: Array, w: Work
 ) -> float:
@@ -186,7 +186,7 @@ def pull_cable(
     return tangent(number, c, w)
 
 
-@jit(inline="always")
+@inlined
 def move_motor(m: int, start: float, end: float, share: float, c: PlantConstants, s: State) -> None:
     """Move a motor by a step within a ramp of its set-point from `start` to `end` [rad].
 
@@ -203,7 +203,7 @@ def move_motor(m: int, start: float, end: float, share: float, c: PlantConstants
     s.motor_friction[m] = dahl(s.motor_friction[m], c.coulomb, stiffness, way)
 
 
-@jit(inline="always")
+@inlined
 def add_cables(c: PlantConstants, s: State, w: Work) -> None:
     """Add the torques of all cables, their stiffness, and the tensions on the pins."""
     q, h = s.joint, c.dt
@@ -228,7 +228,7 @@ def add_cables(c: PlantConstants, s: State, w: Work) -> None:
                 w.matrix[j, c.moved[n, k]] += h * stiffness * w.arm[i] * w.arm[k]
 
 
-@jit(inline="always")
+@inlined
 def add_contact(held: float, c: PlantConstants, s: State, w: Work) -> float:
     """Add what pushes the jaws apart at the opening `held` [rad]; give its torque [Nm]."""
     gap, rate, n = held, 0.0, s.joint.shape[0]
@@ -246,7 +246,7 @@ def add_contact(held: float, c: PlantConstants, s: State, w: Work) -> float:
     return torque
 
 
-@jit(inline="always")
+@inlined
 def add_stop(j: int, c: PlantConstants, s: State, w: Work) -> None:
     """Add what pushes a joint back that is beyond the end of its range."""
     q = s.joint[j]
@@ -256,7 +256,7 @@ def add_stop(j: int, c: PlantConstants, s: State, w: Work) -> None:
         w.matrix[j, j] += c.dt * c.stop[0] + c.stop[1]
 
 
-@jit(inline="always")
+@inlined
 def add_friction(j: int, c: PlantConstants, s: State, w: Work) -> None:
     """Add the friction of a pin and its slope, which the direction of motion tells."""
     w.level[j] = level = c.friction[j] + c.per_tension[j] * w.level[j]
@@ -273,7 +273,7 @@ def add_friction(j: int, c: PlantConstants, s: State, w: Work) -> None:
     w.matrix[j, j] += c.damping[j] + c.dt * slope
 
 
-@jit(inline="always")
+@inlined
 def move_joints(c: PlantConstants, s: State, w: Work) -> None:
     """Solve ``(M + h D + h^2 K) v' = M v + h F`` and move joints and friction on."""
     n, h = s.joint.shape[0], c.dt
@@ -293,7 +293,7 @@ def move_joints(c: PlantConstants, s: State, w: Work) -> None:
             s.friction[j] = dahl(s.friction[j], level, level / c.presliding, way)
 
 
-@jit(inline="always")
+@inlined
 def write_row(row: int, grip: float, c: PlantConstants, s: State, w: Work, log: Log) -> None:
     """Write down where everything is."""
     for m in range(c.n_motors):
@@ -308,7 +308,7 @@ def write_row(row: int, grip: float, c: PlantConstants, s: State, w: Work, log: 
     log.grip[row] = grip
 
 
-@jit(inline="always")
+@inlined
 def lent(c: PlantConstants) -> PlantConstants:
     """Lend the arrays of constants, whose references would be counted at every use of one."""
     return PlantConstants(
@@ -347,7 +347,7 @@ def lent(c: PlantConstants) -> PlantConstants:
     )
 
 
-@jit(inline="always")
+@inlined
 def lent_state(s: State) -> State:
     """Lend the arrays of a state."""
     return State(
@@ -362,7 +362,7 @@ def lent_state(s: State) -> State:
     )
 
 
-@jit(inline="always")
+@inlined
 def lent_work(w: Work) -> Work:
     """Lend the arrays of a step's work."""
     return Work(
