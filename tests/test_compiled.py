@@ -51,6 +51,22 @@ def halves(memory, offset, n):
     return total
 
 
+def test_a_kernel_is_compiled_into_its_callers_and_for_python_when_python_calls_it():
+    @compiled
+    def tripled(x):
+        return 3.0 * x
+
+    @njit
+    def caller(x):
+        return tripled(x) + doubled(x)
+
+    assert caller(2.0) == 10.0
+    assert tripled.part.signatures
+    assert not tripled.signatures
+    assert tripled(2.0) == 6.0
+    assert tripled.signatures
+
+
 @intrinsic
 def call_at(_typing, place, value, out):
     return types.void(types.int64, *SIGNATURE.args), call_address

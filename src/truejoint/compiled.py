@@ -12,8 +12,11 @@ from typing import Any, TypeVar, cast
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 from numba.experimental.function_type import _get_wrapper_address
-from numba.extending import intrinsic
+from numba.extending import intrinsic, typeof_impl
 from numba.np.arrayobj import make_array, populate_array
 
 from truejoint.array_types import Array
@@ -23,6 +26,41 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 VECTOR = types.float64[::1]
 INTEGERS = types.int64[::1]
 MATRIX = types.float64[:, ::1]
+
+
+class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """Code of a kernel for its callers alone, which optimise it with their own.
+
+    numba would optimise a kernel, and turn it into machine code, before it goes into a caller where
+    all of that is done again: of kernels within kernels, most of the time to compile.
+    """
+
+    @property
+    def codegen(self) -> Any:
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: kernels have no Python objects among their constants."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _PartCompiler(Compiler):  # type: ignore[misc]  # numba has no types
+    def define_pipelines(self) -> Any:
+        state = self.state
+        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+@typeof_impl.register(CPUDispatcher)
+def _as_called(kernel: Any, context: Any) -> Any:
+    """Type of a kernel where another calls it: that of its part, if it has one."""
+    return types.Dispatcher(getattr(kernel, "part", kernel))
 
 
 def jit(**options: Any) -> Callable[[Kernel], Kernel]:
@@ -37,10 +75,14 @@ def jit(**options: Any) -> Callable[[Kernel], Kernel]:
 
     def decorate(kernel: Kernel) -> Kernel:
         try:
-            return cast("Kernel", njit(cache=True, **options)(kernel))
+            made = njit(cache=True, **options)(kernel)
         except RuntimeError:  # numba's word for a cache without a place
             _say_uncached()
-            return cast("Kernel", njit(**options)(kernel))
+            made = njit(**options)(kernel)
+        if "inline" not in options:
+            unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            made.part = njit(pipeline_class=_PartCompiler, **unwrapped, **options)(kernel)
+        return cast("Kernel", made)
 
     return decorate
 

@@ -257,7 +257,7 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
     if name not in WITH_WIDTH:
         assert np.isinf(widths).all()
         return
-    if name in ("play_gated", "ukf_cables"):  # tests/estimators say which
+    if name in ("play_gated", "ukf_cables", "hybrid_cables"):  # tests/estimators say which
         assert np.isfinite(widths[good]).all()
         return
     X = calibration.feature_set.compute(recording, calibration.gap_limit)

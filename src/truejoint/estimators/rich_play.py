@@ -22,6 +22,8 @@ from truejoint.estimators.base import (
 )
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.coupled_play import identify_coupling
+from truejoint.estimators.cross_validation import BLOCKS, blocks, cross_validated
+from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
 from truejoint.models.combination import members
@@ -30,11 +32,8 @@ from truejoint.models.family import Family, Params, is_integer
 if TYPE_CHECKING:
     from truejoint.robots import Robot
 
-PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
-"""Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
 SHARES: Final = (0.0, 0.3, 1.0)
 """Sizes tried of terms that are products, beside the others: less is penalised more."""
-BLOCKS: Final = 5  # of the rows, on end, left out in turn
 
 _CHUNK: Final = 4096  # rows that are held at a time as terms
 _PRODUCTS: Final = 600  # terms that are products, at most
@@ -42,6 +41,11 @@ _LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of m
 _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
 _FEWER_TREES: Final = 70
 _PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+_TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
+_SHORT: Final = (0.1,)  # [s], which tells a Gaussian process how fast and which way
+_NARROW: Final = 4
+"""Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
+of one speed just as well, and something else of any other motion."""
 _IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
 _GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
 
@@ -67,7 +71,7 @@ class Ridge(TermsRegressor):
     Attributes
     ----------
     penalties_ : ndarray, shape (n_outputs,)
-        Chosen of `PENALTIES`.
+        Chosen of `truejoint.estimators.cross_validation.PENALTIES`.
     shares_ : ndarray, shape (n_outputs,)
         Chosen of `SHARES`.
     errors_ : ndarray, shape (n_outputs,)
@@ -107,45 +111,20 @@ class Ridge(TermsRegressor):
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
         targets = (y - scales["target_mean"]) / scales["target_scale"]
-        blocks = left_out(dt)
-        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks])
+        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks(dt)])
         is_product = factors[:, 1] < X.shape[1]
         shares = SHARES if is_product.any() else SHARES[-1:]
         weights = [np.where(is_product, share, 1.0) for share in shares]
-        found: list[tuple[Array, float, float]] = []
-        errors = np.empty((len(weights), len(PENALTIES), y.shape[1]))
-        for number, own in enumerate(weights):
-            errors[number] = _errors(products, own)
-            progress((number + 1) / len(weights))
-        whole = products.sum(axis=0)
-        n_outputs = y.shape[1]
-        fits = [_ridge(whole, own, n_outputs) for own in weights]
-        for j in range(n_outputs):
-            share, penalty = np.unravel_index(np.argmin(errors[:, :, j]), errors.shape[:2])
-            found.append((fits[share][penalty][:, j], shares[share], PENALTIES[penalty]))
-        solution, chosen, penalties = zip(*found, strict=True)
-        self.shares_, self.penalties_ = np.array(chosen), np.array(penalties)
-        self.errors_ = np.sqrt(np.maximum(errors.min(axis=(0, 1)), 0.0) / len(X))
-        table = np.array(solution).T * scales["target_scale"]
+        found = cross_validated(products, weights, progress)
+        self.shares_, self.penalties_ = np.array(shares)[found.weights], found.penalties
+        self.errors_ = np.sqrt(np.maximum(found.errors, 0.0) / len(X))
+        table = found.coefficients * scales["target_scale"]
         return {
             "mean": mean,
             "inverse_scale": inverse_scale,
             "coef": np.ascontiguousarray(table[1:]),
             "intercept": table[0] + scales["target_mean"],
         }
-
-
-def left_out(dt: Array) -> list[Integers]:
-    """Rows of each of the `BLOCKS` parts, of the time (n,) since the row before.
-
-    Of few histories none is left out as a whole: what it alone shows, such as a load, would then
-    count as something that cannot be learnt.
-    """
-    starts = np.flatnonzero(dt == 0.0)
-    whole = [np.arange(len(dt))]
-    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
-    cut = [np.array_split(rows, BLOCKS) for rows in own]
-    return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
 
 
 def _products(scaled: Array, y: Array, factors: Integers) -> Array:
@@ -160,42 +139,6 @@ def _products(scaled: Array, y: Array, factors: Integers) -> Array:
     return total
 
 
-def _ridge(products: Array, weights: Array, n_outputs: int) -> Array:
-    """Intercept and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
-
-    Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
-    """
-    n_terms, n = len(weights), products[0, 0]
-    mean = products[0] / n
-    spread = products / n - np.outer(mean, mean)
-    terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
-    deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
-    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > 1e-9)
-    used = np.flatnonzero(scale)
-    own = scale[used]
-    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
-    values, vectors = np.linalg.eigh(inner)
-    right = vectors.T @ (spread[terms, targets][used] * own[:, None])
-    found = np.zeros((len(PENALTIES), 1 + n_terms, n_outputs))
-    for at, penalty in enumerate(PENALTIES):
-        shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
-        found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
-        found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]
-    return found
-
-
-def _errors(products: Array, weights: Array) -> Array:
-    """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
-    n_outputs = products.shape[1] - 1 - len(weights)
-    total = np.zeros((len(PENALTIES), n_outputs))
-    whole = products.sum(axis=0)
-    for own in products:
-        for at, found in enumerate(_ridge(whole - own, weights, n_outputs)):
-            left = np.vstack([-found, np.eye(n_outputs)])
-            total[at] += np.sum(left * (own @ left), axis=0)
-    return total
-
-
 @dataclass(eq=False, repr=False)
 class RichPlay(JointRegressor):
     """A model on plays and low-passes of every feature: for joints whose error has a history.
@@ -207,12 +150,13 @@ class RichPlay(JointRegressor):
     the tension of a cable). Where joints are coupled, plays of all their positions together stand
     in place of the plays of each feature: the cables of one joint pull at the others, as in a
     wrist. Stiffness and friction are found first, see
-    `truejoint.estimators.coupled_play.identify_coupling`.
+    `truejoint.estimators.coupled_play.identify_coupling`. Where capstans turn, what errs once in
+    each turn of one, as an eccentric one does, is seen by the cosine and sine of its angle.
 
     Parameters
     ----------
-    learner : {"ridge", "trees"}
-        The ridge regression alone, or with boosted trees on what it leaves.
+    learner : {"ridge", "trees", "gaussian_process"}
+        The ridge regression alone, or with boosted trees on what it leaves; or a Gaussian process.
     couple : bool
         Whether there are plays of several joints together.
     positions : sequence of int, optional
@@ -220,22 +164,28 @@ class RichPlay(JointRegressor):
         positions, or all where features have no names.
     shares : sequence of float
         Of friction that such plays have, in place of one play with all of it.
+    turn : bool
+        Whether the angles of capstans are seen.
+    turns : sequence of sequence of float, optional
+        By how much each capstan turns with each feature [rad over its unit]; `calibrate` takes
+        those that the robot's transmission says of the joints' measured positions.
     plays : sequence of float, optional
         Half-widths of the plays of each feature, in half ranges of it; by default eight from 0.01
-        to 0.9, or none where joints are coupled.
-    time_constants : sequence of float
-        Of the low-passes [s].
+        to 0.9, the four smallest of them where capstans turn, or none where joints are coupled.
+    time_constants : sequence of float, optional
+        Of the low-passes [s]; by default 0.05, 0.5 and 2, or none where capstans turn.
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
     leading : int, optional
         By how many of the features, the first ones, everything is multiplied; by default the
         `squared`, or, without, all if that makes few enough products, else only features by
-        features.
+        features. Where capstans turn, only features that turn them, by each other.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
         Places of a feature, and of one that the widths of its further plays grow with, or shrink;
-        by default, each measured position with the effort of its joint, or with those of cables.
+        by default, each measured position with the effort of its joint, or with those of cables;
+        for a Gaussian process, and where capstans turn, none.
         They are left out unless the ridge regression errs by a twentieth less with them, on blocks
         of rows that are left out in turn.
     growing : sequence of float
@@ -266,8 +216,10 @@ class RichPlay(JointRegressor):
     couple: bool = False
     positions: tuple[int, ...] | None = None
     shares: tuple[float, ...] = (0.3, 1.0, 2.0)
+    turn: bool = False
+    turns: tuple[tuple[float, ...], ...] | None = None
     plays: tuple[float, ...] | None = None
-    time_constants: tuple[float, ...] = (0.05, 0.5, 2.0)
+    time_constants: tuple[float, ...] | None = None
     rows: int = 40_000
     leading: int | None = None
     squared: int = 0
@@ -275,13 +227,19 @@ class RichPlay(JointRegressor):
     growing: tuple[float, ...] = (0.05, 0.2, 0.6)
     random_state: int | None = None
 
-    def for_features(self, names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
-        """Unfitted copy whose pairs and positions are those of the features called so."""
-        pairs = loaded_pairs(names) if self.pairs is None else self.pairs
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Unfitted copy whose pairs, positions and turns are those of the features called so."""
+        usual = () if self.turn or self.learner == "gaussian_process" else loaded_pairs(names)
+        pairs = usual if self.pairs is None else self.pairs
         positions = self.positions
         if self.couple and positions is None:
             positions = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
-        return clone(self).set_params(pairs=pairs, positions=positions)  # type: ignore[no-any-return]
+        turns = self.turns
+        if self.turn and turns is None:
+            turns = capstan_turns(names, robot, joints)
+        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
+            pairs=pairs, positions=positions, turns=turns
+        )
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
@@ -301,6 +259,11 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
+        if self.learner == "gaussian_process" and (self.leading is not None or self.squared):
+            raise CalibrationError(
+                "leading and squared are of products, and a Gaussian process has none: leave them "
+                "out"
+            )
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
@@ -313,15 +276,25 @@ class RichPlay(JointRegressor):
 
     def _params(self, n_features: int) -> Params:
         """Those for so many features."""
-        names = ("learner", "couple", "time_constants", "growing", "shares")
-        usual = () if self.couple else _PLAYS
+        names = ("learner", "couple", "growing", "shares", "turn")
+        plays, times = self._usual()
         return {
             **{name: getattr(self, name) for name in names},
-            "plays": usual if self.plays is None else self.plays,
+            "plays": plays if self.plays is None else self.plays,
+            "time_constants": times if self.time_constants is None else self.time_constants,
             "pairs": vars(self).get("pairs_", self._asked()),
             "coupled": vars(self).get("coupled_", self._joined(n_features)),
+            "turns": self.turns or () if self.turn else (),
             "members": vars(self).get("members_", _UNFITTED),
         }
+
+    def _usual(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Half-widths of plays and time constants of low-passes where none are given."""
+        if self.learner == "gaussian_process":
+            return (), _SHORT
+        if self.turn:
+            return (() if self.couple else _PLAYS[:_NARROW]), ()
+        return (() if self.couple else _PLAYS), _TIME_CONSTANTS
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -342,6 +315,12 @@ class RichPlay(JointRegressor):
         play_bank.check_places("positions", [joined], n_features)
         if self.couple:
             self._check_count(joined)
+        if self.turn and not self.turns:
+            raise CalibrationError(
+                f"{self.name} must know how capstans turn; take a robot whose transmission is in "
+                "its file, and the measured positions of its joints as features, or give turns"
+            )
+        play_bank.check_turns(self.turns or (), n_features)
 
     def _check_count(self, joined: Sequence[int]) -> None:
         if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
@@ -426,6 +405,10 @@ class RichPlay(JointRegressor):
         Raises CalibrationError if there are too many products of what was asked for.
         """
         squared = min(int(self.squared), n_features)
+        if self.turn and self.turns and self.leading is None and not squared:
+            turning = np.any(self.turns, axis=0)
+            first = n_features if turning.all() else int(np.argmin(turning))
+            return first, first, 0
         if self.leading is None and not squared:
             choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
             return (*next(pair for pair in choices if pair[0] * pair[1] <= _PRODUCTS), 0)
@@ -440,6 +423,8 @@ class RichPlay(JointRegressor):
 
     def _unfitted(self, n_features: int, n_crossed: int, n_outputs: int) -> JointRegressor:
         """Model for so many features, what of them and their plays is multiplied, and joints."""
+        if self.learner == "gaussian_process":
+            return GaussianProcess()
         ridge = Ridge(*self._products(n_features, n_crossed))
         if self.learner == "ridge":
             return ridge
@@ -469,6 +454,29 @@ def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
         for other in ([effort[joint]] if joint in effort else cables)
     ]
     return tuple(pairs) if len(pairs) <= play_bank.MAX_PAIRS else ()
+
+
+def capstan_turns(
+    names: Sequence[str], robot: Robot, joints: Sequence[str]
+) -> tuple[tuple[float, ...], ...]:
+    """Turn of each joint's capstan by each of the features called `names` [rad over its unit].
+
+    By the robot's transmission, behind its gearboxes; of `joints` alone, those whose capstan is
+    turned by measured positions that are all features.
+    """
+    if robot.transmission is None:
+        return ()
+    by_joint = robot.transmission.capstan_matrix[robot.index(joints)]
+    place = {name.removeprefix("measured/"): i for i, name in enumerate(names)
+             if name.startswith("measured/")}  # fmt: skip
+    found = []
+    for row in by_joint:
+        used = {joint: turn for joint, turn in zip(robot.joint_names, row, strict=True) if turn}
+        if set(used) <= set(place):
+            turns = np.zeros(len(names))
+            turns[[place[joint] for joint in used]] = list(used.values())
+            found.append(tuple(turns.tolist()))
+    return tuple(found)
 
 
 _UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)

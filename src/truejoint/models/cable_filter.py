@@ -303,4 +303,5 @@ FAMILY: Final = Family(
     states_deviation=lambda _params: True,
     beside=("grip", "tip_first", "tip_second"),
     bears_load=lambda _params: True,
+    gives_way=lambda arrays: angles_by_state(arrays["parameters"])[:, LOAD:],
 )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, Protocol
@@ -13,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
 from truejoint.errors import RobotError
+from truejoint.units import FACTORS
 
-UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "revolute": {"rad": 1.0, "deg": math.pi / 180.0},
-    "prismatic": {"m": 1.0, "mm": 1e-3},
-}
+UNITS: Final = {"revolute": FACTORS["rad"], "prismatic": FACTORS["m"]}
+"""By kind of joint, the units that a file may be in, and the factor from each to SI."""
 WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
 
@@ -129,7 +127,7 @@ class Transmission:
 
         By virtual work: what the motors do in a small motion is what the joints receive.
         """
-        joint: Array = np.asarray(effort, dtype=float) @ self._effort_matrix
+        joint: Array = np.asarray(effort, dtype=float) @ self.capstan_matrix
         return joint
 
     def motor_effort(self, effort: ArrayLike) -> Array:
@@ -137,11 +135,15 @@ class Transmission:
 
         The inverse of `joint_effort`.
         """
-        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self._effort_matrix)
+        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self.capstan_matrix)
         return motor
 
     @cached_property
-    def _effort_matrix(self) -> Array:
+    def capstan_matrix(self) -> Array:
+        """Turn of each motor's capstan, behind its gearbox, per joint position [rad/rad or rad/m].
+
+        Shape (n_joints, n_joints).
+        """
         gear = np.array(self.gear or np.ones(len(self.matrix)))
         return np.asarray(self.matrix / gear[:, None], dtype=np.float64)
 
