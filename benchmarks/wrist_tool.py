@@ -27,7 +27,7 @@ from scipy.signal import savgol_filter
 from truejoint import calibrate
 from truejoint.calibration import Calibration
 from truejoint.calibration.fitting import ZeroOf
-from truejoint.calibration.zero import zeroed
+from truejoint.calibration.zero import find_zero, zeroed
 from truejoint.estimators import RichPlay
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
@@ -47,6 +47,9 @@ MIDDLE = 0.5
 DRAWS = 400
 BY_HAND = 2.5
 """Standard deviation of a pitch that was set by protractor [deg]."""
+RULE = "ridge on plays, motor too"
+"""At one posture nothing tells apart what goes with the jaw from what goes with its motor: a model
+for other postures is given both, and a ridge shares between them what either would explain."""
 PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
 METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
     "linear": ("linear", ["measured/jaw", "effort/jaw"], "recording"),
@@ -56,7 +59,7 @@ METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
         "recording",
     ),
     "ridge on plays": (PLAYS, ["measured/jaw", "effort/jaw"], "recording"),
-    "ridge on plays, motor too": (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"], "recording"),
+    RULE: (PLAYS, ["measured/jaw", "effort/jaw", "motor/jaw"], "recording"),
     "ridge on plays, zero moves the input": (PLAYS, ["measured/jaw", "effort/jaw"], "homing"),
     "ukf_elastic": ("ukf_elastic", ["driver/jaw", "effort/jaw"], "recording"),
 }
@@ -185,7 +188,9 @@ def identified() -> None:
     gain_deviation = np.std(gains, ddof=1) / math.sqrt(len(gains))
     print(f"\njaw per disc {np.mean(gains):.3f} +- {gain_deviation:.3f}, "
           f"published {per_disc:.3f}", end="; ")  # fmt: skip
-    print(f"jaw per pitch {slope:.3f} +- {deviation:.3f}, published {per_pitch:.3f}", end="; ")
+    by_protractor = BY_HAND / math.sqrt(float(np.sum(away**2)))
+    print(f"jaw per pitch {slope:.3f} +- {deviation:.3f} ({by_protractor:.1%} by the protractor), "
+          f"published {per_pitch:.3f}", end="; ")  # fmt: skip
     print(f"mu phi of all files {whole.exponent:.3f} +- {exponent_deviation(files):.3f}")
 
 
@@ -202,24 +207,38 @@ def off(model: Calibration, recordings: Sequence[Recording]) -> tuple[Array, Arr
     return np.degrees(centred), np.degrees(rezeroed)
 
 
+def zeros(model: Calibration, recordings: Sequence[Recording]) -> str:
+    """Say how far zeros stray from file to file, and how far `REZERO` seconds miss them."""
+    whole, brief = (
+        np.degrees([find_zero(model, r, duration).offset[0] for r in recordings])
+        for duration in (math.inf, REZERO)
+    )
+    missed = float(np.sqrt(np.mean((brief - whole) ** 2)))
+    return f"zeros stray by {np.std(whole):.2f}, {REZERO:g} s miss them by {missed:.2f}"
+
+
 def held_out() -> None:
     """Print the errors at each posture of models fitted at pitch 0, half of whose files judge."""
     by_pitch = {p: [coupled(r, p) for r in folder(number)] for number, p in PITCH.items()}
     print("\n| fitted at pitch 0 | " + " | ".join(f"{p:+.0f} offset off | re-zeroed"
           for p in PITCH.values()) + " |")  # fmt: skip
     print("|---|" + "---|---|" * len(PITCH))
+    told: list[str] = []
     for name, how in METHODS.items():
         cells = []
         for pitch, recordings in by_pitch.items():
             if pitch:
                 model = fitted(by_pitch[0.0], *how)
                 found = off(model, recordings)
+                if name == RULE:
+                    told.append(f"{pitch:+.0f}: {zeros(model, recordings)}")
             else:  # each half judged by a model of the other
                 halves = [recordings[::2], recordings[1::2]]
                 pairs = [off(fitted(a, *how), b) for a, b in (halves, halves[::-1])]
                 found = tuple(np.concatenate(pair) for pair in zip(*pairs, strict=True))  # type: ignore[assignment]
             cells += [f"{np.sqrt(np.mean(values**2)):.2f}" for values in found]
         print(f"| {name} | " + " | ".join(cells) + " |", flush=True)
+    print(f"\n{RULE}, deg: " + "; ".join(told))
 
 
 def fitted(

@@ -29,7 +29,7 @@ def test_a_deviation_shows_that_signals_contradict_each_other():
     """Two signals that tell 1.0 and 1.2 by many rows each: neither spreads, both cannot be true."""
     signal = np.repeat([0, 1], 500)
     jacobian, left = np.ones((1000, 1)), np.where(signal == 0, 0.1, -0.1)
-    alike, prior = np.zeros(1000), np.zeros(1)
+    alike, prior = np.zeros(1000, dtype=np.int64), np.zeros(1)
     found = own.jackknife_deviations(jacobian, left, [signal], prior)
     assert found[0] == pytest.approx(0.1)  # the deviation of the mean of two draws 0.2 apart
     np.testing.assert_array_equal(own.jackknife_deviations(jacobian, left, [alike], prior + 1), 0.0)

@@ -93,6 +93,11 @@ def test_every_instrument_comes_back_from_plain_data(number: str) -> None:
     np.testing.assert_array_equal(moments[:, 0], -moments[:, 1])
 
 
+def test_a_mechanism_is_one_short_line_among_settings() -> None:
+    said = repr(get_robot("wrist").cable_mechanism)
+    assert said == "<pitch, jaw1, jaw2 by 3 motors and 6 cables>"
+
+
 @pytest.mark.parametrize(
     ("asked", "near"), [("4200061", "420006"), ("raven_needle", "raven_needle_driver")]
 )

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Self
+from typing import ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, nnls
 from sklearn.base import clone
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.jaw import MIN_ROWS, median_dt
@@ -170,7 +170,7 @@ class _Misfit:
     rows: Array  # (k, 6), of thinned rows with truth
     added: Array  # (10, 3)
     by_motor: Array  # (3, 4) effort of each motor, per torque, share of friction, speed, constant
-    run: Array  # (k,) number of each row's history
+    run: Integers  # (k,) number of each row's history
 
 
 def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
@@ -202,7 +202,7 @@ def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
 
 
 def jackknife_deviations(
-    jacobian: Array, left: Array, labels: Sequence[NDArray[Any]], prior: Array
+    jacobian: Array, left: Array, labels: Sequence[Integers], prior: Array
 ) -> Array:
     """Deviations (k,) of least squares by what leaving out rows that are alike changes.
 
