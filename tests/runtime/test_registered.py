@@ -172,8 +172,7 @@ def test_a_step_allocates_nothing(name):
             peaks.append(tracemalloc.get_traced_memory()[1] - before)
         finally:
             tracemalloc.stop()
-    # Kernels of the cables' filter take room for small vectors and give it back within the step.
-    assert min(peaks) < (4000 if name.endswith("_cables") else 1000)
+    assert min(peaks) < 1000
     assert places == [array.ctypes.data for array in arrays]
 
 

@@ -46,6 +46,9 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": False}, {}),
     "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
+    "gp_lowpass": _Line(
+        "rich_play", "RichPlay", {"learner": "gaussian_process", "couple": False}, {}
+    ),
     "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
     "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
     "tcn": _Line("sequence", "TemporalConvolution", {}),
@@ -64,7 +67,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
     "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
-    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}),
+    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}, {}),
     "ukf_cables": _Line("cable_filter", "CableFilter", {}),
     "hybrid_cables": _Line("cable_hybrid", "CableHybrid", {}),
 }

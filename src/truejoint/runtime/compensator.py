@@ -25,6 +25,7 @@ from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import checked_rows
+from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
@@ -394,7 +395,7 @@ class Uncorrected:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.made_for: Final = robot.name, robot.arm
+        self.made_for: Final = as_robot(robot).name, robot.arm
         self.joints: Final = robot.joint_names
         self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
         self.spike_speed: Final = np.full(len(self.joints), math.inf)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.joint_rows import checked_rows
 from truejoint.runtime.compensator import Compensator
@@ -72,6 +72,9 @@ class GripControl:
         load: str = "grip",
         time_constant: float = 0.1,
     ) -> None:
+        if not hasattr(compensator, "corrector"):
+            advice = "Compensator(corrector, robot) makes one"
+            raise CommandRefused(f"grip: {other_kind(compensator, 'Compensator', advice)}")
         corrector, mechanism = compensator.corrector, robot.cable_mechanism
         if mechanism is None or mechanism.contact is None:
             raise CommandRefused(
