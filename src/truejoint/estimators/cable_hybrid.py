@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final, Self, cast
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from sklearn.base import clone
@@ -53,8 +52,12 @@ class CableHybrid(CableFilter):
 
     def model_params(self) -> dict[str, object]:
         """Parameters of the family: the motors, and the plays'."""
-        bank = vars(self).get("bank_", WRIST_PLAYS.model_params())
-        return {**super().model_params(), "bank": bank}
+        return {**super().model_params(), "bank": self._bank}
+
+    @property
+    def _bank(self) -> Params:
+        known: Params = vars(self).get("bank_", WRIST_PLAYS.model_params())
+        return known
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -69,8 +72,7 @@ class CableHybrid(CableFilter):
         The states are those of the filter.
         """
         filtered, bank = cable_hybrid.parts(self.arrays_)
-        params = cast("Params", self.model_params()["bank"])
-        data = EstimatorData(RichPlay.family.name, params, bank)
+        data = EstimatorData(RichPlay.family.name, self._bank, bank)
         plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
         return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
 
@@ -81,7 +83,7 @@ class CableHybrid(CableFilter):
         wanted = np.hstack([y - raw, self._loads])
         seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
         plays = clone(WRIST_PLAYS).fit(seen, wanted, dt=dt)
-        self.bank_: Mapping[str, Any] = plays.model_params()
+        self.bank_: Params = plays.model_params()
         own = _told(plays, found, X, dt, parameters)
         left = wanted - np.hstack([own.angle - raw, own.load])
         errors = structure(*self._judged(own, X, y, dt)) * _unseen(plays, left, wanted)

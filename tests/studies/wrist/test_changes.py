@@ -6,22 +6,26 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from tests.runtime.registered import FEW_PLAYS
 
 from truejoint.errors import StudyError
-from truejoint.estimators import cable_filter
+from truejoint.estimators import cable_filter, cable_hybrid
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist import changes
 
-FEW = {"free_s": "160", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}
+FEW = {"free_s": "80", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}
 
 
 @pytest.fixture(scope="module")
 def result():
     settings = get_study("wrist-changes").settings("small", options=FEW)
     (part,) = get_study("wrist-changes").parts(settings)
-    with patch.object(cable_filter, "_ROUNDS", 2):
+    with (
+        patch.object(cable_filter, "_ROUNDS", 2),
+        patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
+    ):
         return settings, {part.key: part.compute(**part.arguments)}
 
 

@@ -6,9 +6,10 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from tests.runtime.registered import FEW_PLAYS
 
 from truejoint.errors import CommandRefused, StudyError
-from truejoint.estimators import cable_filter
+from truejoint.estimators import cable_filter, cable_hybrid
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist import closed_loop
@@ -33,7 +34,10 @@ KEYS = (OPEN, "play_motor", "hybrid", PERFECT)
 def result():
     settings = get_study("wrist-loop").settings("small", options=FEW)
     (part,) = get_study("wrist-loop").parts(settings)
-    with patch.object(cable_filter, "_ROUNDS", 3):
+    with (
+        patch.object(cable_filter, "_ROUNDS", 3),
+        patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
+    ):
         return settings, {part.key: part.compute(**part.arguments)}
 
 

@@ -14,8 +14,9 @@ from sklearn.base import clone
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
-from truejoint.estimators import RichPlay, get_estimator
+from truejoint.estimators import get_estimator
 from truejoint.estimators.cable_filter import CableFilter, CableStates
+from truejoint.estimators.cable_hybrid import WRIST_PLAYS
 from truejoint.models.cable_loops import LOAD, PIN
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
@@ -79,37 +80,27 @@ class Method:
         return [f"{quantity}/{joint}" for quantity in self.quantities for joint in JOINTS]
 
 
-# Half-widths in half ranges: 0.1 deg and up of 55 deg of pitch, a few mNm and up of an effort.
-# Low-passes tell speed, for the motors' viscous friction, and take noise off the efforts.
-_PLAYS: Final = RichPlay(
-    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
-    time_constants=(0.02, 0.1),
-    leading=1,
-    squared=1,
-    pairs=(),
-)
-
 METHODS: Final[Mapping[str, Method]] = {
     _RAW: Method("coupling inverse", None),
     "linear_motor": Method("linear, motors", "linear", ("motor",)),
-    "play_motor": Method("plays, motors", _PLAYS, ("measured", "motor")),
+    "play_motor": Method("plays, motors", WRIST_PLAYS, ("measured", "motor")),
     "rich_play": Method("rich_play as it is, motors", "rich_play", ("measured", "motor")),
     _MODEL: Method("physical model, motors", None, ("motor",), with_filter=True),
     "play_model": Method(
-        "plays, motors, model's states", _PLAYS, ("measured", "motor"), with_filter=True
+        "plays, motors, model's states", WRIST_PLAYS, ("measured", "motor"), with_filter=True
     ),
     "linear_effort": Method(
         "linear, motors and effort", get_estimator("linear"), ("motor", "effort"), True
     ),
     "play_effort": Method(
-        "plays, motors and effort", _PLAYS, ("measured", "motor", "effort"), True
+        "plays, motors and effort", WRIST_PLAYS, ("measured", "motor", "effort"), True
     ),
     _FILTER: Method(
         "physical filter, motors and effort", None, ("motor", "effort"), True, with_filter=True
     ),
     "play_filter": Method(
         "plays, motors, effort, filter's states",
-        _PLAYS,
+        WRIST_PLAYS,
         ("measured", "motor", "effort"),
         True,
         True,
