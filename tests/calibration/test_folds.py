@@ -75,6 +75,14 @@ def test_many_recordings_are_left_out_by_speed_and_by_effort():
     assert {efforts[i] for i in found["effort 5"]} == {8, 9}
 
 
+def test_what_works_under_one_load_is_left_out_together():
+    """Else what is judged under a load would have been fitted to the same load."""
+    loads = np.repeat([1.0, 2.0, 4.0], 5)
+    recordings = [jaw(1.0, load + 0.02 * k) for k, load in enumerate(loads)]
+    found = [fold for fold in folds.folds(recordings) if fold.name.startswith("effort")]
+    assert [{loads[part.recording] for part in fold.parts} for fold in found] == [{1}, {2}, {4}]
+
+
 def test_stated_homings_and_loads_are_left_out():
     recordings = [
         jaw(homing_id=h, load=load)

@@ -64,9 +64,9 @@ class Automatic:
     candidates : sequence of Regressor
         What is tried; by default what the registry says: offset, linear, quadratic, a network
         until convergence, boosted trees on the residual of the linear model, rich plays with and
-        without trees, coupled plays, and a Gaussian process. One that takes features of its own is
-        tried where the recordings have them, with what learns its residual beside it, and what only
-        works offline is taken for all joints or not at all.
+        without trees, coupled plays, a Gaussian process, and a jaw's filter with trees. One that
+        takes features of its own is tried where the recordings have them, with what learns its
+        residual beside it, and what only works offline is taken for all joints or not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.

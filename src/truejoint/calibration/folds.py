@@ -12,6 +12,7 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.sessions import source_of
 from truejoint.errors import CalibrationError
+from truejoint.estimators.cross_validation import levels
 from truejoint.models.features import sample_dt
 from truejoint.recordings import Recording
 
@@ -140,8 +141,9 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     One or two recordings lose a fifth of the time in which they move, so that no part is at rest,
     which shows no more than one error; two or more are left out whole. Ten or more are left out by
     how fast they move and by how large their efforts are, a fifth at a time, so that an estimator
-    shows what it does beyond them. Where several homings, or masses on the tool, are stated, these
-    are left out too.
+    shows what it does beyond them; those of one speed, or under one load, all at once
+    (`truejoint.estimators.cross_validation.levels`). Where several homings, or masses on the tool,
+    are stated, these are left out too.
     """
     parts, found = wholes(recordings), list[Fold]()
     if len(recordings) < FEW:
@@ -150,9 +152,8 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
         return found if len(parts) == 1 else found + dealt([[p] for p in parts], "recordings")
     if len(recordings) >= SORTED_FROM:
         for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
-            groups = np.array_split(np.argsort(sizes, kind="stable"), FOLDS)
             if np.ptp(sizes) > 0.0:
-                found += dealt([[parts[i] for i in group] for group in groups], name)
+                found += dealt([[parts[i] for i in group] for group in levels(sizes)], name)
     stated: dict[str, Sequence[str | float | None]] = {
         "homing": [recording.provenance.homing_id or None for recording in recordings],
         "load": [None if math.isnan(r.provenance.load) else r.provenance.load for r in recordings],

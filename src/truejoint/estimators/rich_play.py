@@ -22,6 +22,7 @@ from truejoint.estimators.base import (
 )
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.coupled_play import identify_coupling
+from truejoint.estimators.cross_validation import BLOCKS, blocks, cross_validated
 from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
@@ -31,11 +32,8 @@ from truejoint.models.family import Family, Params, is_integer
 if TYPE_CHECKING:
     from truejoint.robots import Robot
 
-PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
-"""Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
 SHARES: Final = (0.0, 0.3, 1.0)
 """Sizes tried of terms that are products, beside the others: less is penalised more."""
-BLOCKS: Final = 5  # of the rows, on end, left out in turn
 
 _CHUNK: Final = 4096  # rows that are held at a time as terms
 _PRODUCTS: Final = 600  # terms that are products, at most
@@ -70,7 +68,7 @@ class Ridge(TermsRegressor):
     Attributes
     ----------
     penalties_ : ndarray, shape (n_outputs,)
-        Chosen of `PENALTIES`.
+        Chosen of `truejoint.estimators.cross_validation.PENALTIES`.
     shares_ : ndarray, shape (n_outputs,)
         Chosen of `SHARES`.
     errors_ : ndarray, shape (n_outputs,)
@@ -110,45 +108,20 @@ class Ridge(TermsRegressor):
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
         targets = (y - scales["target_mean"]) / scales["target_scale"]
-        blocks = left_out(dt)
-        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks])
+        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks(dt)])
         is_product = factors[:, 1] < X.shape[1]
         shares = SHARES if is_product.any() else SHARES[-1:]
         weights = [np.where(is_product, share, 1.0) for share in shares]
-        found: list[tuple[Array, float, float]] = []
-        errors = np.empty((len(weights), len(PENALTIES), y.shape[1]))
-        for number, own in enumerate(weights):
-            errors[number] = _errors(products, own)
-            progress((number + 1) / len(weights))
-        whole = products.sum(axis=0)
-        n_outputs = y.shape[1]
-        fits = [_ridge(whole, own, n_outputs) for own in weights]
-        for j in range(n_outputs):
-            share, penalty = np.unravel_index(np.argmin(errors[:, :, j]), errors.shape[:2])
-            found.append((fits[share][penalty][:, j], shares[share], PENALTIES[penalty]))
-        solution, chosen, penalties = zip(*found, strict=True)
-        self.shares_, self.penalties_ = np.array(chosen), np.array(penalties)
-        self.errors_ = np.sqrt(np.maximum(errors.min(axis=(0, 1)), 0.0) / len(X))
-        table = np.array(solution).T * scales["target_scale"]
+        found = cross_validated(products, weights, progress)
+        self.shares_, self.penalties_ = np.array(shares)[found.weights], found.penalties
+        self.errors_ = np.sqrt(np.maximum(found.errors, 0.0) / len(X))
+        table = found.coefficients * scales["target_scale"]
         return {
             "mean": mean,
             "inverse_scale": inverse_scale,
             "coef": np.ascontiguousarray(table[1:]),
             "intercept": table[0] + scales["target_mean"],
         }
-
-
-def left_out(dt: Array) -> list[Integers]:
-    """Rows of each of the `BLOCKS` parts, of the time (n,) since the row before.
-
-    Of few histories none is left out as a whole: what it alone shows, such as a load, would then
-    count as something that cannot be learnt.
-    """
-    starts = np.flatnonzero(dt == 0.0)
-    whole = [np.arange(len(dt))]
-    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
-    cut = [np.array_split(rows, BLOCKS) for rows in own]
-    return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
 
 
 def _products(scaled: Array, y: Array, factors: Integers) -> Array:
@@ -160,42 +133,6 @@ def _products(scaled: Array, y: Array, factors: Integers) -> Array:
         terms = polynomial_design(scaled[rows], factors)
         table = np.column_stack([np.ones(len(terms)), terms, y[rows]])
         total += table.T @ table
-    return total
-
-
-def _ridge(products: Array, weights: Array, n_outputs: int) -> Array:
-    """Intercept and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
-
-    Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
-    """
-    n_terms, n = len(weights), products[0, 0]
-    mean = products[0] / n
-    spread = products / n - np.outer(mean, mean)
-    terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
-    deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
-    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > 1e-9)
-    used = np.flatnonzero(scale)
-    own = scale[used]
-    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
-    values, vectors = np.linalg.eigh(inner)
-    right = vectors.T @ (spread[terms, targets][used] * own[:, None])
-    found = np.zeros((len(PENALTIES), 1 + n_terms, n_outputs))
-    for at, penalty in enumerate(PENALTIES):
-        shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
-        found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
-        found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]
-    return found
-
-
-def _errors(products: Array, weights: Array) -> Array:
-    """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
-    n_outputs = products.shape[1] - 1 - len(weights)
-    total = np.zeros((len(PENALTIES), n_outputs))
-    whole = products.sum(axis=0)
-    for own in products:
-        for at, found in enumerate(_ridge(whole - own, weights, n_outputs)):
-            left = np.vstack([-found, np.eye(n_outputs)])
-            total[at] += np.sum(left * (own @ left), axis=0)
     return total
 
 
