@@ -91,14 +91,14 @@ def blocks(recordings: Sequence[Recording], count: int, *, in_motion: bool = Fal
     parts = []
     for index, recording in enumerate(recordings):
         marks = _marks(recording.t, count)
-        if in_motion:
-            found = _marks(_time_moved(recording), count)
-            marks = found if min(np.diff(found)) >= _LEAST_ROWS else marks
         if min(np.diff(marks)) < _LEAST_ROWS:
             raise CalibrationError(
                 f"{source_of(recording)}: {len(recording)} rows are too few to leave out a "
-                f"{count}th at a time; record for longer"
+                f"{count}th at a time; record for longer, or leave it out where there are others"
             )
+        found = _marks(_time_moved(recording), count) if in_motion else marks
+        if min(np.diff(found)) >= _LEAST_ROWS:
+            marks = found
         parts += [Part(index, *marks[i : i + 2]) for i in range(count)]
     return parts
 
@@ -111,7 +111,7 @@ def _marks(course: Array, count: int) -> list[int]:
 
 def _time_moved(recording: Recording) -> Array:
     """Time (n,) [s] in which a joint has moved, by each row."""
-    rows = np.union1d(np.arange(0, len(recording), _every([recording])), len(recording) - 1)
+    rows = np.union1d(np.arange(0, len(recording), _every(recording)), len(recording) - 1)
     q = recording.columns("measured", recording.joints_of("measured"))[rows]
     dt = np.diff(recording.t[rows])
     speeds = np.abs(np.diff(q, axis=0)) / dt[:, None]
@@ -121,9 +121,9 @@ def _time_moved(recording: Recording) -> Array:
     return np.asarray(np.interp(np.arange(len(recording)), rows, moved))
 
 
-def _every(recordings: Sequence[Recording]) -> int:
+def _every(recording: Recording) -> int:
     """Rows in the time over which speed is taken."""
-    return max(1, round(_STEP / sample_dt(recordings)))
+    return max(1, round(_STEP / sample_dt([recording])))
 
 
 def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list[Fold]:
@@ -177,7 +177,7 @@ def _speeds(recordings: Sequence[Recording]) -> Array:
     """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
     found = []
     for recording in recordings:
-        every = _every([recording])
+        every = _every(recording)
         t, q = recording.t[::every], _common(recordings, recording, "measured")[::every]
         found.append(np.diff(q, axis=0) / np.diff(t)[:, None])
     return _sizes(found)
