@@ -196,6 +196,18 @@ def test_a_wrong_parameter_is_refused(how, said):
             model.fit(*slack(n=600))
 
 
+def test_a_gaussian_process_knows_which_way_the_joint_goes():
+    t = np.arange(0.0, 40.0, 0.02)
+    q = np.sin(1.3 * t)[:, None]
+    late = 0.05 * np.cos(1.3 * t) * (1.0 + q[:, 0])
+    model = RichPlay(learner="gaussian_process").fit(q[:1500], late[:1500], dt=np.full(1500, 0.02))
+    assert model.name == "gp_lowpass"
+    left = late[1500:] - model.predict(q[1500:], np.full(500, 0.02))
+    assert np.std(left[50:]) < 0.1 * np.std(late)
+    with pytest.raises(CalibrationError, match="a Gaussian process has none"):
+        RichPlay(learner="gaussian_process", leading=1).fit(q, late)
+
+
 def test_too_few_rows_are_refused():
     with pytest.raises(CalibrationError, match="rows with truth; rich_play with 4 features needs"):
         calibrate(recording(T[:200]), "rich_play", features=SIGNALS)

@@ -23,6 +23,7 @@ from truejoint.estimators.base import (
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.coupled_play import identify_coupling
 from truejoint.estimators.cross_validation import BLOCKS, blocks, cross_validated
+from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
 from truejoint.models.combination import members
@@ -40,6 +41,8 @@ _LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of m
 _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
 _FEWER_TREES: Final = 70
 _PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+_TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
+_SHORT: Final = (0.1,)  # [s], which tells a Gaussian process how fast and which way
 _IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
 _GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
 
@@ -148,8 +151,8 @@ class RichPlay(JointRegressor):
 
     Parameters
     ----------
-    learner : {"ridge", "trees"}
-        The ridge regression alone, or with boosted trees on what it leaves.
+    learner : {"ridge", "trees", "gaussian_process"}
+        The ridge regression alone, or with boosted trees on what it leaves; or a Gaussian process.
     couple : bool
         Whether there are plays of several joints together.
     positions : sequence of int, optional
@@ -172,7 +175,8 @@ class RichPlay(JointRegressor):
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
         Places of a feature, and of one that the widths of its further plays grow with, or shrink;
-        by default, each measured position with the effort of its joint, or with those of cables.
+        by default, each measured position with the effort of its joint, or with those of cables;
+        for a Gaussian process none.
         They are left out unless the ridge regression errs by a twentieth less with them, on blocks
         of rows that are left out in turn.
     growing : sequence of float
@@ -204,7 +208,7 @@ class RichPlay(JointRegressor):
     positions: tuple[int, ...] | None = None
     shares: tuple[float, ...] = (0.3, 1.0, 2.0)
     plays: tuple[float, ...] | None = None
-    time_constants: tuple[float, ...] = (0.05, 0.5, 2.0)
+    time_constants: tuple[float, ...] | None = None
     rows: int = 40_000
     leading: int | None = None
     squared: int = 0
@@ -214,7 +218,8 @@ class RichPlay(JointRegressor):
 
     def for_features(self, names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
         """Unfitted copy whose pairs and positions are those of the features called so."""
-        pairs = loaded_pairs(names) if self.pairs is None else self.pairs
+        usual = () if self.learner == "gaussian_process" else loaded_pairs(names)
+        pairs = usual if self.pairs is None else self.pairs
         positions = self.positions
         if self.couple and positions is None:
             positions = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
@@ -238,6 +243,11 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
+        if self.learner == "gaussian_process" and (self.leading is not None or self.squared):
+            raise CalibrationError(
+                "leading and squared are of products, and a Gaussian process has none: leave them "
+                "out"
+            )
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
@@ -250,11 +260,16 @@ class RichPlay(JointRegressor):
 
     def _params(self, n_features: int) -> Params:
         """Those for so many features."""
-        names = ("learner", "couple", "time_constants", "growing", "shares")
-        usual = () if self.couple else _PLAYS
+        names = ("learner", "couple", "growing", "shares")
+        is_smooth = self.learner == "gaussian_process"
+        plays = () if self.couple or is_smooth else _PLAYS
+        time_constants = _SHORT if is_smooth else _TIME_CONSTANTS
         return {
             **{name: getattr(self, name) for name in names},
-            "plays": usual if self.plays is None else self.plays,
+            "plays": plays if self.plays is None else self.plays,
+            "time_constants": (
+                time_constants if self.time_constants is None else self.time_constants
+            ),
             "pairs": vars(self).get("pairs_", self._asked()),
             "coupled": vars(self).get("coupled_", self._joined(n_features)),
             "members": vars(self).get("members_", _UNFITTED),
@@ -377,6 +392,8 @@ class RichPlay(JointRegressor):
 
     def _unfitted(self, n_features: int, n_crossed: int, n_outputs: int) -> JointRegressor:
         """Model for so many features, what of them and their plays is multiplied, and joints."""
+        if self.learner == "gaussian_process":
+            return GaussianProcess()
         ridge = Ridge(*self._products(n_features, n_crossed))
         if self.learner == "ridge":
             return ridge
