@@ -80,8 +80,8 @@ def believed(offset: ArrayLike, sd: ArrayLike) -> Array:
     array([0. , 9.9])
     """
     whole, spread = (np.asarray(values, dtype=np.float64) for values in (offset, sd))
-    share = np.divide(spread, whole, out=np.full(whole.shape, np.inf), where=whole != 0.0)
-    return np.where(np.isnan(spread), whole, whole * np.maximum(1.0 - share**2, 0.0))
+    by_errors = np.divide(spread**2, whole, out=whole.copy(), where=np.abs(whole) > spread)
+    return np.where(np.isnan(spread), whole, whole - by_errors)
 
 
 def find_zero(calibration: Calibration, recording: Recording, duration: float = math.inf) -> Zero:
