@@ -24,6 +24,7 @@ BENCHMARKS = (
     "filter_speed",
     "corrector_speed",
     "exported_c_speed",
+    "step_speed",
     "bag_extraction",
     "speed_training",
     "beyond_chance",

@@ -1,6 +1,7 @@
 """Every causal estimator, and the automatic choice, on the RAVEN twin like peng2024.
 
-    python -m benchmarks.raven_estimators [--estimators NAME ...] [--sessions 3] [--minutes 10]
+    python -m benchmarks.raven_estimators [--estimators NAME ...] [--sessions 3] [--first-seed 0]
+        [--minutes 10]
 
 Direction J2-J3 of `truejoint study directions`: in each session an arm of its own is homed, trained
 on by zig-zags of sparsity 1/4, 1/5 and 1/6, and judged on a random motion with the laboratory's
@@ -21,8 +22,8 @@ from truejoint.studies.raven2 import sessions as s
 NETWORK = "dnn"
 SPECIMEN = "peng2024"
 USUAL = (
-    "linear", "poly2_ridge", "rich_play", "rich_trees", "linear_trees", "gp", "gru",
-    "network_forest", "ukf_two_mass", "auto",
+    "linear", "poly2_ridge", "run_out", "rich_play", "rich_trees", "coupled_play", "linear_trees",
+    "gp", "gru", "network_forest", "ukf_two_mass", "auto",
 )  # fmt: skip
 
 
@@ -31,11 +32,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--estimators", nargs="+", default=USUAL)
     parser.add_argument("--sessions", type=int, default=3)
+    parser.add_argument("--first-seed", type=int, default=0, help="of the arms")
     parser.add_argument("--minutes", type=float, default=10.0)
     options = parser.parse_args()
     raven = s.specimens([SPECIMEN])[SPECIMEN]
     recorded = []
-    for seed in range(options.sessions):
+    for seed in range(options.first_seed, options.first_seed + options.sessions):
         arm, _ = s.homed(raven, seed)
         training = s.training_sets(arm, ("4+5+6",))["4+5+6"]
         test = s.random_test(arm, 60.0 * options.minutes, s.TEST_SEED + seed)

@@ -13,10 +13,12 @@ def dahl(friction: float, level: float, stiffness: float, way: float) -> float:
     """Friction [Nm, N] after `way` [rad, m] of Dahl's model, exact for one direction.
 
     It builds up with `stiffness` [Nm/rad, N/m] to `level` [Nm, N] (P. R. Dahl, A solid friction
-    model, 1968, exponent 1); where that is 0, there is no law and it stays.
+    model, 1968, exponent 1); where that is 0, any way takes all of it.
     """
-    if way == 0.0 or level <= 0.0:
+    if way == 0.0:
         return friction
+    if level <= 0.0:
+        return 0.0
     end = math.copysign(level, way)
     return end + (friction - end) * math.exp(-stiffness * abs(way) / level)
 

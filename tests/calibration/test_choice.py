@@ -311,8 +311,9 @@ def test_progress_never_goes_back_where_several_sets_of_features_are_tried():
 
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
-    rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "gp", "gp_lowpass"]
-    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich, "hybrid"]
+    rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "run_out"]
+    smooth = ["gp", "gp_lowpass"]
+    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich, *smooth, "hybrid"]
     assert candidates()[2].epochs == 0
 
 

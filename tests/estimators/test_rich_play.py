@@ -10,10 +10,11 @@ from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import LinearRegressor, RichPlay, rich_play
 from truejoint.estimators.cross_validation import PENALTIES, blocks
-from truejoint.estimators.rich_play import Ridge, loaded_pairs
+from truejoint.estimators.rich_play import Ridge, capstan_turns, loaded_pairs
 from truejoint.models import play_bank
 from truejoint.models.features import FeatureSet, time_steps
 from truejoint.models.play_bank import expand_rows
+from truejoint.robots import get_robot
 
 T = np.arange(0.0, 40.0, 0.02)
 
@@ -35,7 +36,7 @@ def test_the_model_sees_scaled_features_plays_and_low_passes():
     low, high = X.min(axis=0), X.max(axis=0)
     arrays = {"centre": (low + high) / 2, "inverse_half_range": 2 / (high - low)}
     params = {"plays": (0.1, 0.4), "time_constants": (0.3,), "pairs": (), "growing": (0.2,)}
-    params |= {"coupled": (), "shares": (1.0,)}
+    params |= {"coupled": (), "shares": (1.0,), "turns": ()}
     kept = np.arange(len(X)) % 3 == 1
     seen = expand_rows(params, arrays, X, dt, kept)
     half = (high - low) / 2
@@ -57,7 +58,7 @@ def test_plays_grow_and_shrink_with_another_feature():
     dt = np.where(np.arange(300) % 200 == 0, 0.0, 0.02)
     arrays = {"centre": np.zeros(2), "inverse_half_range": np.array([1.0, 0.5])}
     params = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.1, 0.5)}
-    params |= {"coupled": (), "shares": (1.0,)}
+    params |= {"coupled": (), "shares": (1.0,), "turns": ()}
     seen = expand_rows(params, arrays, X, dt, np.ones(300, bool))
     assert seen.shape == (300, 2 * 3 + 4)
     for column, (way, width) in enumerate([(1, 0.1), (1, 0.5), (-1, 0.1), (-1, 0.5)]):
@@ -66,6 +67,55 @@ def test_plays_grow_and_shrink_with_another_feature():
             half = width * (0.1 + 0.9 * np.clip(0.5 + way * 0.25 * load, 0.0, 1.0))
             last = x if dt[i] == 0.0 else min(max(last, x - half), x + half)
             assert seen[i, 6 + column] == pytest.approx((last - x) / width, abs=1e-12)
+
+
+def test_of_capstans_the_angles_are_seen():
+    X, _ = slack(n=50)
+    turns = ((11.0, 0.0), (1.5, -9.0))
+    arrays = {"centre": np.full(2, 0.3), "inverse_half_range": np.array([1.0, 0.5])}
+    params = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.2,)}
+    params |= {"coupled": (), "shares": (1.0,), "turns": turns}
+    seen = expand_rows(params, arrays, X, np.full(50, 0.02), np.ones(50, bool))
+    angles = X @ np.transpose(turns)
+    expected = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(50, 4)
+    np.testing.assert_allclose(seen[:, 6:10], expected, atol=1e-14)
+    assert seen.shape == (50, play_bank.n_seen(params, 2)) == (50, 6 + 4 + 2)
+
+
+def test_capstans_turn_as_the_transmission_says():
+    raven = get_robot("raven2")
+    names = ("effort/elbow", "measured/shoulder", "measured/elbow")
+    turns = capstan_turns(names, raven, ("shoulder", "elbow", "insertion"))
+    motors = raven.transmission.motor_from_joint([0.3, 0.7, 0.1, 0.0, 0.0, 0.0, 0.0])
+    at_capstans = motors / raven.transmission.gear
+    # Features do not tell where the insertion is, which turns its own capstan.
+    np.testing.assert_allclose(np.dot(turns, [5.0, 0.3, 0.7]), at_capstans[:2], rtol=1e-12)
+    assert capstan_turns(names, get_robot("davinci_grasper"), ("jaw",)) == ()
+
+
+def eccentric(q: np.ndarray) -> np.ndarray:
+    """Error of two joints on capstans of 11 and 10 turns a turn, the first of which pulls both."""
+    angles = q @ np.array([[11.0, 1.5], [0.0, 10.0]])
+    return 0.02 * q[:, ::-1] ** 2 + 0.004 * np.cos(angles + np.array([0.4, 2.0]))
+
+
+def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
+    zigzag = np.interp(np.linspace(0.0, 24.0, 3000), range(25), 0.4 * (-1.0) ** np.arange(25))
+    rows = np.column_stack([zigzag, np.linspace(-0.4, 0.4, 3000)])
+    other = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
+    model = RichPlay(turn=True, turns=((11.0, 0.0), (1.5, 10.0)))
+    fresh = np.zeros(500)
+    left, without = (
+        np.std(m.fit(rows, eccentric(rows)).predict(other, fresh) - eccentric(other))
+        for m in (model, RichPlay(leading=2))
+    )
+    assert left < 0.3 * without  # the plays of which explain the zig-zag alone
+
+
+@pytest.mark.parametrize("turns", [None, ()])
+def test_where_capstans_are_not_known_it_says_what_to_do(turns):
+    with pytest.raises(CalibrationError, match="run_out must know how capstans turn; take a robot"):
+        RichPlay(turn=True, turns=turns).fit(*slack())
 
 
 def test_positions_are_paired_with_their_efforts_or_those_of_cables():
@@ -183,7 +233,7 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
         ({"learner": "forest"}, "learner is 'forest'; it must be one of ridge, trees"),
         ({"plays": (0.0,)}, "plays is .*; it must be 0 to 32 half-widths"),
         ({"plays": (1.1,)}, "plays is .*; it must be 0 to 32 half-widths"),
-        ({"time_constants": ()}, "time_constants is .*; it must be 1 to 8 times"),
+        ({"time_constants": (0.0,)}, "time_constants is .*; it must be 0 to 8 times"),
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
         ({"pairs": ((0, 2),)}, "pairs .*; it must be of features 0 to 1"),
         ({"pairs": 3}, "pairs is 3; it must be up to 32 pairs"),

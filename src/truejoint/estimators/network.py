@@ -106,7 +106,11 @@ class NeuralNetwork(JointRegressor):
         return _NO_MORE
 
     def settled(self) -> Self:
-        """Unfitted network that takes the epochs which this one took."""
+        """Unfitted network that takes the epochs which this one took.
+
+        In an automatic choice that is the one without the first part: for the median over all
+        parts, each would need a search of its own, which trains the network a second time.
+        """
         return clone(self).set_params(**self.model_params())  # type: ignore[no-any-return]
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:

@@ -42,9 +42,10 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "poly2_ridge": _Line("rich_play", "Ridge", {}, {}),
     "linear_trees": _Line("combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {}),
     "network_forest": _Line("combination", "Combination", {"members": ("dnn", "random_forest")}),
-    "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge", "couple": False}, {}),
-    "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": False}, {}),
+    "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge"}, {}),
+    "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees"}, {}),
     "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
+    "run_out": _Line("rich_play", "RichPlay", {"learner": "ridge", "turn": True}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
     "gp_lowpass": _Line(
         "rich_play", "RichPlay", {"learner": "gaussian_process", "couple": False}, {}

@@ -43,6 +43,9 @@ _FEWER_TREES: Final = 70
 _PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
 _TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
 _SHORT: Final = (0.1,)  # [s], which tells a Gaussian process how fast and which way
+_NARROW: Final = 4
+"""Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
+of one speed just as well, and something else of any other motion."""
 _IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
 _GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
 
@@ -147,7 +150,8 @@ class RichPlay(JointRegressor):
     the tension of a cable). Where joints are coupled, plays of all their positions together stand
     in place of the plays of each feature: the cables of one joint pull at the others, as in a
     wrist. Stiffness and friction are found first, see
-    `truejoint.estimators.coupled_play.identify_coupling`.
+    `truejoint.estimators.coupled_play.identify_coupling`. Where capstans turn, what errs once in
+    each turn of one, as an eccentric one does, is seen by the cosine and sine of its angle.
 
     Parameters
     ----------
@@ -160,23 +164,28 @@ class RichPlay(JointRegressor):
         positions, or all where features have no names.
     shares : sequence of float
         Of friction that such plays have, in place of one play with all of it.
+    turn : bool
+        Whether the angles of capstans are seen.
+    turns : sequence of sequence of float, optional
+        By how much each capstan turns with each feature [rad over its unit]; `calibrate` takes
+        those that the robot's transmission says of the joints' measured positions.
     plays : sequence of float, optional
         Half-widths of the plays of each feature, in half ranges of it; by default eight from 0.01
-        to 0.9, or none where joints are coupled.
-    time_constants : sequence of float
-        Of the low-passes [s].
+        to 0.9, the four smallest of them where capstans turn, or none where joints are coupled.
+    time_constants : sequence of float, optional
+        Of the low-passes [s]; by default 0.05, 0.5 and 2, or none where capstans turn.
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
     leading : int, optional
         By how many of the features, the first ones, everything is multiplied; by default the
         `squared`, or, without, all if that makes few enough products, else only features by
-        features.
+        features. Where capstans turn, only features that turn them, by each other.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
         Places of a feature, and of one that the widths of its further plays grow with, or shrink;
         by default, each measured position with the effort of its joint, or with those of cables;
-        for a Gaussian process none.
+        for a Gaussian process, and where capstans turn, none.
         They are left out unless the ridge regression errs by a twentieth less with them, on blocks
         of rows that are left out in turn.
     growing : sequence of float
@@ -207,6 +216,8 @@ class RichPlay(JointRegressor):
     couple: bool = False
     positions: tuple[int, ...] | None = None
     shares: tuple[float, ...] = (0.3, 1.0, 2.0)
+    turn: bool = False
+    turns: tuple[tuple[float, ...], ...] | None = None
     plays: tuple[float, ...] | None = None
     time_constants: tuple[float, ...] | None = None
     rows: int = 40_000
@@ -216,14 +227,19 @@ class RichPlay(JointRegressor):
     growing: tuple[float, ...] = (0.05, 0.2, 0.6)
     random_state: int | None = None
 
-    def for_features(self, names: Sequence[str], _robot: Robot, _joints: Sequence[str]) -> Self:
-        """Unfitted copy whose pairs and positions are those of the features called so."""
-        usual = () if self.learner == "gaussian_process" else loaded_pairs(names)
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Unfitted copy whose pairs, positions and turns are those of the features called so."""
+        usual = () if self.turn or self.learner == "gaussian_process" else loaded_pairs(names)
         pairs = usual if self.pairs is None else self.pairs
         positions = self.positions
         if self.couple and positions is None:
             positions = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
-        return clone(self).set_params(pairs=pairs, positions=positions)  # type: ignore[no-any-return]
+        turns = self.turns
+        if self.turn and turns is None:
+            turns = capstan_turns(names, robot, joints)
+        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
+            pairs=pairs, positions=positions, turns=turns
+        )
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
@@ -260,20 +276,25 @@ class RichPlay(JointRegressor):
 
     def _params(self, n_features: int) -> Params:
         """Those for so many features."""
-        names = ("learner", "couple", "growing", "shares")
-        is_smooth = self.learner == "gaussian_process"
-        plays = () if self.couple or is_smooth else _PLAYS
-        time_constants = _SHORT if is_smooth else _TIME_CONSTANTS
+        names = ("learner", "couple", "growing", "shares", "turn")
+        plays, times = self._usual()
         return {
             **{name: getattr(self, name) for name in names},
             "plays": plays if self.plays is None else self.plays,
-            "time_constants": (
-                time_constants if self.time_constants is None else self.time_constants
-            ),
+            "time_constants": times if self.time_constants is None else self.time_constants,
             "pairs": vars(self).get("pairs_", self._asked()),
             "coupled": vars(self).get("coupled_", self._joined(n_features)),
+            "turns": self.turns or () if self.turn else (),
             "members": vars(self).get("members_", _UNFITTED),
         }
+
+    def _usual(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Half-widths of plays and time constants of low-passes where none are given."""
+        if self.learner == "gaussian_process":
+            return (), _SHORT
+        if self.turn:
+            return (() if self.couple else _PLAYS[:_NARROW]), ()
+        return (() if self.couple else _PLAYS), _TIME_CONSTANTS
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -294,6 +315,12 @@ class RichPlay(JointRegressor):
         play_bank.check_places("positions", [joined], n_features)
         if self.couple:
             self._check_count(joined)
+        if self.turn and not self.turns:
+            raise CalibrationError(
+                f"{self.name} must know how capstans turn; take a robot whose transmission is in "
+                "its file, and the measured positions of its joints as features, or give turns"
+            )
+        play_bank.check_turns(self.turns or (), n_features)
 
     def _check_count(self, joined: Sequence[int]) -> None:
         if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
@@ -378,6 +405,10 @@ class RichPlay(JointRegressor):
         Raises CalibrationError if there are too many products of what was asked for.
         """
         squared = min(int(self.squared), n_features)
+        if self.turn and self.turns and self.leading is None and not squared:
+            turning = np.any(self.turns, axis=0)
+            first = n_features if turning.all() else int(np.argmin(turning))
+            return first, first, 0
         if self.leading is None and not squared:
             choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
             return (*next(pair for pair in choices if pair[0] * pair[1] <= _PRODUCTS), 0)
@@ -423,6 +454,29 @@ def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
         for other in ([effort[joint]] if joint in effort else cables)
     ]
     return tuple(pairs) if len(pairs) <= play_bank.MAX_PAIRS else ()
+
+
+def capstan_turns(
+    names: Sequence[str], robot: Robot, joints: Sequence[str]
+) -> tuple[tuple[float, ...], ...]:
+    """Turn of each joint's capstan by each of the features called `names` [rad over its unit].
+
+    By the robot's transmission, behind its gearboxes; of `joints` alone, those whose capstan is
+    turned by measured positions that are all features.
+    """
+    if robot.transmission is None:
+        return ()
+    by_joint = robot.transmission.capstan_matrix[robot.index(joints)]
+    place = {name.removeprefix("measured/"): i for i, name in enumerate(names)
+             if name.startswith("measured/")}  # fmt: skip
+    found = []
+    for row in by_joint:
+        used = {joint: turn for joint, turn in zip(robot.joint_names, row, strict=True) if turn}
+        if set(used) <= set(place):
+            turns = np.zeros(len(names))
+            turns[[place[joint] for joint in used]] = list(used.values())
+            found.append(tuple(turns.tolist()))
+    return tuple(found)
 
 
 _UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)

@@ -5,11 +5,12 @@ low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen
 of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
 larger swings. Friction grows with the tension of a cable, so that there may be plays of one feature
 whose widths go up, or down, with another; and cables that pull at several joints make plays of all
-these together.
+these together. What is eccentric, as a capstan may be, errs once in each of its turns.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Final
 
@@ -22,6 +23,7 @@ from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models.combination import are_members, members
 from truejoint.models.coupled_play import coupled_play
 from truejoint.models.family import (
+    LARGEST,
     Family,
     Params,
     Rule,
@@ -29,6 +31,7 @@ from truejoint.models.family import (
     call_row,
     find_family,
     is_integer,
+    is_number,
     numbers,
     one_of,
 )
@@ -41,6 +44,7 @@ MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
 MAX_PAIRS: Final = 32
 MAX_COUPLED: Final = 12
+MAX_TURNING: Final = 16
 LEAST: Final = 0.1
 """Share of its largest half-width that a growing play has where the other feature is least."""
 
@@ -67,6 +71,8 @@ REACHES: Final = LAYOUT.array("reaches", "half-widths of their plays, in half ra
 SHARES: Final = LAYOUT.array("shares", "of the half-widths")
 WANTED: Final = LAYOUT.array("wanted", "features that are coupled, scaled")
 STOOD: Final = LAYOUT.array("stood", "where they were last behind the plays, for each share")
+N_TURNING: Final = LAYOUT.integer("n_turning", "capstans of which the angle is seen")
+TURNS: Final = LAYOUT.array("turns", "of each capstan, by each feature [rad over its unit]")
 ROW: Final = LAYOUT.address("row", "prediction of the model")
 MODEL: Final = LAYOUT.part("model", "of what is seen")
 
@@ -98,7 +104,9 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -
             seen[k + k * n_plays + at] = trail - seen[i]
     start = k * (1 + n_plays + n_lowpasses)
     couple(numbers, memory, fresh, seen, start)
-    grow(numbers, memory, fresh, seen, start + numbers[N_COUPLED] * numbers[N_SHARES])
+    start += numbers[N_COUPLED] * numbers[N_SHARES]
+    turn(numbers, memory, x, seen, start)
+    grow(numbers, memory, fresh, seen, start + 2 * numbers[N_TURNING])
 
 
 @compiled
@@ -117,6 +125,19 @@ def couple(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: in
         coupled_play(coupling, reaches, shares[j], fresh, wanted, stood, found)
         for i in range(k):
             found[i] /= shares[j] * reaches[i]
+
+
+@compiled
+def turn(numbers: Integers, memory: Array, x: Array, seen: Array, start: int) -> None:
+    """Add cosine and sine of the angle of each capstan: `seen` from `start` on."""
+    k, n_turning = x.shape[0], numbers[N_TURNING]
+    turns = vector(memory, numbers[TURNS], n_turning * k)
+    for i in range(n_turning):
+        angle = 0.0
+        for j in range(k):
+            angle += turns[i * k + j] * x[j]
+        seen[start + 2 * i] = math.cos(angle)
+        seen[start + 2 * i + 1] = math.sin(angle)
 
 
 @compiled
@@ -144,7 +165,8 @@ def play_bank_row(
     """Predict by the model from what the features are and were."""
     k = x.shape[0]
     n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
-    n += numbers[N_COUPLED] * numbers[N_SHARES] + 2 * numbers[N_PAIRS] * numbers[N_GROWING]
+    n += numbers[N_COUPLED] * numbers[N_SHARES] + 2 * numbers[N_TURNING]
+    n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
     seen = vector(memory, numbers[SEEN], n)
     expand(numbers, memory, dt, x, seen)
     call_row(
@@ -188,7 +210,7 @@ def n_seen(params: Params, n_features: int) -> int:
 def n_constant(params: Params, n_features: int) -> int:
     """Count what comes before the plays that grow."""
     alone = n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
-    return alone + len(params["coupled"]) * len(params["shares"])
+    return alone + len(params["coupled"]) * len(params["shares"]) + 2 * len(params["turns"])
 
 
 def check_places(name: str, places: Sequence[Sequence[int]], n_features: int) -> None:
@@ -196,6 +218,14 @@ def check_places(name: str, places: Sequence[Sequence[int]], n_features: int) ->
     if any(place >= n_features for some in places for place in some):
         raise CalibrationError(
             f"play_bank has {name} {places}; it must be of features 0 to {n_features - 1}"
+        )
+
+
+def check_turns(turns: Sequence[Sequence[float]], n_features: int) -> None:
+    """Raise CalibrationError unless there is a turn by each feature."""
+    if any(len(row) != n_features for row in turns):
+        raise CalibrationError(
+            f"play_bank has turns by {len(turns[0])} features; it must be by each of {n_features}"
         )
 
 
@@ -210,6 +240,7 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
         )
     check_places("pairs", params["pairs"], n_features)
     check_places("coupled", [params["coupled"]], n_features)
+    check_turns(params["turns"], n_features)
     n_coupled = len(params["coupled"])
     joined = {"coupling": (n_coupled, n_coupled), "reaches": (n_coupled,)} if n_coupled else {}
     own = family.shapes(data.params, k, n_outputs)
@@ -246,9 +277,9 @@ def _packed(
         centre=arrays["centre"],
         inverse_half_range=arrays["inverse_half_range"],
         half_widths=params["plays"] or nothing,
-        time_constants=params["time_constants"],
+        time_constants=params["time_constants"] or nothing,
         outputs=np.zeros(max(1, k * n_plays)),
-        trails=np.zeros((k * n_lowpasses, 2)),
+        trails=np.zeros((max(1, k * n_lowpasses), 2)),
         seen=np.zeros(n_seen(params, k)),
         n_pairs=len(pairs),
         n_growing=n_growing,
@@ -263,6 +294,8 @@ def _packed(
         shares=shares,
         wanted=np.zeros(max(1, len(coupled))),
         stood=np.zeros(max(1, len(coupled) * len(shares))),
+        n_turning=len(params["turns"]),
+        turns=np.ravel(params["turns"]) if params["turns"] else nothing,
         row=0 if family is None else family.row_address(),
         model=model,
     )
@@ -286,17 +319,31 @@ def _are_places(value: object) -> bool:
     )
 
 
+def _are_turns(value: object) -> bool:
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) <= MAX_TURNING
+        and all(isinstance(row, (tuple, list)) and len(row) == len(value[0]) for row in value)
+        and all(is_number(turn, -LARGEST, LARGEST) for row in value for turn in row)
+    )
+
+
 FAMILY: Final = Family(
     "play_bank",
     rules={
         "learner": one_of(*LEARNERS),
         "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),
-        "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]"),
+        "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]", least=0),
         "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),
         "pairs": Rule(_are_pairs, f"up to {MAX_PAIRS} pairs of features by their places"),
         "couple": Rule(lambda value: isinstance(value, bool), "True or False"),
         "coupled": Rule(_are_places, f"no features, or 2 to {MAX_COUPLED} by their places"),
         "shares": numbers(MAX_PLAYS, 1e-3, 1e3, "shares of a half-width"),
+        "turn": Rule(lambda value: isinstance(value, bool), "True or False"),
+        "turns": Rule(
+            _are_turns,
+            f"rows of up to {MAX_TURNING} capstans: angle by each feature [rad over its unit]",
+        ),
         "members": Rule(
             lambda value: are_members(value) and len(value) == 1 and not value[0][2],
             "one model: family, its parameters and no outputs",

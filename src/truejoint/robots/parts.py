@@ -127,7 +127,7 @@ class Transmission:
 
         By virtual work: what the motors do in a small motion is what the joints receive.
         """
-        joint: Array = np.asarray(effort, dtype=float) @ self._effort_matrix
+        joint: Array = np.asarray(effort, dtype=float) @ self.capstan_matrix
         return joint
 
     def motor_effort(self, effort: ArrayLike) -> Array:
@@ -135,11 +135,15 @@ class Transmission:
 
         The inverse of `joint_effort`.
         """
-        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self._effort_matrix)
+        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self.capstan_matrix)
         return motor
 
     @cached_property
-    def _effort_matrix(self) -> Array:
+    def capstan_matrix(self) -> Array:
+        """Turn of each motor's capstan, behind its gearbox, per joint position [rad/rad or rad/m].
+
+        Shape (n_joints, n_joints).
+        """
         gear = np.array(self.gear or np.ones(len(self.matrix)))
         return np.asarray(self.matrix / gear[:, None], dtype=np.float64)
 

@@ -165,6 +165,9 @@ def test_dahl_is_the_solution_of_its_equation():
     back = solve_ivp(lambda _x, g: -2.0 * (1.0 + g / 0.005), (0.0, 0.001), [0.004], **EXACT)
     assert dahl(0.004, 0.005, 2.0, -0.001) == pytest.approx(back.y[0, -1], rel=1e-6)
     assert dahl(0.004, 0.005, 2.0, 0.0) == 0.004
+    assert dahl(0.004, 1e-6, 2.0, 0.001) == pytest.approx(1e-6)
+    assert dahl(0.004, 0.0, 2.0, 0.001) == 0.0  # as of ever weaker friction
+    assert dahl(0.004, 0.0, 2.0, 0.0) == 0.004
 
 
 def test_small_systems_are_solved():
