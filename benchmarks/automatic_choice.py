@@ -30,6 +30,7 @@ from sklearn.ensemble import HistGradientBoostingRegressor
 
 from truejoint import calibrate
 from truejoint.calibration import Automatic, Calibration
+from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, WrappedRegressor, candidates
 from truejoint.recordings import Recording
@@ -139,14 +140,9 @@ def development() -> Iterator[Split]:
 
 
 def left(model: Calibration, testing: list[Recording], rezero: float) -> NDArray[np.float64]:
-    """RMSE (n_joints,) of recordings, less the mean error of the first seconds [s] of each."""
-    errors = []
-    for recording in testing:
-        error = recording.columns("truth", model.joints) - model.correct(recording)
-        begin = recording.t < recording.t[0] + rezero
-        zero = np.nanmean(error[begin], axis=0) if begin.any() else 0.0
-        errors.append(error[~begin] - zero)
-    return np.sqrt(np.nanmean(np.concatenate(errors) ** 2, axis=0))
+    """RMSE (n_joints,) of recordings, re-zeroed from the first seconds [s] of each."""
+    errors = [judged_error(model, recording, rezero)[0] for recording in testing]
+    return np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0))
 
 
 def judged(split: Split, *, plain: bool) -> dict[str, Any]:

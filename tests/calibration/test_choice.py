@@ -64,6 +64,8 @@ def test_what_is_better_on_unseen_recordings_is_chosen():
     assert tried["poly2"]["rmse"]["jaw"] == pytest.approx(1e-3, rel=0.1)
     assert tried["raw"]["rmse"]["jaw"] > 0.01
     assert model.metadata["choice"]["left_out"] == [f"recordings {k}" for k in (2, 4, 1, 3)]
+    unseen = model.metadata["choice"]["chosen"]["median"]["jaw"]
+    assert model.effort_baseline.residual[0] >= unseen > 0.5e-3  # what the fit did not see
     plain = calibrate([bent(seed, 0.2) for seed in range(4)], "poly2")
     unseen = bent(9, 0.2)
     np.testing.assert_array_equal(model.correct(unseen), plain.correct(unseen))

@@ -173,11 +173,13 @@ def shifted(recording: Recording, offset: float) -> Recording:
 
 def test_rezeroing_makes_the_interval_blind_to_the_offset_of_a_homing(calibration, motions):
     rng = np.random.default_rng(1)
-    homed = [shifted(motion, rng.normal(0.0, 0.05)) for motion in motions]
+    homed = [shifted(motion, 0.5 * rng.choice([-1.0, 1.0])) for motion in motions]
     as_homed = with_interval(calibration, homed).interval
     zeroed = with_interval(calibration, homed, rezero=2.0).interval
-    same = with_interval(calibration, motions, rezero=2.0).interval
-    assert zeroed.half_widths == pytest.approx(same.half_widths, rel=1e-9)
+    same = with_interval(
+        calibration, [shifted(motion, 0.7) for motion in motions], rezero=2.0
+    ).interval  # of a small offset, as without one, less is believed
+    assert zeroed.half_widths == pytest.approx(same.half_widths, rel=0.01)
     assert (as_homed.half_width(0.9) > 3 * zeroed.half_width(0.9)).all()
     assert "any homing (22 homings seen)" in as_homed.meaning
     assert "re-zeroing from 2 s of truth" in zeroed.meaning

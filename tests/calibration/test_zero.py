@@ -19,7 +19,7 @@ from truejoint.calibration import (
     write_calibration,
 )
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
-from truejoint.calibration.zero import judged_error
+from truejoint.calibration.zero import CORRELATION_MARGIN, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.recordings import Recording
@@ -58,10 +58,12 @@ def test_an_estimator_of_several_joints_moves_by_the_offset_and_nothing_else(
     error = brief.columns("truth", moved.joints)[100:140] - calibration.correct(brief)[100:140]
     assert zero.offset == pytest.approx(np.median(error, axis=0), abs=1e-15)
     assert moved.correct(test) - calibration.correct(test) == pytest.approx(
-        np.broadcast_to(zero.offset, (300, 3)), abs=1e-12
+        np.broadcast_to(zero.believed, (300, 3)), abs=1e-12
     )
-    left = find_zero(moved, brief).offset
-    assert left == pytest.approx(np.zeros(3), abs=1e-12)
+    assert (np.abs(zero.believed) <= np.abs(zero.offset)).all()
+    left = find_zero(moved, brief)
+    assert left.offset == pytest.approx(zero.offset - zero.believed, abs=1e-12)
+    assert left.believed == pytest.approx(np.zeros(3))
     assert find_zero(moved.baselines["offset"], brief).offset == pytest.approx(0, abs=1e-12)
     assert moved.metadata["homing_ids"] == ["h2"]
     assert moved.metadata["rezeroed"]["rows"] == 40
@@ -94,7 +96,7 @@ def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
     rng = np.random.default_rng(0)
     for k in range(3):
         size = calibration.effort_baseline.residual[k]
-        time = calibration.effort_baseline.correlation[k]
+        time = CORRELATION_MARGIN * calibration.effort_baseline.correlation[k]
         t = brief.t[:60]
         covariance = size**2 * np.exp(-np.abs(t[:, None] - t) / time)
         means = rng.multivariate_normal(np.zeros(60), covariance, 4000).mean(axis=1)
@@ -104,6 +106,39 @@ def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
     bare = replace(calibration, effort_baseline=None)
     assert np.isnan(find_zero(bare, one).sd).all()
     assert rezeroed(bare, one).metadata["rezeroed"]["sd"] is None
+
+
+def test_the_share_that_is_believed_has_the_least_error_whatever_the_zeros_spread():
+    """Against the best share in hindsight: what errors explain is not taken for a zero."""
+    rng, sd = np.random.default_rng(0), np.ones(20_000)
+    for spread in (0.0, 0.5, 1.0, 3.0, 20.0):
+        zeros = spread * rng.normal(size=len(sd))
+        found = zeros + rng.normal(size=len(sd))
+        left, all_of_it = (np.mean((own - zeros) ** 2) for own in (believed(found, sd), found))
+        best = spread**2 / (spread**2 + 1.0)
+        assert left < (0.5 if spread < 0.5 else 1.0 if spread < 1.0 else 1.25) * all_of_it
+        assert left < best + 0.45
+    assert believed([1.0, 0.0, 2.0], [np.nan, 1.0, 0.0]).tolist() == [1.0, 0.0, 2.0]
+
+
+def test_all_of_an_offset_is_believed_where_zeros_are_known_to_move(pair):
+    plain, moved, _ = pair
+    one = calibrate(plain, "linear", features=FEATURES)
+    each = calibrate(moved, "linear", features=FEATURES, zero="recording")
+    for fitted, all_of_it in ((one, False), (each.fitted_for(rezeroing=True), True)):
+        zero = find_zero(fitted, plain[0].rows(slice(0, 30)))
+        assert (zero.believed.tolist() == zero.offset.tolist()) is all_of_it
+
+
+def test_readings_weigh_by_the_past_before_them_where_the_model_looks_back(build):
+    calibration = calibrate(build(1500, 0), "rich_play", features=FEATURES)
+    recording = build(300, 4)
+    error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
+    past = np.clip(recording.t - recording.t[0], 1e-3, 5.0)
+    for k, offset in enumerate(find_zero(calibration, recording).offset):
+        order = np.argsort(error[:, k])
+        reached = np.cumsum(past[order])
+        assert offset == error[order, k][np.searchsorted(reached, 0.5 * reached[-1])]
 
 
 def test_without_truth_it_is_refused(build, recording):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, rezeroed, with_interval
+from truejoint.calibration.zero import believed
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Provenance, Recording
 from truejoint.runtime import Alarm, Corrector, Reason, check_calibration
@@ -62,7 +63,8 @@ def test_a_calibration_that_holds(calibration):
         assert joint.rmse == pytest.approx(np.sqrt(np.mean(error[:, k] ** 2)))
         assert joint.largest == pytest.approx(np.abs(error[:, k]).max())
         assert joint.offset == pytest.approx(np.median(error[:, k]))
-        assert joint.left == pytest.approx(np.sqrt(np.mean((error[:, k] - joint.offset) ** 2)))
+        zero = believed(joint.offset, joint.offset_sd)
+        assert joint.left == pytest.approx(np.sqrt(np.mean((error[:, k] - zero) ** 2)))
         assert joint.half_width == pytest.approx((upper - corrected)[:, k].mean())
         inside = (lower[:, k] <= truth[:, k]) & (truth[:, k] <= upper[:, k])
         assert joint.inside == pytest.approx(inside.mean())

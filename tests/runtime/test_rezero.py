@@ -10,10 +10,11 @@ import pytest
 from scipy.stats import chi2
 
 from truejoint.calibration import BlockPose, Plate
+from truejoint.calibration.zero import CORRELATION_MARGIN
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.runtime import ReZero
-from truejoint.runtime.rezero import CORRELATION_MARGIN, DRIFT, PRIOR
+from truejoint.runtime.rezero import DRIFT, PRIOR
 
 SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4, 2e-5])
 

@@ -468,7 +468,11 @@ def _best(groups: Sequence[Group], judged: Sequence[Fold], joints: Sequence[str]
     told = {
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
-        "chosen": {"rmse": _by_joint(joints, square)} | _ratio(log_ratio(square, reference)),
+        "chosen": {
+            "rmse": _by_joint(joints, square),
+            "median": _by_joint(joints, np.median(square, axis=0, keepdims=True)),
+        }
+        | _ratio(log_ratio(square, reference)),
         "tried": [
             _told(one, number, reference, joints, weights[number] if one is group else None)
             for one in groups

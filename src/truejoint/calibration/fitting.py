@@ -16,6 +16,7 @@ from sklearn.base import clone
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
+from truejoint.calibration.effort_baseline import EffortBaseline
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import fit_parity_equations
@@ -145,7 +146,8 @@ def calibrate(
             target=choice.target, redundant=redundant, fit_rate=fit_rate, zero=zero,
             progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
         )  # fmt: skip
-        return fitted.with_metadata(choice=choice.told)
+        unseen = _of_unseen(fitted.effort_baseline, choice, fitted.joints)
+        return replace(fitted, effort_baseline=unseen).with_metadata(choice=choice.told)
     groups = _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     parity, redundant_units = fit_parity_equations(
@@ -202,6 +204,19 @@ def calibrate(
     used = fitted.fitted_for(rezeroing=True)
     baseline = fit_effort_baseline(used, [part.recording for part in second.parts])
     return replace(fitted, effort_baseline=baseline)
+
+
+def _of_unseen(
+    baseline: EffortBaseline | None, choice: Choice, joints: Sequence[str]
+) -> EffortBaseline | None:
+    """Baseline whose size of errors is that on what the fits of a choice did not see, if larger.
+
+    The median of the parts: some lie far beyond what the others show.
+    """
+    if baseline is None:
+        return None
+    unseen = [choice.told["chosen"]["median"][joint] for joint in joints]
+    return replace(baseline, residual=np.maximum(baseline.residual, unseen))
 
 
 @dataclass(frozen=True)

@@ -7,18 +7,24 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.encoding import as_calibration, as_recorded
 from truejoint.errors import CalibrationError
+from truejoint.models.features import time_steps
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
 
+CORRELATION_MARGIN: Final = 3.0
+"""Errors may resemble each other for longer than in the motions of the baseline by this factor:
+a slower motion stays longer where the calibration errs one way."""
+
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
+_LEAST_PAST, _ENOUGH_PAST = 1e-3, 5.0  # [s]; the first row alone is worth something
 _MOST_ROUNDS: Final = 20  # of moving the inputs of a model until its output fits
 
 
@@ -29,10 +35,16 @@ class Zero:
     Attributes
     ----------
     offset : ndarray, shape (n_joints,)
-        By how much the zero of the calibration has to move [rad or m]: median of truth minus
-        corrected position or, where it moves the measured positions, what brings that to nothing.
+        How far off the zero of the calibration is there [rad or m]: median of truth minus corrected
+        position or, where it moves the measured positions, what brings that to nothing. Where the
+        calibration looks at the past, a reading weighs as much as the past before it is long, up to
+        5 s: how friction stood before a recording is not known.
+    believed : ndarray, shape (n_joints,)
+        By how much to move the zero [rad or m]. Where the calibration was fitted with a zero for
+        each recording or homing, zeros are known to move, and this is `offset`; else it is less, as
+        `truejoint.calibration.zero.believed` says.
     sd : ndarray, shape (n_joints,)
-        Standard deviation of that as an estimate of the offset of a whole motion [rad or m].
+        Standard deviation of `offset` as an estimate of the offset of a whole motion [rad or m].
         Errors of a model resemble each other over seconds, so a brief truth knows less than its
         number of readings suggests. NaN where the calibration keeps no `EffortBaseline`.
     rows : int
@@ -47,9 +59,29 @@ class Zero:
     """
 
     offset: Array
+    believed: Array
     sd: Array
     rows: int
     duration: float
+
+
+def believed(offset: ArrayLike, sd: ArrayLike) -> Array:
+    """Estimate zeros (n,) [rad or m] of offsets that are known to `sd` (n,), where few zeros move.
+
+    That is ``offset (1 - sd^2 / offset^2)``, and nothing below `sd`: the best estimate of a zero
+    whose variance is what today's offset has beyond that of the errors (James and Stein, Berkeley
+    Symposium 1961, of a single mean, positive part). A zero that moved by ten deviations is found
+    to a tenth of one more; errors of a brief stretch that lie all to one side are no zero. All of
+    an offset whose `sd` is NaN.
+
+    Examples
+    --------
+    >>> believed([0.5, 10.0], [1.0, 1.0])
+    array([0. , 9.9])
+    """
+    whole, spread = (np.asarray(values, dtype=np.float64) for values in (offset, sd))
+    by_errors = np.divide(spread**2, whole, out=whole.copy(), where=np.abs(whole) > spread)
+    return np.where(np.isnan(spread), whole, whole - by_errors)
 
 
 def find_zero(calibration: Calibration, recording: Recording, duration: float = math.inf) -> Zero:
@@ -72,24 +104,48 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
         raise CalibrationError(f"the time to re-zero from is {duration:g} s; give more than 0 s")
     t, error, known = known_error(calibration, recording)
     used = at_start(t, duration)
-    t, offset = t[used], np.median(error[used], axis=0)
+    weights = _past(calibration, recording, known)[used]
+    t, offset = t[used], _median(error[used], weights)
     if calibration.moves is not None:
         # The outputs move about as far as the inputs, but not just as far.
         brief = recording.rows(slice(0, int(np.flatnonzero(known)[used][-1]) + 1))
         left = offset
         for _ in range(_MOST_ROUNDS):
-            now = np.median(known_error(moved(calibration, offset), brief)[1], axis=0)
+            now = _median(known_error(moved(calibration, offset), brief)[1], weights)
             if not np.abs(now).max() < np.abs(left).max():
                 break
             offset, left = offset + now, now
     chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
-    apart = np.abs(np.subtract.outer(t[chosen], t[chosen]))
+    apart = np.abs(np.subtract.outer(t[chosen], t[chosen])) / CORRELATION_MARGIN
+    pairs = np.outer(weights[chosen], weights[chosen]) / weights[chosen].sum() ** 2
     sd = np.full(len(calibration.joints), math.nan)
     baseline = calibration.effort_baseline
     if baseline is not None:
-        sizes = zip(baseline.residual, baseline.correlation, strict=True)
-        sd = np.array([size * math.sqrt(np.exp(-apart / time).mean()) for size, time in sizes])
-    return Zero(offset, sd, len(t), float(t[-1] - t[0]))
+        alike = [float(np.sum(pairs * np.exp(-apart / time))) for time in baseline.correlation]
+        sd = baseline.residual * np.sqrt(alike)
+    moves = calibration.metadata.get("zeros", {}).get("of", "shared") != "shared"
+    return Zero(offset, offset if moves else believed(offset, sd), sd, len(t), float(t[-1] - t[0]))
+
+
+def _past(calibration: Calibration, recording: Recording, known: Mask) -> Array:
+    """How long the past of each row with truth is (m,) [s]; 1 where nothing looks at the past."""
+    looks_back = calibration.model.family.remembers or calibration.feature_set.start().memory.size
+    if not looks_back:
+        return np.ones(int(known.sum()))
+    t = np.array(recording.t)
+    starts = time_steps(t, calibration.gap_limit) == 0.0
+    past = t - t[starts][np.cumsum(starts) - 1]
+    return np.asarray(np.clip(past[known], _LEAST_PAST, _ENOUGH_PAST))
+
+
+def _median(error: Array, weights: Array) -> Array:
+    """Median (n_joints,) of errors (m, n_joints) of the rows' `weights` (m,)."""
+    if (weights == weights[0]).all():
+        return np.asarray(np.median(error, axis=0))
+    columns = np.broadcast_to(weights[:, None], error.shape)
+    return np.asarray(
+        np.quantile(error, 0.5, axis=0, weights=columns, method="inverted_cdf"), dtype=np.float64
+    )
 
 
 def rezeroed(
@@ -97,9 +153,9 @@ def rezeroed(
 ) -> Calibration:
     """Give the calibration whose zero is that of the truth in a recording.
 
-    Where zeros were fitted (`calibrate`, `zero`), it is the fit with these. The baselines are
-    re-zeroed likewise, each by its own errors, and the range of plausible corrections moves along.
-    The metadata say so under ``rezeroed``, and of the new homing.
+    It moves by `Zero.believed`. Where zeros were fitted (`calibrate`, `zero`), it is the fit with
+    these. Each baseline moves by all of its own offset, and the range of plausible corrections
+    moves along. The metadata say so under ``rezeroed``, and of the new homing.
 
     Parameters
     ----------
@@ -129,12 +185,12 @@ def rezeroed(
     facts = {
         "source": origin.source,
         "homing_id": origin.homing_id,
-        "offset": zero.offset.tolist(),
+        "offset": zero.believed.tolist(),
         "sd": None if np.isnan(zero.sd).any() else zero.sd.tolist(),
         "rows": zero.rows,
         "duration": zero.duration,
     }
-    own = moved(calibration, zero.offset)
+    own = moved(calibration, zero.believed)
     own = replace(own, offsets={**own.offsets, **offsets})
     if origin.homing_id:
         own = own.with_metadata(homing_ids=[origin.homing_id])
@@ -157,13 +213,13 @@ def at_start(t: Array, duration: float) -> NDArray[np.bool_]:
 
 
 def zeroed(calibration: Calibration, recording: Recording, duration: float) -> Calibration:
-    """Move the zero of the model to that of the first `duration` [s] of truth in a recording.
+    """Move the zero of the model by what the first `duration` [s] of truth say of a recording.
 
     Where that is 0, nothing moves; raises CalibrationError as `find_zero`.
     """
     if duration == 0.0:
         return calibration
-    return moved(calibration, find_zero(calibration, recording, duration).offset)
+    return moved(calibration, find_zero(calibration, recording, duration).believed)
 
 
 def known_error(

@@ -14,7 +14,7 @@ PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
 BLOCKS: Final = 5  # that are left out in turn
 
-_FEWEST_LEVELS: Final = 3  # with fewer, half of all would be left out at a time
+_FEWEST_LEVELS: Final = 3  # with fewer, or larger ones, a fit would see too little
 _APART: Final = 1.5  # least gap between levels, in largest gaps within them
 
 
@@ -130,7 +130,7 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
 
     Values of one level, such as the loads of recordings under one weight, stay together, or what
     is left out of a fit would still be in it. There are levels where cuts at the largest gaps make
-    three or more, none of more than half of the values, and the least of these gaps is 1.5 times
+    three or more, none of more than a third of the values, and the least of these gaps is 1.5 times
     the largest other one or more; of several numbers of levels, that with the most. Else each value
     is a level of its own.
 
@@ -147,7 +147,7 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
     for count in range(_FEWEST_LEVELS, len(values) // 2 + 1):
         found = np.split(order, np.sort(largest[: count - 1]) + 1)
         ratio = gaps[largest[count - 2]] / max(gaps[largest[count - 1]], least)
-        if ratio >= best and max(map(len, found)) <= len(values) // 2:
+        if ratio >= best and max(map(len, found)) <= -(-len(values) // _FEWEST_LEVELS):
             best, units = ratio, found
     parts = np.array_split(np.arange(len(units)), min(most, len(units)))
     return [np.concatenate([units[i] for i in part]) for part in parts]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array, floats
 from truejoint.calibration.encoding import CalibrationData, as_calibration
 from truejoint.calibration.plate import TOUCH_SD, BlockPose
+from truejoint.calibration.zero import CORRELATION_MARGIN
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
@@ -21,9 +22,6 @@ GATE: Final = 4.0
 """A reading further off than this many standard deviations is left out."""
 PATIENCE: Final = 10
 """So many readings left out on end, all on one side, are believed after all."""
-CORRELATION_MARGIN: Final = 3.0
-"""Errors may resemble each other for longer than in the motions of the baseline by this factor:
-a slower motion stays longer where the calibration errs one way."""
 PRIOR: Final = 1e3
 """Standard deviation of the offset before any truth, in those of the calibration's errors."""
 _WORST_CONDITION: Final = 1e6  # of what three joints do to the tip [m/rad, m/m]
